@@ -1,7 +1,7 @@
-"""Leaves for several balls on one plate: which one to lead, and whether the others stay in the centre meanwhile.
+"""Leaves for several balls on one plate: choose the ball to lead, and check that the others stay in the centre.
 
-All other leaves act for the ball that is led. What they command is changed where a kept ball would leave the centre
-(`control.keeping`)."""
+All other leaves act for the ball that they lead now. A filter changes their commands if a kept ball would leave the
+centre (`control.keeping`)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The blackboard of one run: entries by name, in scopes. Each run has one of its own; py_trees' process-global one is
-not used.
+"""The blackboard of one run: entries by name, in scopes. Each run has its own blackboard; that of py_trees, which the
+whole process shares, is not used.
 
-Each SubTree has a scope of its own. A port that is remapped ({key}) reads and writes the entry of the scope outside; a
-port with a literal is an entry of the scope itself. A name that begins with @ stands in the outermost scope.
+Each SubTree has its own scope. A port that is remapped ({key}) reads and writes an entry of the scope outside; a port
+with a literal is an entry of the scope itself. A name that begins with @ belongs to the outermost scope.
 """
 
 from __future__ import annotations
@@ -16,12 +16,16 @@ class _Empty:
         return "EMPTY"
 
 
-EMPTY = _Empty()  # the value of an entry that is declared, but was never set
+EMPTY = _Empty()  # the value of an entry that was declared but never set
 
 
 class Entry:
-    """One value, and how often it was set. number: int or float, where the first port that names it is for such
-    numbers, or it was given from outside the tree."""
+    """One value of the blackboard.
+
+    changes: how often the value was set
+    number: int or float, the type of the first port that names the entry; None: another type
+
+    An entry that is given a float from outside the tree has `number` float, unless a port decided before."""
 
     __slots__ = ("_named", "changes", "number", "value")
 
@@ -32,20 +36,25 @@ class Entry:
         self.changes = 0 if value is EMPTY else 1
 
     def named_by(self, kind: type) -> None:
-        """Take note of a port of this type; the first one decides."""
+        """Note that a port of this type names the entry. The first port decides about `number`."""
         if not self._named:
             self._named, self.number = True, kind if kind in (int, float) else self.number
 
     def put(self, value: Any) -> None:
-        """Set the value. In an entry for floats a whole number is a float, which scripts may halve."""
+        """Set the value. An entry for floats keeps a whole number as a float, so that scripts may give it fractions."""
         self.value = float(value) if self.number is float and type(value) is int else value
         self.changes += 1
 
 
 class Blackboard:
-    """One scope. `remap`: {name here: name outside}; `values`: what it starts with; `autoremap`: names that are not
-    known here are those outside, except private ones, which begin with _; enums: {name: number} that scripts know
-    besides the entries, the same in all scopes."""
+    """One scope.
+
+    outside: the scope around this one; None: this is the outermost scope
+    remap: {name here: name outside}
+    values: {name: value} at the start
+    autoremap: whether names that are unknown here belong to the scope outside, except private names, which begin with _
+    enums: {name: number} that scripts know besides the entries; the same in all scopes
+    """
 
     def __init__(
         self,
@@ -61,7 +70,7 @@ class Blackboard:
         self.enums: Mapping[str, int] = outside.enums if outside is not None else dict(enums or {})
 
     def _home(self, name: str) -> tuple[Blackboard, str]:
-        """The scope in which a name stands, and the name that it has there."""
+        """The scope to which a name belongs, and its name there."""
         if name.startswith("@"):
             return self._outermost(), name[1:]
         if name not in self._entries and self._outside is not None:
@@ -72,7 +81,7 @@ class Blackboard:
         return self, name
 
     def way(self, name: str) -> Iterator[tuple[Blackboard, str]]:
-        """(scope, name there) of each scope from this one to that in which a name stands."""
+        """(scope, name there) of each scope from this one to the scope to which the name belongs."""
         yield self, name
         outside = self._outside
         if name.startswith("@"):
@@ -92,17 +101,17 @@ class Blackboard:
         return self if self._outside is None else self._outside._outermost()
 
     def find(self, name: str) -> Entry | None:
-        """The entry of a name; None where it was neither declared nor set."""
+        """The entry of a name; None if it was neither declared nor set."""
         home, name = self._home(name)
         return home._entries.get(name)
 
     def declare(self, name: str) -> Entry:
-        """The entry of a name, made without a value if there is none yet."""
+        """The entry of a name. If there is none yet, it is made without a value."""
         home, name = self._home(name)
         return home._entries.setdefault(name, Entry())
 
     def get(self, name: str) -> Any:
-        """The value of a name. Raises KeyError when it was never set."""
+        """The value of a name. Raises KeyError if it was never set."""
         entry = self.find(name)
         if entry is None or entry.value is EMPTY:
             known = sorted(self._home(name)[0].values())
@@ -110,17 +119,18 @@ class Blackboard:
         return entry.value
 
     def set(self, name: str, value: Any) -> None:
-        """Set a name, here or in the scope where it stands."""
+        """Set the entry of a name, in the scope to which the name belongs."""
         self.declare(name).put(value)
 
     def give(self, name: str, value: Any) -> None:
-        """Set a name from outside the tree: a float stays one, whatever a leaf sets it to."""
+        """Set the entry of a name from outside the tree. An entry that gets a float keeps later whole numbers as
+        floats."""
         entry = self.declare(name)
         entry.number = entry.number or (float if type(value) is float else None)
         entry.put(value)
 
     def unset(self, name: str) -> None:
-        """Remove a name of this scope; names that stand outside stay."""
+        """Remove an entry of this scope. Entries of scopes outside stay."""
         self._entries.pop(name, None)
 
     def values(self) -> dict[str, Any]:

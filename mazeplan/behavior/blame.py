@@ -1,5 +1,7 @@
-"""What comes out of a user's own node names the node: file, line, path in the tree, and the line of its code. What log,
-page or rig did is theirs, though a node called them: nobody shall look for a full disk in a leaf."""
+"""Exceptions that a user's node raises name the node: file, line, path in the tree, and the line of its code.
+
+Exceptions of log, page or rig do not name a node, even if a node called them: nobody should look for a full disk in a
+leaf."""
 
 from __future__ import annotations
 
@@ -12,17 +14,17 @@ from mazeplan.core.errors import MazeplanError, RigError, TreeError
 
 
 class CommandError(Exception):
-    """A command that cannot go out; the leaf that gives it makes it a TreeError at its own line."""
+    """A command that cannot go out. If a leaf gives it, the error becomes a TreeError at the leaf's line."""
 
 
 RAISED = "raised by the {} at "
 KINDS = ("leaf", "node")
-OUTSIDE = "_of_no_node"  # the mark on an exception
+OUTSIDE = "_of_no_node"  # attribute that marks an exception for which no node is to blame
 
 
 @contextmanager
 def outside() -> Iterator[None]:
-    """Around what a node sets off, but has no hand in: no node is blamed for an exception out of here."""
+    """A context for work that a node triggers but does not do itself: no node is blamed for an exception in it."""
     try:
         yield
     except Exception as problem:
@@ -31,28 +33,30 @@ def outside() -> Iterator[None]:
 
 
 def blames_a_node(problem: BaseException) -> bool:
-    """Whether an exception came out of a node, which then stands in it by file and line."""
+    """Whether a node raised this exception. The exception then names the node by file and line."""
     begins = tuple(RAISED.format(kind) for kind in KINDS)
     return isinstance(problem, TreeError) or any(n.startswith(begins) for n in getattr(problem, "__notes__", ()))
 
 
 def fault(problem: BaseException) -> str:
-    """What came out of a node, in a line: what, and which node."""
+    """An exception of a node as one line: what happened, and which node raised it."""
     told = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
     return " ".join(", ".join((told, *getattr(problem, "__notes__", ()))).split())
 
 
 def blame(problem: Exception | SystemExit, where: str, kind: str = "leaf") -> Exception:
-    """The exception to raise for one that came out of a node: with a note that says where, unless it has one or it
-    came from elsewhere (a rig, `outside`). Raises a SystemExit that is a signal's as it is."""
+    """The exception to raise in place of an exception that a node let through: it gets a note that says where.
+
+    An exception that already names a node, or that comes from elsewhere (a rig, `outside`), stays as it is. Raises a
+    SystemExit that a signal caused."""
     if isinstance(problem, SystemExit):
-        if type(problem) is not SystemExit:  # that of a signal, wherever it comes
+        if type(problem) is not SystemExit:  # a signal caused it; it may come at any place
             raise problem
         ended: Exception = RuntimeError(f"sys.exit({problem.code!r}) in a {kind}, which ends no run")
     elif isinstance(problem, RigError) or hasattr(problem, OUTSIDE) or blames_a_node(problem):
         return problem
     else:
         ended = problem
-    code = traceback.extract_tb(problem.__traceback__)[-1]  # which the way to another process does not keep
+    code = traceback.extract_tb(problem.__traceback__)[-1]  # kept as text: tracebacks do not reach another process
     ended.add_note(f"{RAISED.format(kind)}{where} ({Path(code.filename).name}:{code.lineno})")
     return ended

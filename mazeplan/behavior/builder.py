@@ -1,8 +1,9 @@
-"""Nodes from the elements of a behaviour tree's XML, with errors at the line.
+"""Makes nodes from the elements of a behaviour tree's XML. Errors name the line.
 
-Both forms of a node are taken: `<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or
-`name`; `{key}` refers to the blackboard, `{=}` to the key that is called as the port; or a pre- or postcondition
-(`conditions`), as `_skipIf="legs &lt; 2"`.
+A node may have either form: `<Track speed="1"/>` or `<Action ID="Track" speed="1"/>`. An attribute is one of these:
+- `name`,
+- a port; `{key}` refers to the blackboard, and `{=}` to the key with the name of the port,
+- a pre- or postcondition (`conditions`), such as `_skipIf="legs &lt; 2"`.
 """
 
 from __future__ import annotations
@@ -30,27 +31,32 @@ from mazeplan.core.resources import share
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
-MAX_NODES = 5_000  # after subtrees are put in their places
+MAX_NODES = 5_000  # nodes of a tree, subtrees included
 MAX_NAME = 100  # characters of a node's name
 BUILTIN: dict[str, type[TreeNode]] = {**CONTROLS, **DECORATORS, **BUILTIN_LEAVES}
 SCRIPTS = {"Script": ("code",), "ScriptCondition": ("code",), "Precondition": ("if",)}  # ports that are scripts
 
-OPTION = "--behavior-module"  # brings nodes of one's own
+OPTION = "--behavior-module"  # adds the user's nodes
 
 AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
 
 
 @dataclass(frozen=True)
 class _Use:
-    """One use of a tree. trees: its ID, after those in which it stands; path: names of the SubTrees that lead to it."""
+    """One use of a tree.
+
+    trees: IDs of the trees around it, from the outermost, and its own ID last
+    path: names of the SubTrees that lead to it
+    """
 
     trees: tuple[str, ...]
     path: str = ""
 
 
 class Builder:
-    """Builds nodes from the elements of a file and those that it includes. mistakes: what to do at one; by default it
-    is raised, as TreeError."""
+    """Builds nodes from the elements of a file and of the files that it includes.
+
+    mistakes: keeps or raises mistakes; by default they are raised as TreeError"""
 
     def __init__(
         self,
@@ -67,12 +73,12 @@ class Builder:
 
     def _begin(self) -> None:
         self._count = 0
-        self._subtrees: dict[str, Element | None] = {"": None}  # by their paths; the main tree has the empty one
-        self._calls: dict[int, tuple[Element, str]] = {}  # the SubTree that made a scope, and its path
-        self._given_wrong: dict[tuple[int, str], TreeError] = {}  # by scope and port
+        self._subtrees: dict[str, Element | None] = {"": None}  # by path; the path of the main tree is empty
+        self._calls: dict[int, tuple[Element, str]] = {}  # the SubTree of a scope, and its path; by id of the scope
+        self._given_wrong: dict[tuple[int, str], TreeError] = {}  # errors by scope and port
 
     def build(self, main: str | None) -> BehaviorTree:
-        """The tree `main`, the file's main one, or its only one."""
+        """Build the tree `main`; None: the file's main tree, or its only tree."""
         name = self.files.main(main)
         self.look(name)
         board = Blackboard(enums=self._enums)
@@ -80,7 +86,7 @@ class Builder:
         return BehaviorTree(content, board, name, getattr(self._context, "again", None))
 
     def look(self, main: str | None) -> None:
-        """Build all other trees: those that are not used are checked all the same."""
+        """Build all trees except `main`, so that trees that are not used are checked, too."""
         for other in self.files.trees:
             if other != main:
                 self._begin()
@@ -101,7 +107,7 @@ class Builder:
         return node.of({str(name): str(text) for name, text in element.items()})
 
     def _node(self, element: Element, board: Blackboard, above: str, use: _Use) -> TreeNode:
-        """A node with all below it; Unbuilt where it has mistakes that were kept."""
+        """A node with all nodes below it; an Unbuilt if the node has mistakes that were kept."""
         with self._mistakes:
             return self._made(element, board, above, use)
         path = f"{above}/{element.get('name') or element.tag}"
@@ -161,18 +167,18 @@ class Builder:
         return node
 
     def _class(self, element: Element, path: str, kind: str, above: str) -> type[TreeNode]:
-        """The class of a node. Raises TreeError for a name that nobody knows."""
+        """The class of a node. Raises TreeError for an unknown name."""
         if kind in BUILTIN:
             return BUILTIN[kind]
         try:
             if kind in self._registry:
                 return self._registry[kind]
-        except InputError as problem:  # of an installed package that is broken
+        except InputError as problem:  # from an installed package that is broken
             raise self.files.error(element, path, problem.problem) from None
         raise self.files.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
-        """(kind of node, its attributes but for the ID of the explicit form and those of editors)."""
+        """(kind of node, its attributes). Leaves out the ID of the explicit form, and attributes of editors."""
         given = {str(key): str(value) for key, value in element.attrib.items()}
         attributes = {key: value for key, value in given.items() if key[0] != "_" or key in ATTRIBUTES}
         if element.tag not in EXPLICIT:
@@ -192,7 +198,7 @@ class Builder:
     def _conditions(
         self, element: Element, path: str, attributes: dict[str, str], board: Blackboard
     ) -> Conditions | None:
-        """The pre- and postconditions among the attributes, which are taken out; most nodes have none."""
+        """The pre- and postconditions of a node; None without any. Removes them from `attributes`."""
         given = {}
         for name in CONDITIONS:
             if name in attributes:
@@ -238,13 +244,13 @@ class Builder:
         attributes: Mapping[str, str],
         board: Blackboard,
     ) -> dict[str, Any]:
-        """{port: literal or Key}, checked; of the blackboard, only the literals given to a SubTree are known yet."""
+        """{port: literal or Key}, checked. A Key is checked only if a SubTree gives its value as a literal."""
         values: dict[str, Any] = {}
         own = ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ()))
         with self._mistakes:
             self.files.known(element, path, (*own, *CONDITIONS))
         for attribute, text in attributes.items():
-            if attribute in ports:  # else of another namespace
+            if attribute in ports:  # else it belongs to another namespace
                 with self._mistakes:
                     values[attribute] = self._value(element, path, attribute, text, ports[attribute], board)
                     if attribute in SCRIPTS.get(kind, ()) and not isinstance(values[attribute], Key):
@@ -256,7 +262,7 @@ class Builder:
         return values
 
     def _value(self, element: Element, path: str, attribute: str, text: str, port: Port, board: Blackboard) -> Any:
-        """What one attribute gives to a port: a literal or Key."""
+        """The literal or Key that an attribute gives to a port."""
         key = self.files.key(element, path, attribute, text)
         if key is None and port.direction == "out":
             example = f"a blackboard entry such as {{{attribute}}}"
@@ -278,7 +284,8 @@ class Builder:
             return key
 
     def _wrong_value(self, element: Element, path: str, key: Key, board: Blackboard, problem: str) -> TreeError:
-        """The error for a value that a SubTree gives: at its call, the same one for all nodes inside that read it."""
+        """The error for a value that a SubTree gives, at the SubTree's line. All nodes inside that read the value share
+        one error."""
         *_, (scope, name) = board.way(key.name)
         call, above = self._calls[id(scope)]
         inside = (
@@ -297,7 +304,7 @@ class Builder:
         path: str,
         use: _Use,
     ) -> TreeNode:
-        """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
+        """A SubTree with its scope: {key} is remapped, anything else is a literal in the scope."""
         tree = attributes.pop("ID", "")
         if tree not in self.files.trees:
             got = f"got {shown(tree)}" if tree else "ID is missing"
@@ -305,7 +312,7 @@ class Builder:
             raise self.files.error(element, path, problem)
         if tree in use.trees:
             cycle = frozenset(use.trees[use.trees.index(tree) :])
-            if cycle in self._cycles:  # told where it was entered by another of its trees
+            if cycle in self._cycles:  # already reported, from another tree of the cycle
                 return self._unbuilt(element, board, path, ())
             self._cycles.add(cycle)
             raise self.files.error(element, path, f"{tree} contains itself: {' > '.join((*use.trees, tree))}")
@@ -333,7 +340,7 @@ class Builder:
         return node
 
     def _place_of(self, element: Element, tree: str, path: str, use: _Use) -> _Use:
-        """The use of a tree by a SubTree, whose path no other one may have; one without a name gets its number."""
+        """The use of a tree by a SubTree. Its path must be unique; a SubTree without a name gets a number."""
         given = element.get("name")
         own = f"{tree}::{self._count}" if given is None else given
         here = f"{use.path}/{own}" if use.path else own
@@ -348,7 +355,7 @@ class Builder:
     def _given(
         self, element: Element, path: str, attributes: Mapping[str, str], model: Mapping[str, str | None]
     ) -> dict[str, Any]:
-        """What a SubTree is given: {port: Key or literal}, with the defaults of its model."""
+        """The ports of a SubTree with their values: {port: Key or literal}, with the defaults of its model."""
         given: dict[str, Any] = {}
         for port, text in attributes.items():
             given[port] = self.files.key(element, path, port, text) or literal(text)
@@ -362,7 +369,7 @@ class Builder:
 
 
 def _where_packaged(tree: str) -> str:
-    """What to add to a file so that it has a packaged tree; nothing for any other tree."""
+    """The end of an error that tells how to include a packaged tree; empty for any other tree."""
     for file in sorted(share("behaviors").glob("*.xml")):
         if f'<BehaviorTree ID="{tree}"' in file.read_text(encoding="utf-8"):
             return f'; for the packaged one add <include path="{file.name}"/>'

@@ -1,4 +1,4 @@
-"""The leaves of BehaviorTree.CPP 4 itself, which know nothing of the maze. docs/trees.md has their table."""
+"""The leaves of BehaviorTree.CPP 4, which do not depend on the maze. docs/trees.md has their table."""
 
 from __future__ import annotations
 

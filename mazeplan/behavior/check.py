@@ -1,5 +1,5 @@
-"""What a look at a tree finds before anything moves: keys that nobody sets, ports that nobody reads, branches that no
-tick reaches, trees that nobody uses."""
+"""Checks a tree before anything moves. Finds keys that nothing sets, ports that nothing reads, branches that no tick
+reaches, and trees that nothing uses."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from mazeplan.core.errors import TreeError
 from mazeplan.core.name_hints import nearest
 from mazeplan.maze.geometry import Maze
 
-MOST_NAMES = 200  # that a message lists
+MOST_NAMES = 200  # maximum number of names in a message
 OPERATORS = {word: f"the sign for {word} is {sign}" for word, sign in (("and", "&&"), ("or", "||"), ("not", "!"))}
-SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
+SET_BY_THE_RUN = ("goal", "waypoints")  # keys that the run sets in the outermost scope, before the first tick
 
 
 class Unrun:
-    """Context of a tree that never runs. maze: of the map whose rings and openings the tree may name; None: any."""
+    """Context of a tree that never runs. maze: its rings and openings may be named in the tree; None: any names."""
 
     def __init__(self, maze: Maze | None = None) -> None:
         if maze is not None:
             self.maze = maze
 
     def clock(self) -> float:
-        """Time stands still, s."""
+        """Always 0: the time of a tree that does not run, s."""
         return 0.0
 
     def failed(self, failure: Any) -> None:
@@ -47,8 +47,13 @@ class Unrun:
 
 @dataclass(frozen=True)
 class Findings:
-    """errors: what is refused, or fails when it is ticked; warnings: what does no harm, and nothing else either. nodes:
-    how many the tree has; None where it cannot be built. names_map: whether one of them names a ring or an opening."""
+    """Result of a check.
+
+    errors: mistakes for which the tree is refused, or fails when it is ticked
+    warnings: doubtful parts, which have no effect or look like slips
+    nodes: number of nodes of the tree; None if the tree cannot be built
+    names_map: whether a node names a ring or an opening
+    """
 
     errors: tuple[TreeError, ...] = ()
     warnings: tuple[TreeError, ...] = ()
@@ -57,10 +62,10 @@ class Findings:
 
 
 def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], context: Context) -> Findings:
-    """Look at a file, the packaged tree of that name, or XML text, with the first mistakes that it has (`MOST`, and how
-    many there are beyond), those of the file itself before those of files that it includes.
+    """Check a file, the packaged tree of that name, or XML text.
 
-    Raises TreeError where it cannot be read at all."""
+    Of many errors it lists the first `MOST` and the number of the others. Mistakes of the file itself come before those
+    of files that it includes. Raises TreeError if the file cannot be read at all."""
     file = read_tree(source)
     draft, first = file.draft(registry, context), file.parts[0].file
     if draft.tree is None:
@@ -72,7 +77,7 @@ def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], conte
 
 
 def check_tree(tree: BehaviorTree) -> Findings:
-    """Look at a tree that was built and not ticked."""
+    """Check a tree that was built but not ticked."""
     for name in SET_BY_THE_RUN:
         tree.blackboard.declare(name)
     nodes = list(tree.nodes())
@@ -90,7 +95,7 @@ def check_tree(tree: BehaviorTree) -> Findings:
 
 
 def _names_map(node: TreeNode) -> bool:
-    """Whether a port has a ring or an opening by its name."""
+    """Whether a port of the node names a ring or an opening."""
     of_map = (name for name, port in node.ports.items() if isinstance(port.choices, str))
     return any(not isinstance(node.values.get(name), Key | None) for name in of_map)
 
@@ -115,7 +120,7 @@ def _boards(tree: BehaviorTree) -> Iterator[Blackboard]:
 
 
 def _once(found: Iterable[TreeError]) -> tuple[TreeError, ...]:
-    """Each remark once at its line: a tree that is used again has them again."""
+    """Each remark once for its line. A tree that is used several times would repeat its remarks."""
     kept = dict[tuple[str, int | None, str], TreeError]()
     for error in found:
         kept.setdefault((str(error.file), error.line, error.problem), error)
@@ -123,13 +128,16 @@ def _once(found: Iterable[TreeError]) -> tuple[TreeError, ...]:
 
 
 def _in_order(found: Iterable[TreeError], first: Path | None) -> tuple[TreeError, ...]:
-    """By file, this one first, and line."""
+    """The errors sorted by file and line; those of the file `first` come first."""
     return tuple(sorted(found, key=lambda e: (e.file != first, str(e.file), e.line or 0)))
 
 
 def _told(found: Iterable[TreeError], first: Path | None, given_up: bool = False) -> tuple[TreeError, ...]:
-    """The first mistakes in order, and how many there are beyond. first: the file whose mistakes come first; given_up:
-    there may be still more."""
+    """The first MOST mistakes in order, and the number of the others.
+
+    first: the file whose mistakes come first
+    given_up: whether there may be still more mistakes
+    """
     errors = _in_order(found, first)
     beyond = len(errors) - MOST
     if beyond <= 0:
@@ -139,8 +147,10 @@ def _told(found: Iterable[TreeError], first: Path | None, given_up: bool = False
 
 
 def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]) -> Iterator[TreeError]:
-    """The errors for keys that nobody sets, each once: at the SubTree that does not give it, at the one that gives such
-    a key, else at each node that reads it."""
+    """Errors for keys that nothing sets. The place of an error is one of these:
+    - the SubTree that does not give the port, once,
+    - the SubTree that gives the port such a key, once,
+    - else each node that reads the key."""
     names, told = dict[int, list[str]](), set[object]()
     for scope, name in sorted(known):
         names.setdefault(scope, []).append(name)
@@ -171,8 +181,9 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
 
 
 def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeError]:
-    """Ports that are given to a SubTree, and that nothing in it reads or sets. What it gives on to another one counts
-    as used: there it has a remark of its own."""
+    """Remarks on ports that are given to a SubTree but that nothing in it reads or sets.
+
+    A port that the SubTree gives on to another SubTree counts as used: the other SubTree has the remark."""
     calls = [node for node in nodes if isinstance(node, SubTree)]
     used = {(id(board), name) for use in uses for board, name in use.way}
     for call in calls:
@@ -187,7 +198,8 @@ def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeErro
 
 
 def _doubtful_scripts(nodes: Iterable[TreeNode]) -> Iterator[TreeError]:
-    """Scripts that set a key which they cannot read, since it has the name of an enum; conditions that set one."""
+    """Remarks on doubtful scripts: a script sets a key that it cannot read, because an enum has the same name; a
+    condition sets a key; a statement has no effect."""
     for node in nodes:
         enums = node.board.enums
         for attribute, script in scripts_of(node):

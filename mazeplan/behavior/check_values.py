@@ -1,4 +1,4 @@
-"""What values keys have: constants that the ports that read them refuse, and keys that are read before they are set."""
+"""Checks the values of keys: constants that a reading port refuses, and keys that are read before they are set."""
 
 from __future__ import annotations
 
@@ -41,23 +41,27 @@ STOP = (*SEQUENCES, SubTree, Repeat, RetryUntilSuccessful, Timeout, Delay, RunOn
 
 @dataclass(frozen=True)
 class _Source:
-    """What sets a key: the values that it may set; None where nobody knows them before the run."""
+    """A use that sets a key. values: the values that it may set; None: they are unknown before the run."""
 
     use: Use
     values: tuple[Any, ...] | None
-    in_turn: bool = False  # each of them is set, one after another
+    in_turn: bool = False  # whether each of the values is set, one after another
 
 
 def wrong_constants(
     reads: Iterable[Use], writes: Iterable[Use], given: Set[Home]
 ) -> tuple[list[TreeError], list[TreeError]]:
-    """(errors, warnings) at what sets a key to a constant that a port refuses, where constants alone are set; a warning
-    where the key has other values, too, or somebody looks at them. given: keys that have a value from elsewhere."""
+    """(errors, warnings) at nodes that set a key to a constant that a port refuses.
+
+    Only keys that get nothing but constants are checked. It is an error if the port refuses all constants of the key.
+    It is also an error if a loop sets the constant in turn and every reader refuses it. Else it is a warning.
+
+    given: keys that have a value from elsewhere"""
     readers, sources = dict[Home, list[Use]](), dict[Home, list[_Source]]()
     for use in (*writes, *reads):
         found = _source(use)
         if found is not None:
-            if isinstance(use.node.values.get("output_key"), Key):  # it may set any key
+            if isinstance(use.node.values.get("output_key"), Key):  # the node may set any key
                 return [], []
             sources.setdefault(use.home, []).append(found)
     for use in reads:
@@ -82,7 +86,7 @@ def wrong_constants(
 
 
 def _source(use: Use) -> _Source | None:
-    """What a use sets; None where it only reads."""
+    """The source of values that a use is; None if the use only reads."""
     node = use.node
     script = dict(scripts_of(node)).get(use.attribute)
     if script is not None:
@@ -98,7 +102,7 @@ def _source(use: Use) -> _Source | None:
 
 
 def _takes(use: Use, value: Any) -> bool:
-    """Whether a reader takes a value; scripts take any."""
+    """Whether a reader accepts a value; scripts accept any value."""
     port = use.node.ports.get(use.attribute)
     if port is None or not isinstance(use.node.values.get(use.attribute), Key):
         return True
@@ -119,8 +123,11 @@ def _refused(source: _Source, value: Any, reader: Use) -> TreeError:
 
 
 def read_before_set(reads: Iterable[Use], writes: Iterable[Use], given: Set[Home]) -> Iterator[TreeError]:
-    """A remark at the first node that reads a key, where that always comes before all that set it; `reads` and
-    `writes`: parents before children. given: keys that have a value from elsewhere."""
+    """Remarks at the first node that reads a key, if it always comes before all nodes that set the key.
+
+    reads, writes: in the order of the nodes, parents before children
+    given: keys that have a value from elsewhere
+    """
     first, setters = dict[Home, Use](), dict[Home, list[Use]]()
     for use in reads:
         if use.attribute not in ("_onFailure", ON_HALTED) and not _may_miss(use):
@@ -136,7 +143,7 @@ def read_before_set(reads: Iterable[Use], writes: Iterable[Use], given: Set[Home
 
 
 def _may_miss(use: Use) -> bool:
-    """Whether the node at hand takes a key that was never set, or does not read it every time."""
+    """Whether the node accepts a key that was never set, or does not always read it."""
     node, port = use.node, use.attribute
     script = dict(scripts_of(node)).get(port)
     if script is not None:
@@ -147,16 +154,16 @@ def _may_miss(use: Use) -> bool:
 
 
 def _turn(use: Use) -> int:
-    """When a node comes to one of its attributes: with its preconditions, when it is ticked, or when it ends."""
+    """When a node uses one of its attributes: 0 with its preconditions, 1 when it is ticked, 2 when it ends."""
     return 0 if use.attribute in DECISIONS else 2 if use.attribute in (*ENDINGS, ON_HALTED, POST) else 1
 
 
 def _before(use: Use, setter: Use) -> bool:
-    """Whether a key is read before a node sets it, whatever happens."""
-    if setter.node is use.node:  # of one script this holds by itself
+    """Whether `use` always reads the key before `setter` sets it."""
+    if setter.node is use.node:  # a script lists a key among its reads only if it reads before it sets
         same = use.attribute == setter.attribute and use.attribute in dict(scripts_of(use.node))
         return same or _turn(use) < _turn(setter)
-    above = dict[int, TreeNode]()  # {node above the setter, or itself: its part of the way}
+    above = dict[int, TreeNode]()  # {id of a node above the setter: its child on the way to the setter}
     part: Any = setter.node
     while part is not None:
         above[id(part.parent)] = part
@@ -164,7 +171,8 @@ def _before(use: Use, setter: Use) -> bool:
     if id(use.node) in above:
         return _turn(use) < 2
     child: Any = use.node
-    at_once = stops = True  # nothing is ticked before the reader; or what fails there ends all up to here
+    # at_once: no node is ticked before the reader; stops: a failure before the reader ends all nodes up to here
+    at_once = stops = True
     while child.parent is not None:
         given = () if child.conditions is None else child.conditions.given
         if (child is not use.node or use.attribute not in DECISIONS) and any(name in DECISIONS for name in given):

@@ -1,4 +1,4 @@
-"""Control nodes that choose one of their children: by a condition, by a value, or by what somebody selects.
+"""Control nodes that choose one of their children: by a condition, by a value, or by a selection from outside.
 
 They have the semantics of BehaviorTree.CPP 4.
 """
@@ -131,7 +131,7 @@ def _equal(a: str, b: str, enums: Mapping[str, int]) -> bool:
 
 
 def equal_cases(node: TreeNode) -> Iterator[tuple[int, int]]:
-    """(number of a case, number of a later one that is equal to it) of a Switch, from 1; none of another node."""
+    """(number of a case, number of a later case that is equal) of a Switch, from 1; nothing for other nodes."""
     if not isinstance(node, _Switch):
         return
     cases = [node.values[f"case_{i}"] for i in range(1, node.cases + 1)]

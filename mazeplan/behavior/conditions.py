@@ -7,9 +7,9 @@
 | _skipIf | true: SKIPPED | not evaluated |
 | _while | false: SKIPPED | false: the node is halted, SKIPPED |
 
-They are evaluated in this order; the first that decides does. Postconditions are scripts: _onSuccess and _onFailure run
-when the node has ended so, _post after either, _onHalted when the node is halted while it runs. All of them stand on
-the blackboard of the node, for a SubTree on that of the tree around it.
+Preconditions are evaluated in this order; the first that is decisive gives the result. Postconditions are scripts:
+_onSuccess and _onFailure run when the node has ended with this result, _post after either, _onHalted when the node is
+halted while it runs. All scripts use the blackboard scope of the node; for a SubTree, that of the tree around it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
 
 WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
-DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order of evaluation: if the script yields this, then that
+DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order of evaluation: (decisive value of the script, result)
     "_failureIf": (True, FAILURE),
     "_successIf": (True, SUCCESS),
     "_skipIf": (True, SKIPPED),
@@ -35,14 +35,15 @@ CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
 
 @dataclass(frozen=True)
 class Conditions:
-    """The pre- and postconditions of one node: {attribute: script}, and where their names stand."""
+    """The pre- and postconditions of one node: {attribute: script}, and the scope of their names."""
 
     given: Mapping[str, Script] = field(default_factory=dict)
     scope: Scope = field(default_factory=Scope)
 
     def decide(self, status: Result) -> Result | None:
-        """What the node ends with without being ticked, by its status before; None: it is ticked. Raises ScriptError,
-        which names the attribute."""
+        """The result that the preconditions give in place of a tick; None: the node is ticked.
+
+        status: of the node before. Raises ScriptError that names the attribute."""
         for name, (decisive, result) in DECISIONS.items():
             evaluated = status is not RUNNING or name == WHILE
             if evaluated and name in self.given and self._named(name, Script.holds) is decisive:

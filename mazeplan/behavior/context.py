@@ -1,8 +1,7 @@
-"""What the leaves of one run share: maze, model, route graph, planners, the state of this tick and the command
-given in it.
+"""What the leaves of one run share: maze, model, route graph, planners, the state of this tick and its command.
 
-One context per run. A leaf reads `state`, gives at most one command a tick through `steer`, and reports events and
-failures through `report` and `failed`. It knows neither the rig nor the log.
+There is one context for each tree of a run. A leaf reads `state`, gives at most one command a tick through `steer`, and
+reports events and failures through `report` and `failed`. It knows neither the rig nor the log.
 """
 
 from __future__ import annotations
@@ -33,10 +32,15 @@ from mazeplan.maze.graph import RouteGraph
 
 @dataclass(frozen=True)
 class TravelOptions:
-    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival, up to
-    fastest_m_s where the ball turns by no more than blind_rad before the plate answers to what is seen
-    (`arrival_speed`); deadline_ms: that a plan may take; planned_choices: openings that are planned to before one is
-    chosen, the deadline shared among them. Raises SettingsError."""
+    """How the ball travels along a ring to an opening. Raises SettingsError.
+
+    lean_deg: tilt towards the next ring on the way
+    speed_m_s: speed along the ring on arrival
+    fastest_m_s: highest speed on arrival, used if the delay is short (`arrival_speed`)
+    blind_rad: angle by which the ball may turn during the delay, before the plate answers to what the camera sees
+    deadline_ms: time that a plan may take
+    planned_choices: number of openings to which plans are made before one is chosen; they share the deadline
+    """
 
     lean_deg: float = 4.0
     speed_m_s: float = 0.05
@@ -59,12 +63,13 @@ class SettleOptions:
         check_numbers(self)
 
 
-ENTERING = 0.24  # s that a ball may take from the middle of a wall's opening into the next ring
+ENTERING = 0.24  # s that a ball may take from the middle of an opening into the next ring
 
 
 @dataclass(frozen=True)
 class LeafOptions:
-    """Settings of the leaves; gains and windows sit with their algorithms. A port given in a tree goes before them."""
+    """Settings of the leaves; the option classes are defined beside their algorithms. A port in a tree overrides its
+    setting."""
 
     cost: CostParameters = field(default_factory=CostParameters)
     travel: TravelOptions = field(default_factory=TravelOptions)
@@ -75,12 +80,16 @@ class LeafOptions:
 
 
 class TwoCommandsError(CommandError, AssertionError):
-    """The rig was commanded twice in one tick. Out of a leaf it is a TreeError at that leaf's line."""
+    """The rig was commanded twice in one tick. If a leaf raises it, it becomes a TreeError at the leaf's line."""
 
 
 @dataclass(frozen=True, slots=True)
 class BallView:
-    """One ball at a tick. state: when the command of the tick will act; measured: when it was seen last."""
+    """One ball at a tick.
+
+    state: estimate for the time when the command of the tick will act
+    measured: estimate for the time of the last sample with the ball
+    """
 
     state: State
     measured: State
@@ -88,21 +97,30 @@ class BallView:
 
 @dataclass
 class RunContext:
-    """The shared side of one run. `clock` gives rig time; `report` takes events and plans for log and display;
-    `ahead(seconds, beside)` is the state that much later if the last command is held, from beside where the ball is
-    (x, y in m) if that is given; `refused`: the opening that did not take
-    a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
-    what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
-    model; `rollout`: tries commands before an opening, None: only the law for the opening; `rerouted`: openings
-    were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
-    belongs to this goal; `left_from`: the ring that is to be left by the opening chosen; `heading`:
-    the ring to which the tree has planned its route last, None: it has not; `out`: where the ball is that has left the
-    maze, None: it has not; `policy`: a learned
-    one, for `FollowPolicy`.
+    """What the leaves of one tree share. `clock` gives rig time.
 
-    With several balls, `ball` is the number, from 1 on, of the one that the leaves lead now: `state`, `measured` and
-    `ahead` are its own. `views`: each ball; `aheads`: `ahead` of each; `kept`: numbers of those that are to stay in the
-    centre meanwhile; `keeper`: changes commands by which one of them would leave it."""
+    ahead: `ahead(seconds, beside)` predicts the state if the last command is held; beside: shift of the ball, (x, y) m
+    report: takes events and plans for log and display
+    measured: the estimate when the ball was seen last; `state` is that when the command will act
+    refused: the opening that did not take the ball, although the ball already counted as in the next ring
+    prepared: an opening that was chosen by a plan, and this plan
+    law: the law that steers along a ring now
+    late_s: time from a sample until a command computed from it acts, s, as the model states
+    rollout: tries commands in front of an opening; None: only the law for openings commands there
+    rerouted: whether closed or opened openings have changed the route since it was planned
+    since: index of the first entry of `failures` that belongs to this goal
+    left_from: the ring that the ball will leave by the chosen opening
+    heading: the ring to which the tree planned its last route; None: no route yet
+    out: a ball that has left the maze, and where it is; None: none has
+    policy: a learned policy, for `FollowPolicy`
+
+    With several balls:
+    ball: number, from 1 on, of the ball that the leaves lead now; `state`, `measured` and `ahead` belong to this ball
+    views: each ball
+    aheads: `ahead` of each ball
+    kept: numbers of the balls that must stay in the centre meanwhile
+    keeper: changes commands by which a kept ball would leave the centre
+    """
 
     maze: Maze
     graph: RouteGraph
@@ -143,22 +161,22 @@ class RunContext:
     _falling: Opening | None = None
 
     def carry_on(self, before: RunContext) -> None:
-        """Go on where the tree of another goal was cut off: the time, what has happened until now, a ball that falls
-        into a ring. Recoveries are chosen by what happens from here on."""
+        """Go on where the tree of another goal stopped: keep its time, its failures and counts, and a ball that is
+        falling into a ring. Only failures from now on affect the choice of recoveries."""
         self.now = self.graph.now = before.now
         self.failures, self.since = before.failures, len(before.failures)
         self.replans, self.planner_ms, self.law = before.replans, before.planner_ms, before.law
         self.refused, self._entering, self._falling = before.refused, before._entering, before._falling
 
     def edit(self, closed: Mapping[str, bool]) -> None:
-        """Close (True) or open openings while the run goes on; where that makes the route another, it is `rerouted`."""
+        """Close (True) or open (False) openings while the run goes on. Sets `rerouted` if this changes the route."""
         before = self._openings_ahead()
         for name, shut in closed.items():
             (self.graph.close if shut else self.graph.reopen)(name)
         self.rerouted = self.rerouted or before != self._openings_ahead()
 
     def _openings_ahead(self) -> tuple[str, ...] | None:
-        """Those of the route from here; None where there is none, or nobody knows yet where the ball is."""
+        """Openings of the route from here; None if there is no route, or the position of the ball is unknown."""
         if self.state is None or not math.isfinite(self.state.theta):
             return None
         route = self.graph.route(self.state.ring, self.target, self.state.theta)
@@ -166,7 +184,8 @@ class RunContext:
 
     @property
     def target(self) -> int:
-        """The ring on the way to which the tree is: that of its last route, before the first one that of the run."""
+        """The ring to which the tree is on its way: the goal of its last route; before the first route that of the
+        run."""
         return self.goal if self.heading is None else self.heading
 
     def clock(self) -> float:
@@ -184,7 +203,7 @@ class RunContext:
         self.command, self.commanded_by = None, ""
 
     def lead(self, ball: int, kept: frozenset[int]) -> None:
-        """From now on the leaves lead another ball, of this number, while those of `kept` stay in the centre."""
+        """From now on the leaves lead the ball with this number. The balls in `kept` must stay in the centre."""
         self.kept = kept - {ball}
         if ball == self.ball:
             return
@@ -194,12 +213,11 @@ class RunContext:
         self.state, self.measured = self.views[ball - 1].state, self.views[ball - 1].measured
 
     def again(self) -> None:
-        """The tree is ticked once more in this tick: what leaves commanded so far stands, but any of them may command
-        anew."""
+        """The root is ticked once more in this tick. The command so far stands, but a leaf may replace it."""
         self.commanded_by = ""
 
     def enter(self, target: int) -> None:
-        """For ENTERING s from now on take the ball for one in ring `target`, which it is falling into."""
+        """The ball is falling into ring `target`: for ENTERING s from now on, it counts as in this ring."""
         self._entering, self._falling = (self.here.ring, target, self.now + ENTERING), self.opening
 
     def _entered(self, state: State) -> State:
@@ -210,15 +228,15 @@ class RunContext:
             self._falling = None
         if self.now > until:
             self._entering = None
-            if self._falling is not None:  # it never came
+            if self._falling is not None:  # the ball never came into the ring
                 self.refused, self.opening, self._falling = self._falling, self._falling, None
                 self.graph.record(self.refused.name, success=False)
-        elif state.ring == source and self._before(target, state):  # not there yet, or the prediction wavers
+        elif state.ring == source and self._before(target, state):  # not there yet, or the prediction is unsteady
             return replace(state, ring=target)
         return state
 
     def _before(self, target: int, state: State) -> bool:
-        """Whether the ball is where it comes into the sector of ring `target` into which it is falling."""
+        """Whether at the ball's angle the sector of ring `target` is that behind the opening."""
         falling = self._falling
         return falling is None or self.maze.turn(target, state.theta, falling.angle) is not None
 
@@ -230,8 +248,10 @@ class RunContext:
         return self.state
 
     def steer(self, leaf: str, command: Command) -> None:
-        """Give the command of this tick; only one leaf may. Raises CommandError, out of a leaf TreeError at its line,
-        for a second one, and for one that is not of finite numbers."""
+        """Give the command of this tick. Only one leaf may do so.
+
+        Raises CommandError for a second command, and for numbers that are not finite. If a leaf raises it, it becomes a
+        TreeError at the leaf's line."""
         if not isinstance(command, Command):
             raise CommandError(f"command: got {shown(command)}, expected a Command")
         if not (math.isfinite(command.u_beta) and math.isfinite(command.u_gamma)):
@@ -249,13 +269,13 @@ class RunContext:
         self.report(OtherEvent(kind, detail))
 
     def follow(self, law: str) -> None:
-        """Tell the log by what the ball is brought along its ring, when that changes: mpc, gains or pd."""
+        """Log the law that steers the ball along its ring, if it has changed (`events.LawChanged`)."""
         if law != self.law:
             self.law = law
             self.report(LawChanged(law))
 
     def failed(self, failure: Failure) -> None:
-        """Keep a failure, with the place of the ball, and tell log and display."""
+        """Keep a failure with the place of the ball, and report it to log and display."""
         seen = self.measured
         place = self.out or (None if seen is None or seen.lost or not math.isfinite(seen.r) else seen)
         if place is not None:
@@ -280,8 +300,9 @@ class RunContext:
         return sum(failure.kind is kind for failure in self.failures[self.since :])
 
     def turn_to(self, opening: Opening, ball: State | None = None) -> float:
-        """Signed angle from a ball, by default the one that is led, to the opening, rad, by the way that radial walls
-        leave."""
+        """Signed angle from a ball to the opening, rad, along the way that radial walls leave.
+
+        ball: None: the ball that the leaves lead"""
         here = self.here if ball is None else ball
         turn = self.maze.turn(here.ring, here.theta, opening.angle)
         return difference(opening.angle, here.theta) if turn is None else turn

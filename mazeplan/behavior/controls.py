@@ -1,7 +1,7 @@
-"""Control nodes: those with several children, with the semantics of BehaviorTree.CPP 4. docs/trees.md has their table.
+"""Control nodes, which have several children, with the semantics of BehaviorTree.CPP 4. docs/trees.md has their table.
 
-A child that has finished is idle again when its parent has finished. A child that its preconditions skip is SKIPPED:
-neither success nor failure. A node all of whose children were skipped is SKIPPED itself.
+A child that has finished is idle again when its parent has finished. If its preconditions skip a child, its result is
+SKIPPED: neither success nor failure. A node is SKIPPED itself if all its children were skipped.
 """
 
 from __future__ import annotations

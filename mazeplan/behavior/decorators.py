@@ -288,7 +288,7 @@ class _Queue(Decorator):
 
 
 def queued(node: TreeNode) -> tuple[Any, ...] | None:
-    """The values of a loop whose queue stands in the tree; None for another one, and for any other node."""
+    """The values of a loop whose queue is a literal in the tree; None for any other loop or node."""
     queue = node.values.get("queue")
     return type(node).literals(queue) if isinstance(node, _Queue) and isinstance(queue, str) else None
 

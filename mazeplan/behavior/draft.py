@@ -1,4 +1,4 @@
-"""A tree with all its mistakes, for those who check a file."""
+"""Builds a tree in spite of its mistakes, and keeps all of them, to check a file."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ from mazeplan.core.errors import TreeError
 
 @dataclass(frozen=True)
 class Draft:
-    """What a file says, mistakes and all. tree: with `Unbuilt` in place of nodes that have mistakes, None where there
-    is no main tree; remarks: on the file itself, `TreeParts.remarks`."""
+    """A tree that may have mistakes.
+
+    tree: with `Unbuilt` in place of nodes that have mistakes; None if there is no main tree, or the builder gave up
+    remarks: on the file itself (`TreeParts.remarks`)
+    """
 
     tree: BehaviorTree | None
     mistakes: tuple[TreeError, ...]
@@ -27,7 +30,7 @@ class Draft:
 def draft(
     parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None
 ) -> Draft:
-    """Build what can be built, and keep the mistakes."""
+    """Build what can be built of the tree `main`, and keep the mistakes."""
     mistakes, tree, remarks = Mistakes(MOST_KEPT), None, ()
     try:
         builder = Builder(parts, registry, context, mistakes)

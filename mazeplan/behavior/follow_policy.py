@@ -1,4 +1,4 @@
-"""By a learned policy along a ring and through an opening, as long as it knows such states."""
+"""Steers the ball by a learned policy along a ring and through an opening, as long as the policy knows such states."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ class FollowPolicy(MazeLeaf):
 
 
 def check_policy(tree: BehaviorTree, policy: Policy | None) -> None:
-    """Raises InputError for a tree that follows a policy where the run has none, and for the reverse."""
+    """Raises InputError if the tree follows a policy but the run has none, or if the run has one but the tree follows
+    none."""
     follows = any(isinstance(node, FollowPolicy) for node in tree.nodes())
     if follows and policy is None:
         raise InputError("the tree follows a learned policy, but the run has none: give --policy DIR")

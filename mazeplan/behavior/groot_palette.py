@@ -1,4 +1,4 @@
-"""Leaves, and control nodes and decorators of a user's own, as a TreeNodesModel: Groot2 reads it as its palette."""
+"""Writes leaves, and users' control nodes and decorators, as a TreeNodesModel. Groot2 reads it as its palette."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "s
 
 
 def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
-    """TreeNodesModel of leaves and of users' own control nodes and decorators, with typed ports, defaults and what they
-    are for.
+    """TreeNodesModel of leaves and of users' control nodes and decorators: typed ports with defaults and descriptions.
 
-    The nodes of BehaviorTree.CPP are left out, as it leaves them out: the editor has its own."""
+    It leaves out the nodes of BehaviorTree.CPP, because the editor has them already."""
     root = etree.Element("root", BTCPP_format="4")
     add_models(etree.SubElement(root, "TreeNodesModel"), registry)
     return etree.tostring(root, pretty_print=True, encoding="unicode")
 
 
 def renewed(text: str, registry: Mapping[str, type[TreeNode]], more: Collection[str] = ()) -> str:
-    """A tree's file with the model of the nodes that it uses, and of those in `more`: its own one is replaced, or one
-    is added at the end. What its model says of SubTrees stays, and all else. The same again for a file that has it."""
+    """The text of a tree's file with a new model of the nodes that it uses, and of the nodes in `more`.
+
+    The new model replaces the file's model, or is added at the end. The SubTrees of the old model and the rest of the
+    file stay. A file that already has this model does not change."""
     bare = COMMENT.sub(lambda comment: " " * len(comment.group()), text)  # the same places, without comments
     spans = [found.span() for found in MODEL.finditer(bare)]
     end = [found.start() for found in END.finditer(bare)][-1]
@@ -57,7 +58,8 @@ def renewed(text: str, registry: Mapping[str, type[TreeNode]], more: Collection[
 
 
 def without_model(text: str) -> str:
-    """A tree's file without the model of leaves, which editors alone read; one with SubTrees stays, since it counts."""
+    """The text of a tree's file without the model of leaves, which only editors read. A model with SubTrees stays,
+    because it affects the tree."""
     found = MODEL.search(text)
     return text if found is None or "<SubTree" in found.group() else text[: found.start()] + text[found.end() :]
 
@@ -74,7 +76,7 @@ def add_models(model: Any, registry: Mapping[str, type[TreeNode]]) -> None:
 
 
 def written(value: Any) -> str:
-    """A port's value as it stands in a tree."""
+    """A port's value as text, as in a tree's file."""
     if isinstance(value, Key):
         return str(value)
     if isinstance(value, bool):

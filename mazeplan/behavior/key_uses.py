@@ -1,4 +1,4 @@
-"""Which nodes of a tree read and set which keys, and where those keys stand."""
+"""Which nodes of a tree read and set which keys, and to which scopes the keys belong."""
 
 from __future__ import annotations
 
@@ -15,14 +15,19 @@ from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import ScriptError
 
 SCRIPTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if"}  # ports that hold a script
-NAMES = {"SkipUnlessUpdated": "entry", "WaitValueUpdate": "entry", "WasEntryUpdated": "entry"}  # literals that are keys
+NAMES = {"SkipUnlessUpdated": "entry", "WaitValueUpdate": "entry", "WasEntryUpdated": "entry"}  # literals name keys
 
-Home = tuple[int, str]  # a scope and the name of an entry there
+Home = tuple[int, str]  # id of a scope, and the name of an entry there
 
 
 @dataclass(frozen=True)
 class Use:
-    """A node uses a key: through which attribute, by which name, and the scopes from its own one to that of the key."""
+    """A node uses a key.
+
+    attribute: through which the node uses the key
+    name: of the key at the node
+    way: (scope, name there) from the node's scope to the scope to which the key belongs
+    """
 
     node: TreeNode
     attribute: str
@@ -31,18 +36,19 @@ class Use:
 
     @property
     def home(self) -> Home:
-        """Where the key stands."""
+        """The scope to which the key belongs, and its name there."""
         board, name = self.way[-1]
         return id(board), name
 
     @property
     def at(self) -> str:
-        """Where the node stands, for an error elsewhere."""
+        """File and line of the node, for an error at another node."""
         place = self.node.place
         return "" if place is None else f" at {place.file.name}:{place.line}"
 
     def given_by(self, calls: Mapping[int, SubTree]) -> tuple[SubTree, str] | None:
-        """The outermost SubTree on the way to the key that has a port for it, and the port; calls: by their scopes."""
+        """The outermost SubTree on the way to the key that has a port for it, and the port. calls: SubTrees by id of
+        their scope."""
         for board, name in reversed(self.way[:-1]):
             call = calls.get(id(board))
             if call is not None and isinstance(call.values.get(name), Key):
@@ -51,7 +57,7 @@ class Use:
 
 
 def all_uses(nodes: Iterable[TreeNode]) -> tuple[list[Use], list[Use]]:
-    """What nodes read, and what they set."""
+    """(reads, writes): all uses of keys by the nodes."""
     reads, writes = list[Use](), list[Use]()
     for node in nodes:
         for attribute, name, written in _uses(node):
@@ -61,7 +67,7 @@ def all_uses(nodes: Iterable[TreeNode]) -> tuple[list[Use], list[Use]]:
 
 
 def scope_of(node: TreeNode) -> Blackboard:
-    """The blackboard on which the attributes of a node stand: for a SubTree that around it."""
+    """The scope of a node's attributes; for a SubTree, the scope around it."""
     outside = node.board.outside if isinstance(node, SubTree) else None
     return node.board if outside is None else outside
 
@@ -81,12 +87,12 @@ def scripts_of(node: TreeNode) -> Iterator[tuple[str, Script]]:
 def _parsed(text: str) -> Script | None:
     try:
         return parse_script(text)
-    except ScriptError:  # refused where it stands as a literal
+    except ScriptError:  # the builder refuses a literal that is no script
         return None
 
 
 def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
-    """(attribute, key, whether it is set) of what a node reads and sets."""
+    """(attribute, key, whether the node sets the key) of all keys that a node reads or sets."""
     if isinstance(node, Unbuilt):
         yield from (("", word, True) for word in sorted(node.words))
         return

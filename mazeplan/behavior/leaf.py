@@ -1,8 +1,8 @@
-"""What a leaf is: ports with types, and a life of start, step, halt.
+"""The base of all leaves: ports with types, and the calls start, step and halt.
 
-`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if it
-is interrupted in between. A leaf that fails says why with `fail`. One that needs a moment when the run ends around it
-has a `wind_down` (see `winding`).
+`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if the
+leaf is interrupted in between. A leaf that fails gives the reason with `fail`. A leaf that needs some ticks when the
+run ends while it is running has a `wind_down` (see `winding`).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Returned = TypeVar("Returned")
 
 
 class Context(Protocol):
-    """What every leaf's context offers; maze leaves have more (`context.RunContext`)."""
+    """What the context of every leaf offers. The context of maze leaves offers more (`context.RunContext`)."""
 
     def clock(self) -> float:
         """Rig time, s."""
         ...
 
     def failed(self, failure: Failure) -> None:
-        """Take note of a failure."""
+        """Note a failure."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What all leaves of a run share: access to its context, failures with a kind, a watch for standing still."""
+"""The base of all leaves of a run: access to the context, failures with a kind, and a watch for a ball that stands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mazeplan.behavior.context import RunContext
 
 STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
-STILL_AFTER = 0.6  # s of standing away from where it should be before it counts as stuck
+STILL_AFTER = 0.6  # s after which a ball that stands where it should not counts as stuck
 
 
 class MazeLeaf(Leaf):
@@ -74,15 +74,16 @@ class MazeLeaf(Leaf):
 
 
 class StillWatch:
-    """Notices a ball that stands where it should not: within STILL_RADIUS of one place for STILL_AFTER s.
+    """Notices a ball that stands still: within STILL_RADIUS of one place for STILL_AFTER s.
 
-    It goes by places, not by speed: the estimate of a ball that is held moves with the tilt that should move it."""
+    It uses measured positions and no speeds: if the ball is held, its estimate still moves with the tilt that should
+    move the ball."""
 
     def __init__(self) -> None:
         self._since, self._x, self._y = 0.0, math.inf, math.inf
 
     def standing(self, state: State | None) -> bool:
-        """Whether the ball has now been standing for too long; `state`: where it was measured."""
+        """Whether the ball has now been standing for too long. state: where the ball was measured."""
         if state is None:
             return False
         if math.hypot(state.x - self._x, state.y - self._y) > STILL_RADIUS:

@@ -1,6 +1,6 @@
-"""What a builder does at a mistake in a file: it raises it, or keeps it and goes on.
+"""What a builder does at a mistake in a file: it raises the mistake, or keeps it and goes on.
 
-Then a node stands for the one that could not be built."""
+If it goes on, an `Unbuilt` takes the place of the node that could not be built."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ from mazeplan.behavior.node import Control
 from mazeplan.behavior.status import FAILURE, Result
 from mazeplan.core.errors import TreeError
 
-MOST = 20  # mistakes that are told of one file: behind them may stand what follows from the first ones
-MOST_KEPT = 1000  # mistakes that are counted
+MOST = 20  # maximum number of mistakes listed for one file: later ones may only follow from the first
+MOST_KEPT = 1000  # maximum number of mistakes that are counted
 WORD = re.compile(r"@?[A-Za-z_][A-Za-z0-9_.]*")
 
 
 class EnoughError(TreeError):
-    """No node more is to be built. Never leaves the builder."""
+    """No more nodes can be built. This error never leaves the builder."""
 
 
 class Mistakes:
-    """A context in which a TreeError is raised (most 0), or kept, up to so many of them. found: those that were kept,
-    each once however often its line is built; noted: how many came, the same ones counted again."""
+    """A context that lets a TreeError through, or keeps it.
+
+    most: maximum number of kept errors; 0: errors are raised
+    noted: number of errors until now; an error counts again each time that its line is built
+    """
 
     def __init__(self, most: int = 0) -> None:
         self._most, self.noted = most, 0
@@ -32,7 +35,7 @@ class Mistakes:
 
     @property
     def found(self) -> tuple[TreeError, ...]:
-        """In the order in which they were found."""
+        """The kept errors in the order in which they were found, each once."""
         return tuple(self._found.values())
 
     def __enter__(self) -> Mistakes:
@@ -50,13 +53,13 @@ class Mistakes:
         return True
 
     def elsewhere(self, problem: TreeError) -> None:
-        """Raise a mistake, or keep it, of which the node at hand is none the worse."""
+        """Raise or keep a mistake of another node. The present node can still be built."""
         with self:
             raise problem
         self.noted -= 1
 
     def last(self, problem: TreeError) -> TreeError:
-        """What to raise for a mistake after which nothing more can be built."""
+        """The error to raise for a mistake after which no more nodes can be built."""
         if not self._most:
             return problem
         self._found.setdefault((str(problem.file), problem.line, problem.problem), problem)

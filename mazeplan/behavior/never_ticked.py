@@ -1,4 +1,5 @@
-"""Branches of a tree that no tick reaches: behind a node that always ends the row, or under a constant condition."""
+"""Finds branches of a tree that no tick reaches: after a node that always ends its parent, or under a constant
+condition."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ OTHER = {"SUCCESS": "FAILURE", "FAILURE": "SUCCESS"}
 
 
 def never_ticked(node: TreeNode) -> Iterator[TreeError]:
-    """A remark at the first node of each branch, from this node down, that is never ticked."""
+    """A remark at the first node of each branch that is never ticked, from this node down."""
     decisive, _ = _decision(node)
     if decisive is not None:
         yield node.wrong(f"never ticked: {decisive} is always {'false' if decisive == '_while' else 'true'}")
@@ -67,7 +68,8 @@ def never_ticked(node: TreeNode) -> Iterator[TreeError]:
 
 
 def _idle_children(node: TreeNode) -> Iterator[tuple[int, str]]:
-    """(number of a child that is never ticked, why); of a row the first one alone, since it stands for the rest."""
+    """(index of a child that is never ticked, why). In a sequence or fallback only the first such child: the children
+    after it are not ticked either."""
     parts = parts_of(node)
     goes_on = "SUCCESS" if isinstance(node, SEQUENCES) else "FAILURE" if isinstance(node, FALLBACKS) else None
     if goes_on is not None:
@@ -88,27 +90,27 @@ def _idle_children(node: TreeNode) -> Iterator[tuple[int, str]]:
 
 
 def _constant(script: Script | None, node: TreeNode) -> bool | None:
-    """What a script always says; None where it depends on the blackboard, or is none."""
+    """The constant truth of a script; None if it depends on the blackboard, or there is no script."""
     enums = node.board.enums
     if script is None or script.sets or script.reads - set(enums):
         return None
     try:
         return script.holds(Scope(Blackboard(enums=enums)))
-    except ScriptError:  # told at its tick
+    except ScriptError:  # raised again when the node is ticked
         return None
 
 
 def _always(node: Precondition) -> bool | None:
-    """What the script of a Precondition always says."""
+    """The constant truth of a Precondition's script; None if it is not constant."""
     text = node.values.get("if")
     try:
         return _constant(parse_script(text), node) if isinstance(text, str) else None
-    except ScriptError:  # refused where it stands
+    except ScriptError:  # the builder refuses it
         return None
 
 
 def _decision(node: TreeNode) -> tuple[str | None, frozenset[str]]:
-    """(the precondition by which a node is never ticked, how its preconditions may end it)."""
+    """(the precondition by which a node is never ticked, results that its preconditions may give)."""
     ends = set[str]()
     given = {} if node.conditions is None else node.conditions.given
     for name, (wanted, result) in DECISIONS.items() if given else ():
@@ -122,23 +124,23 @@ def _decision(node: TreeNode) -> tuple[str | None, frozenset[str]]:
 
 
 def _ends(node: TreeNode) -> frozenset[str]:
-    """How a node may end."""
+    """The results with which a node may end."""
     decisive, decided = _decision(node)
     return decided if decisive is not None else decided | _ends_itself(node)
 
 
 def _ends_of_leaf(node: Leaf) -> frozenset[str]:
-    """How a leaf may end. A script that goes wrong ends the run."""
+    """The results with which a leaf may end. A script that fails does not count: it ends the run."""
     if isinstance(node, AlwaysFailure):
         return FAILURE
     copies = isinstance(node, SetBlackboard) and isinstance(
         node.values["value"], Key
-    )  # an entry that may have no value
+    )  # the other entry may have no value: FAILURE
     return SUCCESS if isinstance(node, SUCCEED) and not copies else BOTH
 
 
 def _ends_itself(node: TreeNode) -> frozenset[str]:
-    """How a node may end where its preconditions let it be ticked."""
+    """The results with which a node may end if its preconditions let it be ticked."""
     if isinstance(node, Leaf):
         return _ends_of_leaf(node)
     inner = [_ends(child) for child in parts_of(node)]

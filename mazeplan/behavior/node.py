@@ -1,9 +1,9 @@
-"""What every node of a tree shares: ports, pre- and postconditions, a place in a file, and the life of BehaviorTree.CPP
-4: idle, ticked by `execute`, RUNNING, finished until its parent resets it.
+"""The base of all nodes of a tree: ports, pre- and postconditions, a place in a file, and the states of
+BehaviorTree.CPP 4. A node is idle, is ticked by `execute`, is RUNNING, and is finished until its parent resets it.
 
-py_trees' own composites differ where it matters here (retries cost a tick each, timers read the wall clock), so the
-nodes only have its `Behaviour` as their base. INVALID is py_trees' word for idle. A node that was skipped keeps the
-status that it had: `last` tells how its last tick ended.
+From py_trees the nodes only use the base `Behaviour`, because its composites differ in important points: a retry costs
+a tick, and timers read the wall clock. INVALID is py_trees' word for idle. A node that was skipped keeps its status;
+`last` has the result of its last tick.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mazeplan.core.errors import TreeError
 
 @dataclass(frozen=True)
 class Place:
-    """Where a node stands: file, line, path in the tree."""
+    """The place of a node: file, line, and path in the tree."""
 
     file: Path
     line: int
@@ -37,26 +37,26 @@ class Place:
 
 
 class Probe(Protocol):
-    """Looks at a node at each of its ticks, and may end the tick with another result; for a monitor."""
+    """Watches the ticks of a node and may change their results; for a monitor."""
 
     def before(self, node: TreeNode) -> Result | None:
-        """Called where a node would be ticked: a result that takes the place of the tick, or None."""
+        """Called before a node is ticked. Returns a result that replaces the tick, or None."""
         ...
 
     def after(self, node: TreeNode, result: Result) -> Result | None:
-        """Called when a node was ticked: another result, or None."""
+        """Called after a node was ticked. Returns another result, or None."""
         ...
 
 
 class Waker:
-    """Asks the tree for another tick of its root in the same tick: a loop has more to do, and reactive nodes above it
-    look at their conditions before it goes on."""
+    """Asks the tree to tick its root again in the same tick. A loop asks for it when it has more to do: before the loop
+    goes on, reactive nodes above it check their conditions."""
 
     def __init__(self) -> None:
         self.asked = False
 
     def take(self) -> bool:
-        """Whether another tick was asked for; asked no more."""
+        """Whether another tick was asked for. Clears the request."""
         asked, self.asked = self.asked, False
         return asked
 

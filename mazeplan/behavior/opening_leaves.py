@@ -1,7 +1,7 @@
 """The leaves that bring the ball through an opening and to rest: align, pass, confirm, settle.
 
-Each looks at the state at which its command will act, gives at most one command a tick, never blocks, and leaves a
-`records.Failure` of a named kind where it fails. The way to an opening is in `routing` and `travel`, conditions and
+Each leaf uses the state at which its command will act, gives at most one command a tick, and never blocks. If it fails,
+it leaves a `records.Failure` of a named kind. The way to an opening is in `routing` and `travel`, conditions and
 recoveries are in `recovery`.
 """
 
@@ -65,8 +65,8 @@ class Align(MazeLeaf):
 
 
 def gets_in(run: RunContext, opening: Opening, target: int) -> bool:
-    """Whether the ball will be in the next ring soon, also if it is a little to one side of where it seems to be: the
-    gap is hardly wider than the ball."""
+    """Whether the ball will soon be in the next ring, even if it is a little to one side of its estimate. This matters
+    because the opening is hardly wider than the ball."""
     gate = run.options.gate
     across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
     places = (0.0, -1.0, 1.0) if gate.entry_doubt_mm > 0.0 else (0.0,)
@@ -97,7 +97,7 @@ class PassOpening(MazeLeaf):
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
         if gets_in(run, opening, target):
             run.enter(target)
-        # an opening that was missed tells that the model, or its delay, is not what it should be for this
+        # a missed opening shows that the model, or its delay, is not good enough for roll-outs
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
         command = None if trusted is None else trusted.better(run.here, opening, target)
         if command is None:

@@ -1,4 +1,4 @@
-"""A behaviour tree as rows, one a node, and as text. A SubTree that stands in the tree again is folded."""
+"""A behaviour tree as rows, one for each node, and as text. If a SubTree occurs again, its row is folded."""
 
 from __future__ import annotations
 
@@ -20,9 +20,13 @@ FOLDED = "(as above)"
 
 @dataclass(frozen=True)
 class Row:
-    """A node of a tree: its number (parents before children), its depth, the row of its parent (None: the root).
+    """A node of a tree.
 
-    folded: its children are left out, since they stand above."""
+    number: of the node, parents before children
+    depth: 0 for the root
+    parent: row of its parent; None: the root
+    folded: whether its children are left out, because the same tree is shown above
+    """
 
     node: TreeNode
     number: int
@@ -38,19 +42,23 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Its own name, if it has one."""
+        """The name of the node, if it is not that of its kind; else empty."""
         return "" if self.node.name == type(self.node).__name__ else self.node.name
 
     @property
     def attributes(self) -> str:
-        """Ports and conditions, as they stand in the file."""
+        """Ports and conditions as text, as in the file."""
         ports = [f"{name}={_written(value)}" for name, value in self.node.values.items()]
         given = {} if self.node.conditions is None else self.node.conditions.given
         return " ".join(ports + [f'{name}="{_written(e.text)}"' for name, e in given.items()])
 
 
 def rows_of(tree: BehaviorTree, whole: bool = False, needed: Collection[int] = ()) -> list[Row]:
-    """The rows of a tree. whole: nothing is folded; needed: numbers of nodes that must have a row."""
+    """The rows of a tree.
+
+    whole: whether nothing is folded
+    needed: numbers of nodes that must have a row
+    """
     numbers = {id(node): i for i, node in enumerate(tree.nodes())}
     rows, drawn = list[Row](), set[str]()
 
@@ -70,7 +78,7 @@ def rows_of(tree: BehaviorTree, whole: bool = False, needed: Collection[int] = (
 
 
 def _tree_of(node: SubTree) -> str:
-    """ID of the tree that stands in a SubTree."""
+    """ID of the tree in a SubTree."""
     return str(node.values.get("ID", node.name))
 
 
@@ -80,7 +88,7 @@ def _size(node: TreeNode) -> int:
 
 
 def _written(value: Any) -> str:
-    """A port's value as it stands in a file, if that is short and printable."""
+    """A port's value as in a file; shortened or escaped if it is long or not printable."""
     if isinstance(value, Key):
         return str(value)
     text = ";".join(value) if isinstance(value, list) else str(value)
@@ -88,9 +96,9 @@ def _written(value: Any) -> str:
 
 
 def tree_text(tree: BehaviorTree, whole: bool = False) -> str:
-    """The tree, one node a line, with its ports."""
+    """The tree as text, one line for each node, with its ports."""
     rows = rows_of(tree, whole)
-    last = {row.parent: i for i, row in enumerate(rows)}  # the last child of each
+    last = {row.parent: i for i, row in enumerate(rows)}  # row of the last child of each parent
     lines, below = list[str](), list[str]()
     for i, row in enumerate(rows):
         lead = "" if row.parent is None else below[row.parent]

@@ -1,9 +1,9 @@
-"""Nodes that users bring in modules of their own, `--behavior-module MODULE`, and those of installed packages.
+"""Nodes from users' modules, `--behavior-module MODULE`, and from installed packages.
 
-A node is a public class of the module: a leaf derives from `leaf.Leaf` and has a `step`; a control node or decorator
-derives from `controls.Control` or `decorators.Decorator` and has a `run`. Its name is that of the class. The members of
-a public `enum.IntEnum` are names that scripts know. An installed package offers a node by an entry point
-`mazeplan.leaves` of its name; it is imported when a tree names it.
+A node is a public class of the module. A leaf derives from `leaf.Leaf` and has a `step`. A control node or decorator
+derives from `controls.Control` or `decorators.Decorator` and has a `run`. The name of the node is that of the class.
+Scripts know the members of a public `enum.IntEnum` by name. An installed package offers a node by an entry point of the
+group `mazeplan.leaves` with the node's name; it is imported only when a tree names it.
 """
 
 from __future__ import annotations
@@ -30,15 +30,18 @@ DIRECTIONS = ("in", "out", "inout")
 EXPECTED = (
     "a class derived from mazeplan.MazeLeaf that has a step, or from mazeplan.Control or Decorator that has a run"
 )
-MOST_WIND_DOWN = 90  # ticks; 3 s at 30 Hz: nobody waits longer for a run to end
-# tags of the format itself
+MOST_WIND_DOWN = 90  # maximum ticks of a wind-down; 3 s at 30 Hz: nobody waits longer for a run to end
+# names of the format itself, which no node of a user may have
 RESERVED = (*CATEGORIES, *BUILTIN, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
 
 
 class Registry(Mapping[str, type[TreeNode]]):
-    """Leaves and users' own nodes by name; those of installed packages are imported when they are asked for, which
-    raises InputError where one is broken. enums: {name: number} for scripts; owners: whose those are that were asked
-    for."""
+    """Leaves and users' nodes by name. Nodes of installed packages are imported when they are looked up; a broken one
+    raises InputError.
+
+    enums: {name: number} for scripts
+    owners: {name: plug-in} of the nodes of installed packages that were looked up
+    """
 
     def __init__(self, known: Mapping[str, type[TreeNode]], enums: Mapping[str, int] | None = None) -> None:
         self._known, self.enums, self.owners = dict(known), dict(enums or {}), dict[str, Plugin]()
@@ -63,16 +66,16 @@ class Registry(Mapping[str, type[TreeNode]]):
 
     @property
     def installed(self) -> dict[str, Plugin]:
-        """Entry points by the names of leaves that they offer; nothing of them is imported."""
+        """Entry points by the names of the nodes that they offer. Imports none of their code."""
         return {found.name: found for found in plugins(LEAVES) if not_a_name(found) is None}
 
     @property
     def of_modules(self) -> frozenset[str]:
-        """Names of the nodes that the modules bring."""
+        """Names of the nodes from users' modules."""
         return frozenset(name for name in self._known if name not in REGISTRY and name not in self.owners)
 
     def usable(self, tell: Callable[[str], object]) -> dict[str, type[TreeNode]]:
-        """All of them; of an installed one that is broken `tell` is told."""
+        """All nodes that can be used. `tell` gets the problem of each installed node that is broken."""
         out = {}
         for name in self:
             try:
@@ -83,14 +86,14 @@ class Registry(Mapping[str, type[TreeNode]]):
 
 
 def not_a_name(found: Plugin) -> str | None:
-    """Why no tree could name this node of a package; None: it can be."""
+    """Why no tree can name this node of a package; None: trees can name it."""
     if found.name in REGISTRY or found.name in RESERVED:
         return "the program has a node of this name, which comes first"
     return None if found.name.isidentifier() and not found.name.startswith("_") else "expected the name of a class"
 
 
 def installed_leaf(found: Plugin) -> type[TreeNode]:
-    """The node that a package offers. Raises InputError where it is none."""
+    """The node that a package offers. Raises InputError if it is no usable node."""
     leaf = found.load()
     if not is_node(leaf):
         raise found.problem(f"got {shown(leaf)}, expected {EXPECTED}")
@@ -101,7 +104,11 @@ def installed_leaf(found: Plugin) -> type[TreeNode]:
 
 
 def installed_in(names: Iterable[str], modules: Iterable[str] = ()) -> tuple[Plugin, ...]:
-    """Those of installed packages among the names of a tree's nodes. Raises InputError as `registry_with` does."""
+    """The plug-ins of installed packages whose nodes a tree uses. Raises InputError if a module cannot be imported.
+
+    names: of the tree's nodes
+    modules: of the user; their nodes come before those of packages
+    """
     beyond = [name for name in sorted(set(names)) if name not in REGISTRY and name not in RESERVED]
     if not beyond:
         return ()
@@ -111,8 +118,10 @@ def installed_in(names: Iterable[str], modules: Iterable[str] = ()) -> tuple[Plu
 
 
 def registry_with(modules: Iterable[str] = ()) -> Registry:
-    """The leaves that a tree may name: the packaged ones, the nodes of the modules, and of installed packages. Raises
-    InputError if a module cannot be imported, has no node, or one whose name is taken or whose ports are not such."""
+    """The nodes that a tree may name: packaged leaves, nodes of the modules, and nodes of installed packages.
+
+    Raises InputError if a module cannot be imported or has neither nodes nor enums, if a name is taken, or if a node
+    cannot be used in a file."""
     registry, enums = dict[str, type[TreeNode]](REGISTRY), dict[str, int]()
     for module in dict.fromkeys(modules):
         found, numbers = _nodes(module), _enums(user_module(module, OPTION))
@@ -130,8 +139,7 @@ def registry_with(modules: Iterable[str] = ()) -> Registry:
 
 
 def is_node(kind: Any) -> bool:
-    """Whether something is a class of nodes that can be used: a leaf with a step, or a control node or decorator with a
-    run."""
+    """Whether an object is a usable class of nodes: a leaf with a step, or a control node or decorator with a run."""
     if not isinstance(kind, type):
         return False
     if issubclass(kind, Leaf):
@@ -140,7 +148,7 @@ def is_node(kind: Any) -> bool:
 
 
 def _nodes(module: str) -> dict[str, type[TreeNode]]:
-    """Classes that the module defines, not those that it imports to derive from."""
+    """Classes of nodes that the module defines; leaves out the classes that it imports."""
     return {kind.__name__: kind for kind in _public(user_module(module, OPTION)) if is_node(kind)}
 
 
@@ -158,7 +166,7 @@ def _public(module: ModuleType) -> Iterator[type]:
 
 
 def _check(node: type[TreeNode], where: str) -> None:
-    """Raises InputError for ports, a category or a number of children that nobody could use in a file, or a wind-down
+    """Raises InputError for ports, a category or a number of children that no file could use, and for a wind-down
     without a bound."""
     if issubclass(node, Leaf):
         _check_leaf(node, where)
@@ -193,7 +201,7 @@ def _check_children(node: type[Node], where: str) -> None:
 
 
 def _check_port(port: Port, where: str) -> None:
-    """Raises InputError for what no literal or entry could be checked against, or a default that would be refused."""
+    """Raises InputError if a port cannot check literals and entries, or if it would refuse its own default."""
     if port.type not in CONVERSIONS:
         known = ", ".join(kind.__name__ for kind in CONVERSIONS)
         raise InputError(f"{where}: got the type {shown(port.type)}, expected one of {known}")

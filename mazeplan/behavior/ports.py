@@ -1,4 +1,4 @@
-"""Ports: the typed inputs and outputs of a node, given in a tree as a literal or as a {key} of the blackboard."""
+"""Ports: the typed inputs and outputs of a node. A tree gives a port a literal or a {key} of the blackboard."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _words(text: str) -> list[str]:
 
 def _number(kind: type) -> Any:
     def convert(text: str) -> Any:
-        if "_" in text:  # Python's own notation, which no other reader of the format knows
+        if "_" in text:  # 1_000 is Python's notation, which no other reader of the format knows
             raise ValueError(text)
         try:
             return kind(text)
@@ -49,7 +49,7 @@ WORDS: dict[type, str] = {
     int: "a whole number", float: "a finite number", bool: "true or false", list: "words separated by ;", str: "text",
 }  # fmt: skip
 PLAIN = (str, Real, list, tuple, type, type(None), _Required)
-INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
+INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str takes any object
 
 
 NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
@@ -58,9 +58,16 @@ OF_THE_MAP = ("openings", "rings")
 
 @dataclass(frozen=True)
 class Port:
-    """A typed input or output of a node. direction: in, out, or inout; an output takes a {key} only. least, most: the
-    smallest and the largest number allowed; no number may be infinite. choices: the values allowed, of a list those of
-    its words, of which it needs one at least; "openings" or "rings": those of the run's map. A port of type str without
+    """A typed input or output of a node.
+
+    type: int, float, bool, str or list
+    default: value if the tree gives none; REQUIRED: the tree must give one
+    doc: description for users
+    direction: in, out, or inout; an output takes only a {key}
+    least, most: minimum and maximum of a number; infinite numbers are never allowed
+    choices: the allowed values; "openings" or "rings": those of the run's map
+
+    With choices, a list needs at least one word, and each word must be one of the choices. A port of type str without
     choices also carries objects, such as a plan, by {key}."""
 
     type: type
@@ -73,11 +80,11 @@ class Port:
 
     @property
     def expected(self) -> str:
-        """What is allowed on any map, for an error."""
+        """The allowed values in words if no map is known, for an error."""
         return self.expects()
 
     def expects(self, context: Any = None) -> str:
-        """What is allowed in a run with this context, for an error."""
+        """The allowed values in words for a run with this context, for an error."""
         allowed = self.allowed(context)
         if allowed is not None:
             several = "one or more, separated by ;, of " if self.type is list else "one of "
@@ -87,7 +94,7 @@ class Port:
         return f"{WORDS[self.type]} {said}".rstrip()
 
     def allowed(self, context: Any = None) -> tuple[Any, ...] | None:
-        """The values to choose from; None: any, or nobody knows without a map."""
+        """The choices; None: there are none, or they are unknown without a map."""
         if not isinstance(self.choices, str):
             return self.choices
         maze = getattr(context, "maze", None)
@@ -98,24 +105,24 @@ class Port:
         )
 
     def parse(self, text: str, context: Any = None) -> Any:
-        """A literal from a file. Raises ValueError."""
+        """The value of a literal from a file. Raises ValueError."""
         return self._bounded(CONVERSIONS[self.type](text), context)
 
     def accept(self, value: Any, context: Any = None) -> Any:
-        """A value from the blackboard; text becomes what the port takes, as a literal would. Raises ValueError."""
+        """The value of a blackboard entry in the type of the port; text is read like a literal. Raises ValueError."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if type(value) is self.type or (self.type is str and not number):
             return self._bounded(value, context)
         if isinstance(value, str):
             return self.parse(value, context)
-        if number:  # of a script, or of a literal of a SubTree
+        if number:  # from a script, or from a literal of a SubTree
             return self._bounded(self._converted(value), context)
         if not isinstance(value, INSTANCES[self.type]) or (isinstance(value, bool) and self.type is not bool):
             raise ValueError(value)
         return self._bounded(value, context)
 
     def _converted(self, value: float) -> Any:
-        """A number as the port's type. Raises ValueError where something of it would be lost."""
+        """A number in the port's type. Raises ValueError if the conversion would change the number."""
         if self.type in (str, list):
             return CONVERSIONS[self.type](str(value))
         if self.type is not float and value != self.type(value):
@@ -123,7 +130,7 @@ class Port:
         return self.type(value)
 
     def takes(self, default: Any) -> bool:
-        """Whether `get` may return this where nothing is given: it is of the type itself, as no text is read."""
+        """Whether a value may be the default. It must already have the port's type: `get` returns it as it is."""
         if self.type is not str and not isinstance(default, INSTANCES[self.type]):
             return False
         try:
@@ -149,8 +156,8 @@ class Port:
 
 
 def _same_number(word: Any, allowed: tuple[Any, ...]) -> Any:
-    """Of the allowed values the one that is this word, or this number in another form (3, 3.0, 3.000000); None: none
-    is."""
+    """The allowed value that equals this word, or this number in another form (3, 3.0, 3.000000); None if there is
+    none."""
     if word in allowed or not isinstance(word, str):
         return word if word in allowed else None
     return next((one for one in allowed if NUMBER.fullmatch(word) and _number_in(str(one)) == float(word)), None)
@@ -171,7 +178,7 @@ class Key:
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """A value for an error: its repr, cut where it is long; of an object its kind."""
+    """A value as text for an error: its repr, cut if it is long; for other objects, their type."""
     text = repr(value) if isinstance(value, PLAIN) else f"an object of the kind {type(value).__name__}"
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
@@ -180,7 +187,8 @@ LONG = re.compile(r"[^\s/\\]{61,}")  # a word, or a part of a path
 
 
 def one_line(text: str, most: int = 600) -> str:
-    """Text for an error: one line, nothing that a terminal would obey, not endless; of a long word its two ends."""
+    """Text for an error: one line of limited length, without control characters. Long words are cut to their two
+    ends."""
     short = LONG.sub(lambda word: f"{word[0][:40]}...{word[0][-17:]}", text)
     clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in short[: most + 1])
     return clean if len(clean) <= most else f"{clean[: most - 3]}..."

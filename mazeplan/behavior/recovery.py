@@ -1,4 +1,4 @@
-"""Conditions on what happened, and the recoveries: each bounded in time, each chosen by the kind of failure."""
+"""Conditions on what happened, and recoveries. Each recovery is bounded in time and chosen by the kind of failure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import LEVEL, FailureKind
 
-BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave no room to roll past it
+BESIDE = 2.5  # if a radial wall is nearer to an opening, in diameters of the ball, there is no room to roll past it
 
 
 class BallSeen(MazeLeaf):

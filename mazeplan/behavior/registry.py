@@ -1,4 +1,4 @@
-"""The leaves that a tree may name."""
+"""The packaged leaves that a tree may name."""
 
 from __future__ import annotations
 

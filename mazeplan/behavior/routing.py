@@ -1,8 +1,8 @@
-"""Which way: the route to the goal ring, and the opening to leave this ring by.
+"""Leaves that choose the route to the goal ring, and the opening by which the ball leaves its ring.
 
-Openings are weighed by the formula of `maze.graph` first. Those that come near the best are then planned to, and the
-time at which the planned ball is in front of the opening takes the place of the formula: it knows how fast the ball is
-and how the plate leans, and what the model says about the way.
+First the formula of `maze.graph` weighs the openings. Then the planner plans to the openings that are nearly as good as
+the best. The time at which the planned ball is in front of the opening replaces the time of the formula. It is better,
+because a plan knows the speed of the ball, the tilt of the plate, and the model along the way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mazeplan.core.records import FailureKind
 if TYPE_CHECKING:
     from mazeplan.maze.graph import Choice
 
-MARGIN = 0.6  # s; an opening expected to be later than the best by more is not planned to
+MARGIN = 0.6  # s; no plan is made to an opening that is expected to be later than the best by more than this
 
 
 class PlanRoute(MazeLeaf):

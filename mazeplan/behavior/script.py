@@ -10,9 +10,9 @@
     prefix     = "-", "!", "~"
     atom       = 12, 0x1f, 1.5e3, 'text', "text", true, false, a name on the blackboard or of an enum, "(" ... ")"
 
-`:=` makes an entry or sets it, `=` sets one that exists. An entry keeps its kind: a text takes no number, a whole
-number takes no fraction. A script is parsed when a file is read, into functions; nothing is given to Python to run, and
-there are neither calls, attributes nor indices. Numbers compare with the tolerance of a float (1.2e-7).
+`:=` makes an entry or sets it, `=` sets an entry that exists. An entry keeps its kind: a text takes no number, a whole
+number takes no fraction. A script is parsed into functions when a file is read. Python never executes its text, and it
+has neither calls, attributes nor indices. Numbers compare with the tolerance of a 32-bit float (1.2e-7).
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from mazeplan.behavior.script_values import (
     value_of,
 )
 
-MAX_LENGTH = 10_000  # characters; what is longer belongs into a leaf
-MAX_DEPTH = 50  # of parentheses, signs and choices, one in another
+MAX_LENGTH = 10_000  # characters; a longer script should be a leaf
+MAX_DEPTH = 50  # maximum depth of nested parentheses, signs and choices
 ASSIGNMENTS = (":=", "=", "+=", "-=", "*=", "/=")
-POWERS = {  # how tightly an operator binds; assignments and ?: are apart
+POWERS = {  # precedence of the operators; assignments and ?: are handled separately
     "||": 6, "&&": 8, "==": 10, "!=": 10, "<": 10, "<=": 10, ">": 10, ">=": 10,
     "|": 12, "^": 12, "&": 14, "+": 16, "-": 16, "..": 16, "*": 18, "/": 18,
 }  # fmt: skip
 QUOTES = ("'", '"')
 PREFIXES = ("-", "!", "~")
-SLIPS = {  # two signs that are one in other languages, and what is meant
+SLIPS = {  # operators of other languages, and what is probably meant
     "<>": "!=", "=<": "<=", "=>": ">=", "=!": "!=", "===": "==", "!==": "!=", "**": "* for a product",
     "++": "+= 1 to count up",
 }  # fmt: skip
@@ -59,11 +59,18 @@ ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ !
 
 @dataclass(frozen=True)
 class Script:
-    """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; needs: those
-    that it always reads, and before it makes them; sets: those that it assigns to by any sign, which `:=` alone makes;
-    constants: the values of those that get nothing else;
-    assigned: a name to which the last statement assigns, which gives the value, and by which sign; idle: the first
-    statement that sets nothing and whose value is lost."""
+    """A script, ready to run.
+
+    text: as it was written
+    evaluate: runs the script and returns the value of its last statement
+    reads: names on the blackboard that it reads
+    writes: names that it assigns to by `:=`, which makes entries
+    needs: names that it always reads before it makes them
+    sets: names that it assigns to by any sign
+    constants: {name: values} of names that get only constants
+    assigned: name and sign of the assignment in the last statement; None: it has none
+    idle: the first statement that assigns nothing and whose value is lost
+    """
 
     text: str
     evaluate: Evaluate
@@ -92,7 +99,7 @@ class _Token:
 
 
 def parse_script(text: str) -> Script:
-    """Raises ScriptError with the column and what is allowed there."""
+    """Parse a script. Raises ScriptError with the column and what is allowed there."""
     if len(text) > MAX_LENGTH:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
@@ -104,7 +111,7 @@ def parse_script(text: str) -> Script:
 
 
 class _Parser:
-    """One script, by precedence climbing; each method returns the function of what it has read."""
+    """Parses one script by precedence climbing. Each method returns a function that evaluates what it has read."""
 
     def __init__(self, text: str) -> None:
         self._text, self._tokens, self._at, self._depth = text, _tokens(text), 0, 0
@@ -117,12 +124,12 @@ class _Parser:
         self.assigned: tuple[str, str] | None = None
         self.idle: str | None = None
         self._assignments = 0
-        self._names = 0  # that were read or assigned to
-        self._made: set[str] = set()
-        self._branches = 0  # of ?: around what is read now
+        self._names = 0  # number of names read or assigned to until now
+        self._made: set[str] = set()  # names that := has made until now
+        self._branches = 0  # number of ?: around the present place
 
     def whole(self) -> Evaluate:
-        """All statements; the value is that of the last one."""
+        """Parse all statements; the value is that of the last statement."""
         if self._now.kind == "end":
             self._unexpected("a script")
         statements = []
@@ -146,7 +153,7 @@ class _Parser:
         return self._tokens[self._at]
 
     def _take(self, *signs: str) -> str | None:
-        """The sign at hand if it is one of these; then the next token is at hand."""
+        """The present token if it is one of these signs, and go to the next token; else None."""
         token = self._now
         if token.kind != "sign" or token.text not in signs:
             return None
@@ -163,7 +170,7 @@ class _Parser:
         raise ScriptError(f"column {token.column}: got {got}, expected {expected}")
 
     def _expression(self, least: int) -> Evaluate:
-        """What binds at least so tightly."""
+        """Parse an expression of operators whose precedence is at least `least`."""
         if self._depth >= MAX_DEPTH:
             self._unexpected(f"at most {MAX_DEPTH} expressions in each other")
         self._depth += 1
@@ -171,7 +178,7 @@ class _Parser:
         first = self._at
         left = self._prefix()
         if name is None or self._at != first + 1:
-            name = None  # more than a name stands to the left
+            name = None  # the left side is more than a name
         while self._now.kind == "sign":
             sign = self._now.text
             if sign in ASSIGNMENTS and least <= 2:
@@ -192,7 +199,7 @@ class _Parser:
             self._unexpected("a name on the blackboard to the left of it")
         self._at += 1
         self.sets.add(name)
-        if sign == ":=":  # which needs no entry; its name was read as that of a value
+        if sign == ":=":  # it needs no entry; undo the read that `_prefix` noted for the name
             self.reads.discard(name)
             self.writes.add(name)
         self._names += 1
@@ -205,9 +212,9 @@ class _Parser:
         return lambda scope: assigned(scope, name, sign, value)
 
     def _keep_constant(self, name: str, value: Evaluate | None) -> None:
-        """Take note of an assigned value that depends on no name; None: one that does."""
+        """Note the value that a name gets. value: None if it depends on other names, so that it is no constant."""
         if value is not None:
-            with suppress(ScriptError):  # told at its tick
+            with suppress(ScriptError):  # raised again when the script runs
                 self.constants.setdefault(name, []).append(value(Scope()))
                 return
         self.changing.add(name)

@@ -1,7 +1,7 @@
-"""What the values of a script are and do: names, operators and assignments (`script` reads the text).
+"""The values of a script: names, operators and assignments (`script` reads the text).
 
 An entry keeps its kind: a text takes no number, a whole number takes no fraction. Numbers compare with the tolerance of
-a float (1.2e-7).
+a 32-bit float (1.2e-7).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 
 from mazeplan.behavior.blackboard import EMPTY, Blackboard, Entry
 
-EPSILON = 2.0**-23  # of a 32-bit float: the tolerance of == between numbers
-WHOLE = 2**63  # whole numbers are of 64 bits
+EPSILON = 2.0**-23  # epsilon of a 32-bit float: the tolerance of == between numbers
+WHOLE = 2**63  # whole numbers have 64 bits
 TRUTHS = {"true": 1.0, "false": 0.0}
 TOKEN = re.compile(
     r"(?P<space>[ \t\r\n]+)"
@@ -37,18 +37,18 @@ BITS: dict[str, Callable[[int, int], int]] = {"&": operator.and_, "|": operator.
 
 
 class ScriptError(ValueError):
-    """A script that cannot be read, or run; one line, without the place of the script."""
+    """A script cannot be read or run. The message is one line, without the place of the script."""
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Where the names of a script stand: the enums of the blackboard first, then its entries."""
+    """Where a script looks up its names: first among the enums of the blackboard, then among its entries."""
 
     board: Blackboard = field(default_factory=Blackboard)
 
     @property
     def enums(self) -> Mapping[str, int]:
-        """{name: number}."""
+        """{name: number} of the enums."""
         return self.board.enums
 
 
@@ -56,7 +56,7 @@ Evaluate = Callable[[Scope], Any]
 
 
 def value_of(name: str, scope: Scope) -> Value:
-    """The value of a name, if it is of a kind that a script has. Raises ScriptError."""
+    """The value of a name. Raises ScriptError if there is none, or scripts do not have values of its type."""
     if name in scope.enums:
         return float(scope.enums[name])
     try:
@@ -78,7 +78,8 @@ def _plain(name: str, value: Any) -> Value:
 
 
 def truth(value: Value) -> bool:
-    """A number is true unless it is 0; text is true or false as it reads. Raises ScriptError."""
+    """Whether a value counts as true: a number other than 0, or the text "true". Raises ScriptError for other text than
+    "true" and "false"."""
     if isinstance(value, str):
         if value.strip() in TRUTHS:
             return bool(TRUTHS[value.strip()])
@@ -87,7 +88,7 @@ def truth(value: Value) -> bool:
 
 
 def chosen(value: Value, scope: Scope) -> bool:
-    """The condition of ?:, as a number; text as it reads. Raises ScriptError."""
+    """Whether the condition of ?: holds. Text is read as a number (`number_of`). Raises ScriptError."""
     number = number_of(value, scope.enums) if isinstance(value, str) else value
     if number is None:
         raise ScriptError(f"got the text {_short(str(value))} before ?, expected a number")
@@ -95,7 +96,8 @@ def chosen(value: Value, scope: Scope) -> bool:
 
 
 def number_of(text: str, enums: Mapping[str, int]) -> float | None:
-    """Text as a number: true, false, the name of an enum, or as a file has it; None if it is none."""
+    """The number that a text stands for: true, false, the name of an enum, or a number in digits; None for other
+    text."""
     word = text.strip()
     if word in TRUTHS:
         return TRUTHS[word]
@@ -123,7 +125,7 @@ def compared(sign: str, left: Value, right: Value, scope: Scope) -> bool:
 
 
 def combined(sign: str, left: Value, right: Value) -> Value:
-    """The value of an operator other than a comparison. Raises ScriptError."""
+    """The result of an operator other than a comparison. Raises ScriptError."""
     texts = isinstance(left, str), isinstance(right, str)
     if sign == "+" and all(texts):
         return str(left) + str(right)
@@ -146,7 +148,7 @@ def combined(sign: str, left: Value, right: Value) -> Value:
 
 
 def signed(sign: str, value: Value) -> Value:
-    """The value of a prefix and a number. Raises ScriptError."""
+    """The result of a prefix operator on a number. Raises ScriptError."""
     if isinstance(value, str):
         raise ScriptError(f"got the text {_short(value)} after {sign}, expected a number")
     if sign == "-":
@@ -161,7 +163,7 @@ def _whole(value: Any, sign: str) -> int:
 
 
 def assigned(scope: Scope, name: str, sign: str, value: Evaluate) -> Value:
-    """Set an entry. Raises ScriptError if it does not exist, or is of another kind."""
+    """Set an entry and return its value. Raises ScriptError if the entry does not exist or has another kind."""
     entry = scope.board.find(name)
     if entry is None:
         if sign != ":=":
@@ -180,7 +182,9 @@ def assigned(scope: Scope, name: str, sign: str, value: Evaluate) -> Value:
 
 
 def _fitting(name: str, entry: Entry, value: Value, scope: Scope) -> Value:
-    """A value in the kind that an entry has; any kind if it has no value yet."""
+    """The value converted to the kind of an entry. Raises ScriptError.
+
+    An entry without a value takes any kind. If it is for numbers, text that stands for a number becomes one."""
     old = entry.value
     if old is EMPTY and entry.number and isinstance(value, str):
         number = number_of(value, scope.enums)
@@ -198,7 +202,7 @@ def _fitting(name: str, entry: Entry, value: Value, scope: Scope) -> Value:
 
 
 def text_of(value: Value) -> str:
-    """A value as text, as `..` joins it: a number that is not whole with six decimals."""
+    """A value as text, for `..`. A float has six decimals."""
     return f"{value:.6f}" if isinstance(value, float) else str(int(value)) if not isinstance(value, str) else value
 
 

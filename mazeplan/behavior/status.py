@@ -1,6 +1,6 @@
-"""What a tick of a node may end with: the statuses of py_trees, and SKIPPED, which py_trees has not.
+"""The results of a tick of a node: the statuses of py_trees, and SKIPPED, which py_trees lacks.
 
-A node that was skipped did nothing: to py_trees it is as idle as before (INVALID), and its parent alone is told.
+A node that was skipped did nothing. For py_trees it is as idle as before (INVALID); only its parent gets SKIPPED.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from py_trees.common import Status
 
 
 class Skipped(Enum):
-    """The one status beside those of py_trees."""
+    """The status that py_trees lacks."""
 
     SKIPPED = "SKIPPED"
 
@@ -24,5 +24,5 @@ RESULTS = (RUNNING, SUCCESS, FAILURE, SKIPPED)
 
 
 def result_named(name: str) -> Result:
-    """SUCCESS, FAILURE, RUNNING or SKIPPED by its name."""
+    """The result with this name: SUCCESS, FAILURE, RUNNING or SKIPPED."""
     return SKIPPED if name == "SKIPPED" else Status(name)

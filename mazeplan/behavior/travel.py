@@ -1,9 +1,12 @@
 """Along a ring to an opening: plan with iLQG, follow the plan, plan again.
 
-What is followed is told in the log, as an event whenever it changes: mpc, a plan of this tick (one that its deadline
-stopped is the last one, shifted, and improved as far as there was time); gains, a plan of a tick before, by its own
-gains, since the new one failed or this tick made none; plan_pd, the same by PD, where a tree asks for it; pd, no plan
-at all, only the way to go.
+The log has an event whenever the law changes that steers the ball along its ring:
+
+    mpc       a plan of this tick. If its deadline stopped the planner, it is the last plan, shifted, and improved as
+              far as there was time
+    gains     a plan of an earlier tick with its gains, because the new plan failed or this tick made none
+    plan_pd   a plan tracked by PD, if the tree asks for it
+    pd        no plan: PD towards the opening
 """
 
 from __future__ import annotations
@@ -27,8 +30,8 @@ from mazeplan.maze.geometry import Opening
 if TYPE_CHECKING:
     from mazeplan.behavior.context import RunContext, TravelOptions
 
-USUAL_S = 4.0  # for a way along a ring before its opening counts as missed; ...
-LONG_WAY = 2.0  # ... so many times what a way is expected to take, where that is more: wide rings, long detours
+USUAL_S = 4.0  # time for a way along a ring, after which its opening counts as missed; ...
+LONG_WAY = 2.0  # ... or this many times the expected time of the way, if that is more: wide rings, long detours
 
 TRAVEL = {
     "lean_deg": Port(
@@ -40,7 +43,7 @@ TRAVEL = {
 
 
 def travel_options(leaf: MazeLeaf) -> TravelOptions:
-    """Those of the run, with what the ports of a leaf say instead. A speed of a port is the speed everywhere."""
+    """The run's options, changed by the ports of a leaf. A speed from a port counts for every opening."""
     ports = {"lean_deg": "lean_deg", "speed_m_s": "speed", "deadline_ms": "deadline_ms"}
     given = {name: leaf.get(port) for name, port in ports.items()}
     given["blind_rad"] = None if given["speed_m_s"] is None else 0.0
@@ -59,12 +62,12 @@ def lean_to(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
 
 
 def arrival_speed(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
-    """Speed along the ring, m/s, at which the ball is to come to an opening.
+    """Speed along the ring, m/s, at which the ball should come to an opening.
 
-    It takes this speed along into the next ring, where it runs on until the plate answers to what is seen of it there:
-    as long as what is seen is late, and the plate takes to follow. In that time it may turn by `blind_rad`, which is
-    less of a way in the smaller of the two rings. Slower than speed_m_s is of no use: then it creeps. The disc has no
-    openings that a ball could run past: before it the ring itself counts."""
+    The ball keeps this speed in the next ring until the plate answers to what the camera sees there. This takes the
+    delay of the samples and the time that the plate needs to follow. In this time the ball may turn by `blind_rad`,
+    which is a shorter way in the smaller of the two rings. A speed below `speed_m_s` is of no use: the ball creeps.
+    The disc has no openings that a ball could run past; in front of the disc the radius of the outer ring counts."""
     inner = run.maze.ring(opening.inner)
     radius = run.maze.track_radius(opening.outer if inner.is_disc else opening.inner)
     blind_s = max(run.late_s + run.options.gate.lead_s, 1e-3)
@@ -72,12 +75,12 @@ def arrival_speed(run: RunContext, opening: Opening, travel: TravelOptions) -> f
 
 
 def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
-    """A plan from here to the opening, in the ring where the ball is; counted and reported.
+    """A plan from here to the opening, in the ring where the ball is. Reports the plan and keeps its computing time.
 
-    The arrival speed points the way the ball turns; the lean points to the ring behind the opening."""
+    The arrival speed has the direction in which the ball turns; the lean points to the ring behind the opening."""
     here = run.here
     turn = run.turn_to(opening)
-    if warm is not None:  # a plan on its way keeps its side, also when the ball is half a turn away
+    if warm is not None:  # a new plan keeps the direction of the old one, also if the ball is half a turn away
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
     arrival = math.copysign(arrival_speed(run, opening, travel) / run.maze.track_radius(here.ring), turn)
@@ -96,15 +99,16 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
 
 
 def make_plan(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
-    """`plan_to`, for the plan that is to be followed."""
+    """As `plan_to`, and follow the plan from now on."""
     plan = plan_to(run, opening, travel, warm)
     run.plan, run.goal_theta = plan, opening.angle
     return plan
 
 
 def arrival_s(run: RunContext, opening: Opening, plan: Plan) -> float:
-    """When the ball of a plan is in front of the opening, slow enough to be pushed, s from the plan's start; beyond the
-    end of the plan the way that is left counts as a way from rest."""
+    """Time from a plan's start until the ball is in front of the opening and slow enough to be pushed, s.
+
+    If the plan ends before, the expected time from rest for the rest of the way is added."""
     radius, gate = run.maze.track_radius(run.here.ring), run.options.gate
     left = np.array([difference(opening.angle, theta) for theta in plan.states[:, 0]])
     there = np.abs(np.sin(left)) * radius <= 1e-3 * gate.window_mm

@@ -10,11 +10,11 @@ from mazeplan.behavior.node import Node, TreeNode, Waker
 from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, Result
 from mazeplan.core.records import TreeOutline
 
-MOST_ROUNDS = 1000  # ticks of the root in one tick; a tree that asks for more goes on at the next tick
+MOST_ROUNDS = 1000  # maximum ticks of the root in one tick; a tree that asks for more goes on at the next tick
 
 
 class BehaviorTree:
-    """Root node and blackboard of one run. again: called before the root is ticked once more within a tick."""
+    """Root node and blackboard of one tree. again: called before the root is ticked once more within a tick."""
 
     def __init__(
         self, root: TreeNode, blackboard: Blackboard, name: str = "", again: Callable[[], None] | None = None
@@ -26,8 +26,9 @@ class BehaviorTree:
             node.waker = self._waker
 
     def tick(self) -> Result:
-        """Tick once from the root: SUCCESS, FAILURE, RUNNING, or SKIPPED if its conditions or children say so. The root
-        is ticked again at once where a loop has paused so that reactive nodes look at their conditions."""
+        """One tick of the tree: SUCCESS, FAILURE, RUNNING, or SKIPPED if conditions or children of the root say so.
+
+        If a loop pauses, the root is ticked again at once, so that reactive nodes check their conditions."""
         self._waker.take()
         result, rounds = self.root.execute(), 1
         while result is RUNNING and rounds < MOST_ROUNDS and self._waker.take():
@@ -39,8 +40,10 @@ class BehaviorTree:
         return result
 
     def halt(self) -> None:
-        """Halt everything that runs, also what an exception in the middle of a tick has left running. Where a script or
-        a leaf fails at that, the others are halted all the same; then the first problem is raised."""
+        """Halt all nodes that run, also nodes that an exception in the middle of a tick has left running.
+
+        If a script or a leaf raises an exception while it is halted, the other nodes are still halted; then the first
+        exception is raised."""
         problems = list[Exception]()
         try:
             self.root.reset()
@@ -60,7 +63,7 @@ class BehaviorTree:
         return (node for _, node in self._paths)
 
     def snapshot(self) -> list[tuple[str, str]]:
-        """(path, how its last tick ended) of every node; INVALID: it was halted since, or never ticked."""
+        """(path, result of the last tick) of every node; INVALID: it was halted since then, or never ticked."""
         return [(path, node.last.name) for path, node in self._paths]
 
     def outline(self) -> TreeOutline:
@@ -80,11 +83,11 @@ class BehaviorTree:
         )
 
     def results(self) -> list[str]:
-        """How the last tick of each node ended, in the same order; see `snapshot`."""
+        """Result of the last tick of each node, in the order of `nodes`; see `snapshot`."""
         return [node.last.name for _, node in self._paths]
 
     def active_path(self) -> list[str]:
-        """Names from the root to the leaf that is running; empty when none is."""
+        """Names from the root to the leaf that is running; empty if no node is running."""
         path, node = [], self.root
         while node.status is RUNNING:
             path.append(node.name)
@@ -103,5 +106,5 @@ def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
 
 
 def parts_of(node: TreeNode) -> tuple[TreeNode, ...]:
-    """The children of a node, none of a leaf."""
+    """The children of a node; empty for a leaf."""
     return node.parts if isinstance(node, Node) else ()

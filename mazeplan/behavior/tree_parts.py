@@ -1,6 +1,7 @@
 """The elements of a tree's files by name, before nodes are made of them, and errors at their lines.
 
-A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top; `treefile` reads it, `builder` makes the nodes.
+A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top. `treefile` reads the file, `builder` makes the
+nodes.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from mazeplan.core.file_format import advice
 from mazeplan.core.name_hints import nearest, one_of
 
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
-FORMAT = "4"  # BehaviorTree.CPP's own number
+FORMAT = "4"  # number of the format in BehaviorTree.CPP
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
-ATTRIBUTES = (*CONDITIONS, "_autoremap")  # those with _ that mean something; others are of editors
-FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
+ATTRIBUTES = (*CONDITIONS, "_autoremap")  # attributes with _ that have a meaning; others belong to editors
+FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, because other tools read the files
 KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
 BRACED = re.compile(r"\{.*\}", re.DOTALL)
 WHOLE = re.compile(r"-?[0-9]{1,18}")
@@ -44,7 +45,7 @@ Element = Any  # lxml's element class is not public
 
 @dataclass(frozen=True)
 class Part:
-    """The root element of one file. stray: (line, text) of text between its elements."""
+    """One file of a tree: its root element. stray: (line, text) of text between its elements."""
 
     root: Element
     file: Path
@@ -52,7 +53,7 @@ class Part:
 
 
 def bad_name(name: str) -> str | None:
-    """What is wrong with the name of a tree or of a kind of node; None: nothing."""
+    """What is wrong with the name of a tree or of a kind of node; None if the name is right."""
     if name in ("Root", "root"):
         return "which is reserved; expected another name"
     wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
@@ -70,7 +71,7 @@ def _format_problem(given: str | None) -> str:
 
 
 def _root_problem(root: Element) -> str | None:
-    """Why a file with this root element cannot be read; None: it can."""
+    """Why a file with this root element cannot be read; None if it can."""
     if root.tag != "root":
         return f'got <{root.tag}>, expected <root BTCPP_format="4">'
     given = root.get("BTCPP_format")
@@ -78,9 +79,12 @@ def _root_problem(root: Element) -> str | None:
 
 
 class TreeParts:
-    """What stands at the top of a file and of those that it includes. trees: {ID: <BehaviorTree>}; models: {ID of a
-    SubTree: {port: default}}, None for a port that has to be given; taken: whether a name is that of a node, which no
-    tree may have. Raises TreeError, unless `mistakes` keeps it."""
+    """The top elements of a file and of the files that it includes. Raises TreeError, unless `mistakes` keeps it.
+
+    trees: {ID: <BehaviorTree>}
+    models: {ID of a SubTree: {port: default}}; default None: the port must be given
+    taken: tells whether a name is that of a node, which no tree may have
+    """
 
     def __init__(self, parts: Sequence[Part], taken: Callable[[str], bool], mistakes: Mistakes) -> None:
         self.first, self._taken, self._mistakes = parts[0], taken, mistakes
@@ -93,36 +97,37 @@ class TreeParts:
                 self._read_part(part.root)
             for line, text in part.stray:
                 error = TreeError(f"got the text {shown(text)}, expected elements alone", file=part.file, line=line)
-                if ">" not in text:  # the original ignores it
+                if ">" not in text:  # BehaviorTree.CPP ignores such text
                     self._stray.append(error)
                     continue
                 with mistakes:  # an element that has lost its <
                     raise error
         if _root_problem(self.first.root) is not None or (not self.trees and mistakes.noted):
-            raise EnoughError("enough")  # all that could be said would follow from what was said
+            raise EnoughError("enough")  # further mistakes would only follow from those found
         if not self.trees:
             raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
 
     def error(self, element: Element, path: str, problem: str) -> TreeError:
-        """The error at an element; `path` is the way to it through the tree."""
+        """The error at an element. path: the path to it in the tree."""
         path = path if len(path) <= 200 else f"...{path[-197:]}"
         return TreeError(
             one_line(problem), file=self.file_of(element), line=element.sourceline, key=one_line(path) or None
         )
 
     def file_of(self, element: Element) -> Path:
-        """The file in which an element stands."""
+        """The file of an element."""
         return self._of[id(element.getroottree().getroot())]
 
     def known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
-        """Refuse other attributes than these; those of another namespace, and of editors (_name), mean nothing here."""
+        """Raises TreeError for attributes that are not in `allowed`. Ignores those of another namespace and of editors
+        (_name)."""
         for attribute in map(str, element.attrib):
             if attribute not in allowed and not attribute.startswith(("{", "_")):
                 problem = f"unknown attribute {shown(attribute)}, expected {one_of(allowed, attribute)}"
                 raise self.error(element, path, problem)
 
     def key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
-        """The key that {key} or {=} stands for; None for a literal."""
+        """The key for {key} or {=}; None for a literal. Raises TreeError for other text in braces."""
         text = text.strip()
         if not BRACED.fullmatch(text):
             return None
@@ -133,7 +138,7 @@ class TreeParts:
         return Key(key.group(1) if key else attribute)
 
     def main(self, given: str | None) -> str:
-        """The name of the tree to execute: the one given, the file's main one, or its only one."""
+        """Name of the tree to execute: `given`, else the file's main tree, else its only tree."""
         root = self.first.root
         name = given or root.get("main_tree_to_execute")
         if name is None:
@@ -145,8 +150,10 @@ class TreeParts:
         return name
 
     def remarks(self, main: str) -> tuple[TreeError, ...]:
-        """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file, at
-        each attribute that is ignored, but looks like one that would not be, and at text that is no lost element."""
+        """Remarks on the files:
+        - trees of the first file that are neither the main tree nor used by a SubTree of any file,
+        - attributes that are ignored but look like attributes with a meaning,
+        - text between elements, unless it looks like an element that lost its <."""
         used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
         unused = [
             self.error(element, name, "not used: it is not the main tree, and no SubTree names it")
@@ -191,7 +198,7 @@ class TreeParts:
         name = name or "BehaviorTree"
         if name in self.trees:
             first = self.trees[name]
-            if self.file_of(first) == self.first.file != self.file_of(element):  # a user may not change that one
+            if self.file_of(first) == self.first.file != self.file_of(element):  # users may not edit the included file
                 where = f"{self.file_of(element)}:{element.sourceline}"
                 raise self.error(first, name, f"an included file has a tree of this name, too: {where}")
             where = f"{self.file_of(first)}:{first.sourceline}"
@@ -207,7 +214,7 @@ class TreeParts:
         self.known(element, name, ("ID",))
 
     def _model(self, model: Element) -> None:
-        """The ports of a SubTree: {name: default}; one without a default has to be given."""
+        """Read the ports of a SubTree into `models`. A port without a default must be given."""
         ports = self.models.setdefault(str(model.get("ID", "")), {})
         for port in model.iterchildren("input_port", "output_port", "inout_port"):
             name = port.get("name")
@@ -217,7 +224,7 @@ class TreeParts:
 
 
 def literal(text: str) -> int | float | str:
-    """A literal for a SubTree: a number where it reads like one, so that scripts can count with it."""
+    """The value of a SubTree's literal: a number if the text reads like one, so that scripts can count with it."""
     if WHOLE.fullmatch(text):
         return int(text)
     return float(text) if REAL.fullmatch(text) else text

@@ -1,7 +1,7 @@
-"""Behaviour trees from XML files in BehaviorTree.CPP version 4 format: the files, with what they include.
+"""Reads behaviour trees from XML files in BehaviorTree.CPP version 4 format, with the files that they include.
 
-Read by lxml without DTD, entities or network, after a look at the size; nothing in a file is ever executed. `builder`
-makes the nodes.
+lxml reads the files without DTD, entities or network, after a check of the size. Nothing in a file is ever executed.
+`builder` makes the nodes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mazeplan.core.errors import TreeError
 from mazeplan.core.name_hints import one_of
 
 MAX_BYTES = 1 << 20
-MAX_FILES = 50  # a file and all that it includes
+MAX_FILES = 50  # files of one tree: the file itself and all that it includes
 
 
 def tree_names() -> tuple[str, ...]:
@@ -39,8 +39,9 @@ def tree_names() -> tuple[str, ...]:
 def load_tree(
     source: str | Path, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None
 ) -> BehaviorTree:
-    """Read a file, the packaged tree of that name, or XML text (it begins with <), and build the tree `main` (default:
-    the file's main one).
+    """Read a file, the packaged tree of that name, or XML text (it begins with <), and build the tree `main`.
+
+    main: None: the file's main tree, or its only tree
 
     Raises TreeError with file, line, path in the tree, and what is allowed."""
     return read_tree(source).build(registry, context, main)
@@ -48,8 +49,9 @@ def load_tree(
 
 @dataclass(frozen=True)
 class TreeFile:
-    """A file that was read once, with what it includes; trees are built of it as often as one is needed, whatever
-    becomes of the file. parts: the file itself first."""
+    """A file with the files that it includes, read once. It can build any number of trees, even if the file changes.
+
+    parts: the file itself first"""
 
     parts: tuple[Part, ...]
 
@@ -58,12 +60,12 @@ class TreeFile:
         return Builder(self.parts, registry, context).build(main)
 
     def draft(self, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None) -> Draft:
-        """As `build`, but with all its mistakes instead of an error at the first one."""
+        """As `build`, but returns all mistakes and does not raise the first one."""
         return draft(self.parts, registry, context, main)
 
 
 def read_tree(source: str | Path) -> TreeFile:
-    """A file, the packaged tree of that name, or XML text. Raises TreeError where it is no XML."""
+    """Read a file, the packaged tree of that name, or XML text. Raises TreeError if it is no XML."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         path = Path("<text>")
         return TreeFile(tuple(_with_includes(_parse(path, source.lstrip().encode()), Path.cwd(), set())))
@@ -73,7 +75,7 @@ def read_tree(source: str | Path) -> TreeFile:
 
 
 def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]:
-    """A file, then those that it includes, each once. Raises TreeError at the line of an <include>."""
+    """A file, then the files that it includes, each once. Raises TreeError at the line of an <include>."""
     yield part
     if part.root.tag != "root":
         return
@@ -84,7 +86,7 @@ def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]
             got = ", ".join(map(str, element.attrib)) or "no attribute"
             raise TreeError(f"got {one_line(got, 100)}, expected path alone", **where)
         path = folder / given
-        if not isfile(path) and Path(given).name == given:  # a packaged tree, from wherever the file stands
+        if not isfile(path) and Path(given).name == given:  # a packaged tree, from any folder
             path = resources.share("behaviors") / given
         if path.resolve() in known:
             continue
@@ -104,21 +106,22 @@ def tree_files(source: str | Path) -> tuple[Path, ...]:
 
 
 def nodes_named(source: str | Path) -> set[str]:
-    """Names of all kinds of nodes in a tree's file and those that it includes. Raises TreeError as `read_tree` does."""
+    """Names of all kinds of nodes in a tree's file and in the files that it includes. Raises TreeError as `read_tree`
+    does."""
     elements = (element for part in read_tree(source).parts for element in part.root.iter())
     return {str(e.get("ID", "")) if e.tag in EXPLICIT else str(e.tag) for e in elements}
 
 
-WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # by words of the parser's messages
-CURLY = re.compile("=\\s*([“”„«»‘’‚])")  # as a word processor writes quotes
+WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # (words of the parser's message, sign, XML)
+CURLY = re.compile("=\\s*([“”„«»‘’‚])")  # quotes as a word processor writes them
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
 
 
-SPOILT = ("text that is not UTF-8", "a binary file", "YAML", "JSON", "a table (CSV)")  # damaged trees
+SPOILT = ("text that is not UTF-8", "a binary file", "YAML", "JSON", "a table (CSV)")  # may be damaged trees
 
 
 def _read(path: Path) -> bytes:
-    """What a file says, as far as it may be read. Raises TreeError."""
+    """The bytes of a file, at most one more than MAX_BYTES. Raises TreeError."""
     try:
         if not path.is_file():
             raise TreeError(file_kinds.refused(path, f"an XML file or {one_of(tree_names(), path.name)}"), file=path)
@@ -143,10 +146,10 @@ def _parse(path: Path, data: bytes) -> Part:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as problem:
         kind = file_kinds.got(path)
-        if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
-            line = problem.lineno if kind in SPOILT else None  # where a tree was spoilt; a picture has no lines
+        if kind not in ("XML", "HTML", "text", "no such file"):  # "no such file": XML text that was passed in
+            line = problem.lineno if kind in SPOILT else None  # where a tree is damaged; a picture has no lines
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
-        if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
+        if "Excessive depth" in str(problem.msg):  # the parser's own limit is far deeper
             raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
         row = data.splitlines()[problem.lineno - 1 : problem.lineno] if problem.lineno else []
         if "AttValue" in str(problem.msg) and row and (curly := CURLY.search(row[0].decode("utf-8", "replace"))):
@@ -154,13 +157,13 @@ def _parse(path: Path, data: bytes) -> Part:
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         hint = next((f"; in XML {sign} is written {word}" for start, sign, word in WRITTEN if start in message), "")
         raise TreeError(f"not XML: {one_line(message)}{hint}", file=path, line=problem.lineno) from None
-    if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII
+    if root.getroottree().docinfo.doctype:  # a doctype in an encoding that is not like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
     return Part(root, path, tuple(_stray_text(data)))
 
 
 def _stray_text(data: bytes) -> list[tuple[int, str]]:
-    """(line, text) of each text between elements; that of a model describes ports."""
+    """(line, text) of each text between elements. Leaves out text in a TreeNodesModel, which describes ports."""
     found, above, tags = dict[int, tuple[int, str]](), list[str](), 0  # found: by the number of tags before it
     parser = expat.ParserCreate()
 
@@ -174,12 +177,12 @@ def _stray_text(data: bytes) -> list[tuple[int, str]]:
         tags += 1
         above.pop()
 
-    def text(piece: str) -> None:  # of one line at most
+    def text(piece: str) -> None:  # a piece has at most one line
         if piece.strip() and "TreeNodesModel" not in above:
             line, before = found.get(tags, (parser.CurrentLineNumber, ""))
             found[tags] = line, f"{before} {piece.strip()}".strip()
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
-    with suppress(expat.ExpatError):  # an encoding that it does not know
+    with suppress(expat.ExpatError):  # an encoding that expat does not know
         parser.Parse(data, True)
     return list(found.values())

@@ -1,9 +1,9 @@
-"""What is left to do when a run ends around a leaf that is running: it was stopped from outside, or its time is over.
+"""Ends a run whose leaves are still running, because it was stopped from outside or its time is over.
 
-The tree is halted first, as a whole. Leaves that were running and have a `wind_down` of their own then get one tick
-after another, each as many as it asks for, `wind_down_ticks` at most, while the plate goes level: in tick k of n the
-command is cut to the size of the last one, and to (1 - k/n) of the tilt with which it began. Leaves without one, and
-runs whose tree came to its end by itself, take no further tick.
+First the whole tree is halted. Then the plate goes level, while leaves that were running wind down: each leaf with a
+`wind_down` gets as many ticks as it asks for, at most its `wind_down_ticks`. In tick k of n the command is at most as
+large as the last one, and at most (1 - k/n) of the tilt at the beginning. A run takes no further tick if none of its
+running leaves has a `wind_down`, or if its tree has ended by itself.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from mazeplan.core.records import LEVEL, Command
 
 
 class WindDown:
-    """Halts a tree; then, while it is `going`, `tick` is to be called once a tick, and its command sent.
+    """Halts a tree and winds its leaves down. While it is `going`, call `tick` once a tick, then send the command that
+    `towards_level` returns.
 
-    sent: the last command of the tree."""
+    sent: the last command of the tree"""
 
     def __init__(self, tree: BehaviorTree, sent: Command, plate: Plate) -> None:
         asking = [
@@ -39,14 +40,14 @@ class WindDown:
         return bool(self._left)
 
     def tick(self) -> None:
-        """Let each leaf that still asks do what it has to do."""
+        """Call `wind_down` of each leaf that still asks for a tick."""
         for leaf in list(self._left):
             self._left[leaf] -= 1
             if leaf.checked(leaf.blamed(leaf.wind_down), "wind_down") is not RUNNING or self._left[leaf] == 0:
                 del self._left[leaf]
 
     def towards_level(self, wanted: Command | None) -> Command:
-        """The command that goes out where the leaves want this one (None: none of them commands)."""
+        """The command to send if the leaves want the command `wanted` (None: no leaf commands)."""
         self._ticks += 1
         tilt = 0.0 if wanted is None else math.hypot(wanted.u_beta, wanted.u_gamma)
         if wanted is None or not 0.0 < tilt < math.inf:

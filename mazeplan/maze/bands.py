@@ -1,7 +1,8 @@
-"""Rings from positions of the ball: bands of radius between walls, with the camera's noise and offset.
+"""Finds the rings from positions of the ball: bands of radius between walls, with the camera's noise and offset.
 
-The ball's centre keeps its radius R_b away from walls, so ring k is the band [inner + R_b, outer - R_b] of its radius.
-The ball mostly touches one of the two walls. The model of the measured radius in and around a band is therefore
+The ball's centre stays at least the ball's radius R_b away from walls. So in ring k the radius r of the centre lies in
+the band [inner + R_b, outer - R_b]. The ball mostly touches one of the two walls. The model of the measured radius in
+and around a band, with its edges `inner` and `outer`, is therefore
 
     p(r) = w_1 N(r; inner, s) + w_2 N(r; outer, s) + w_3 (U[inner, outer] * N(0, s))(r) + w_4 U[window](r)
 
@@ -22,22 +23,26 @@ from scipy.special import ndtr
 from mazeplan.core.errors import TableError
 from mazeplan.core.records import Array
 
-CELL = math.radians(2.0)  # of the angle, when it is counted how much of a circle was visited
-BIN = 1e-3  # m, of the radius, for the same; less than the play of a ball in a tight channel
-MARGIN = 3e-3  # m to either side of a band that its fit sees: six times the noise of a webcam
-OFFSET_REACH = 8e-3  # m that a camera may be off centre; more is seen at a glance
+CELL = math.radians(2.0)  # width in angle of the cells that count how much of a circle was visited
+BIN = 1e-3  # m, width of these cells in radius; less than the play of a ball in a tight channel
+MARGIN = 3e-3  # m; the fit of a band also uses samples this far to either side: six times the noise of a webcam
+OFFSET_REACH = 8e-3  # m that a camera may be off centre; a person sees a larger offset at a glance
 FARTHEST = 2.0  # m; twice the radius of the largest maze that a map may describe
-LEAST_SAMPLES = 200  # 7 s at 30 Hz; less shows no band
-MOST_SAMPLES = 200_000  # more are thinned out: the edges are then known to micrometres
-FIRST_NOISE = 5e-4  # m, a webcam's, to start from
+LEAST_SAMPLES = 200  # 7 s at 30 Hz; fewer show no band
+MOST_SAMPLES = 200_000  # more are thinned out: this many already give the edges to micrometres
+FIRST_NOISE = 5e-4  # m, that of a webcam; start value of the fit
 LEAST_NOISE = 2e-5  # m; with less, likelihoods of a noiseless log overflow
-MODEL_ERROR = 5e-5  # m, of an edge: near a wall the ball is not evenly spread; seen in simulated logs of known maps
-STEPS, SETTLED = 300, 1e-7  # of the fit, and the change of an edge in m below which it is over
+MODEL_ERROR = 5e-5  # m, of an edge: near walls the ball is not evenly spread; seen in simulated logs of known maps
+STEPS, SETTLED = 300, 1e-7  # maximum steps of the fit; it ends when edges change by less than this, m
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Two walls that bound one coordinate of the ball's centre: places in m, and how many samples leaned on each."""
+    """Two walls that bound one coordinate of the ball's centre.
+
+    low, high: places of the walls, m
+    low_touches, high_touches: number of samples in which the ball touched each wall; sums of probabilities
+    """
 
     low: float
     high: float
@@ -47,8 +52,12 @@ class Edges:
 
 @dataclass(frozen=True)
 class Bands:
-    """All bands from the outermost (low: towards the centre; 0 in the disc), the centre of the circles as the camera
-    has it (x, y), and the camera's noise, 1 sigma per axis; m."""
+    """All bands, and what the camera adds.
+
+    edges: from the outermost band inwards; low: the edge towards the centre, 0 in the disc
+    centre: centre of the circles in the camera's frame (x, y), m
+    noise: of the camera, 1 sigma per axis, m
+    """
 
     edges: tuple[Edges, ...]
     centre: tuple[float, float]
@@ -56,7 +65,7 @@ class Bands:
 
 
 def fit_bands(x: Array, y: Array, ball_radius: float) -> Bands:
-    """Bands and the circles' centre from places of the ball (N,), m; none may be NaN.
+    """Bands and the circles' centre from positions of the ball: x and y (N,), m, without NaN.
 
     Raises TableError if the data show fewer than two rings, or no disc.
     """
@@ -80,7 +89,12 @@ def fit_bands(x: Array, y: Array, ball_radius: float) -> Bands:
 
 
 def fit_edges(values: Array, low: float, high: float, noise: float) -> Edges:
-    """Two walls from one coordinate (N,) of the ball between them, starting from `low` and `high`; 1 sigma noise; m."""
+    """Two walls from one coordinate of the ball between them.
+
+    values: the coordinate (N,), m
+    low, high: start values of the walls, m
+    noise: 1 sigma, m
+    """
     start, weights = (low, high), np.full(4, 0.25)
     window = (low - MARGIN, high + MARGIN)
     values = values[(values > window[0]) & (values < window[1])]
@@ -98,9 +112,10 @@ def fit_edges(values: Array, low: float, high: float, noise: float) -> Edges:
 
 
 def sharpness(values: Array, edges: Edges, noise: float) -> float:
-    """How much better two walls explain values (N,) between them than one bell curve: difference of log likelihood.
+    """How much better two walls explain values (N,) between them than one normal distribution: difference of log
+    likelihood.
 
-    About 0 where the ball just passed in the middle: its spread is then no distance of walls.
+    It is about 0 if the ball only passed in the middle. Its spread then does not show the distance of the walls.
     """
     weights = np.array([edges.low_touches, edges.high_touches, 0.0, 0.0]) / len(values)
     weights[2] = max(1.0 - weights.sum(), 0.0)
@@ -110,19 +125,22 @@ def sharpness(values: Array, edges: Edges, noise: float) -> float:
 
 
 def _mean(values: Array, share: Array, now: float, start: float) -> float:
-    """Mean of the samples that lean on a wall; where none do, the wall stays where it was."""
+    """Mean of the samples at a wall; if there are none, the wall stays where it is. The result is within MARGIN of
+    `start`."""
     found = float(np.dot(share, values) / share.sum()) if share.sum() > 1e-3 else now
     return min(max(found, start - MARGIN), start + MARGIN)
 
 
 def _responsibilities(r: Array, low, high, weights, noise: float, width) -> Array:
-    """How probably each sample was low wall, high wall, between, passing: (4, N); other arguments broadcast to (N,)."""
+    """Probability that each sample was at the low wall, at the high wall, between them, or passing an opening: (4, N).
+
+    The other arguments broadcast to (N,)."""
     parts = _densities(r, low, high, noise, width) * weights
     return parts / np.maximum(parts.sum(axis=0), 1e-300)
 
 
 def _densities(r: Array, low, high, noise: float, width) -> Array:
-    """p(r) of low wall, high wall, between, passing: (4, N), 1/m."""
+    """p(r) at the low wall, at the high wall, between them, and passing an opening: (4, N), 1/m."""
     peak = 1.0 / (noise * math.sqrt(2.0 * math.pi))
     return np.stack(
         [
@@ -134,11 +152,11 @@ def _densities(r: Array, low, high, noise: float, width) -> Array:
     )
 
 
-# Finding bands. In a ring the ball comes by at all angles, in a wall only at those of the openings.
+# Finding bands. At a radius inside a ring the ball comes by at all angles; inside a wall only at those of openings.
 
 
 def _rough_centre(x: Array, y: Array) -> tuple[float, float]:
-    """The centre, on a 1 mm grid, about which the radii are least scattered: least entropy of their histogram."""
+    """The centre, on a 1 mm grid, for which the histogram of the radii has the lowest entropy."""
     steps = np.arange(-OFFSET_REACH, OFFSET_REACH + BIN / 2, BIN)
     thin = slice(None, None, -(-len(x) // 10_000))  # enough for a histogram
     x, y = x[thin], y[thin]
@@ -147,14 +165,15 @@ def _rough_centre(x: Array, y: Array) -> tuple[float, float]:
         for cy in steps:
             counts = np.bincount((np.hypot(x - cx, y - cy) / BIN).astype(int))
             share = counts[counts > 0] / len(x)
-            entropy = -float(np.sum(share * np.log(share))) + 0.02 * math.hypot(cx, cy) / BIN  # when in doubt, none
+            entropy = -float(np.sum(share * np.log(share))) + 0.02 * math.hypot(cx, cy) / BIN  # in doubt: small offset
             if entropy < least:
                 best, least = (float(cx), float(cy)), entropy
     return best
 
 
 def _rough_bands(x: Array, y: Array, ball_radius: float) -> list[tuple[float, float]]:
-    """(inner, outer) in m of each band from the outermost, by how much of the circle at each radius was visited."""
+    """(inner, outer) in m of each band, from the outermost inwards. A radius is in a band if the ball visited much of
+    its circle."""
     r = np.hypot(x, y)
     cells = np.unique(np.stack([r // BIN, np.arctan2(y, x) // CELL]), axis=1)
     visited = np.bincount(cells[0].astype(int)).astype(float)
@@ -162,7 +181,7 @@ def _rough_bands(x: Array, y: Array, ball_radius: float) -> list[tuple[float, fl
     most, least = maximum_filter1d(visited, reach), np.maximum(minimum_filter1d(visited, reach), 1.0)
     inside = (visited >= np.sqrt(most * least)) & (visited >= max(5.0, 0.1 * visited.max()))
     ends = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]])))
-    apart = 2.0 * ball_radius  # at least, between bands, as a ball's centre on either side keeps from the wall
+    apart = 2.0 * ball_radius  # minimum distance of bands: on either side the ball's centre is R_b away from the wall
     merged: list[tuple[float, float]] = []
     for start, end in zip(ends[::2] * BIN, ends[1::2] * BIN, strict=True):
         if merged and start - merged[-1][1] < apart - BIN:
@@ -175,10 +194,13 @@ def _rough_bands(x: Array, y: Array, ball_radius: float) -> list[tuple[float, fl
 
 
 def _with_disc(runs: list[tuple[float, float]], r: Array, theta: Array, room: float) -> list[tuple[float, float]]:
-    """The runs from the innermost, which begins at 0 if it is the disc. room: m that another ring inside would need.
+    """The runs from the innermost outwards. If the innermost is the disc, it becomes one run that begins at 0.
 
-    In a disc a ball rides the wall and crosses the middle seldom: the two may stand apart, as a ring and its disc do.
-    But it crosses at all angles, and a wall only at an opening or two.
+    In a disc the ball rolls along the wall and seldom crosses the middle. So the disc may show as two runs, like a ring
+    with a disc inside. But the ball crosses a disc at all angles, and a wall only at one or two openings.
+
+    runs: (low, high) of the radii, m
+    room: width that another ring inside would need, m
     """
     first = runs[0][0]
     if first < room:
@@ -195,8 +217,8 @@ def _with_disc(runs: list[tuple[float, float]], r: Array, theta: Array, room: fl
 
 
 def _dense(r: Array, run: tuple[float, float]) -> tuple[float, float]:
-    """Where in a run of radii the ball mostly was: without the feet of noise and passages, from which a fit would
-    start on the wrong side of the walls."""
+    """The part of a run of radii where the ball mostly was. It leaves out the tails from noise and passages, from which
+    a fit would start on the wrong side of the walls."""
     r = r[(r >= run[0]) & (r < run[1])]
     count = np.bincount((r / BIN).astype(int))
     low, high = np.quantile(r[count[(r / BIN).astype(int)] >= 0.1 * count.max()], [0.1, 0.9])
@@ -204,7 +226,7 @@ def _dense(r: Array, run: tuple[float, float]) -> tuple[float, float]:
 
 
 def _fit(x: Array, y: Array, edges: Array, centre: tuple[float, float]) -> Bands:
-    """Edges (K, 2) m, centre and noise refined together."""
+    """Refine edges (K, 2) in m, centre and noise together."""
     disc = edges[:, 0] == 0.0
     window = np.stack([np.where(disc, 0.0, edges[:, 0] - MARGIN), edges[:, 1] + MARGIN], axis=1)
     start, (low, high), noise = edges, edges.T.copy(), FIRST_NOISE
@@ -241,7 +263,7 @@ def _around(start: Array) -> tuple[Array, Array]:
 
 
 def _shifted(centre: tuple[float, float], cos: Array, sin: Array, off: Array, weight: Array) -> tuple[float, float]:
-    """The centre that explains best how far samples that lean on a wall are off it: r - edge = dx cos + dy sin."""
+    """The centre that explains best how far samples at a wall are off its edge: off = r - edge = dx cos + dy sin."""
     a, b, c = np.dot(weight, cos * cos), np.dot(weight, cos * sin), np.dot(weight, sin * sin)
     if a * c - b * b < 1e-3 * (a + c) ** 2:  # samples on one side do not separate centre and radius
         return centre

@@ -32,7 +32,7 @@ _ARC_STEP = math.radians(0.5)
 _INK, _FLOOR = INKS["ink"], MAZE["floor"]
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
-_AXES_IN = 5.3  # inches that the maze has in a picture, at least
+_AXES_IN = 5.3  # minimum size of the maze in a picture, inches
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,9 @@ def radial_outline(maze: Maze, wall: RadialWall) -> Array:
 
 
 def maze_outlines(maze: Maze, step: float = _ARC_STEP) -> list[Array]:
-    """Closed outlines of all walls of a maze, each (N, 2) in m; a wall without openings has two. step: as above."""
+    """Closed outlines of all walls of a maze, each (N, 2) in m; a wall without openings has two.
+
+    step: rad from point to point of an arc"""
     found: list[Array] = []
     angles = np.arange(0.0, 2.0 * math.pi, step)
     for wall in maze.walls:
@@ -85,11 +87,15 @@ def draw_maze(
     maze: Maze, ax: Axes | None = None, *, labels: bool = True, names: bool = False, path: Array | None = None,
     ball: bool = True,
 ) -> Axes:  # fmt: skip
-    """Draw walls, openings, ball and tilt axes into `ax`, or into a figure of its own; returns the axes.
+    """Draw walls, openings, ball and tilt axes into `ax`, or into a new figure; returns the axes.
 
-    labels=False draws the bare maze, ball=False no ball; names=True the names of openings beside them, in place of
-    their angles, and a scale of degrees. path: (N, 2) in m, a route or trail to be drawn on top, NaN between two: the
-    ball lies at its first point, numbers and names keep away from it, and the angles of openings are left out.
+    labels: False draws the bare maze
+    names: True draws a scale of degrees, and the names of openings in place of their angles
+    path: (N, 2) in m, a route or trail that will be drawn on top, with a row of NaN between two of them
+    ball: False draws no ball
+
+    With a path, the ball lies at its first point, numbers and names keep away from the path, and the angles of openings
+    are left out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -242,7 +248,7 @@ def save_drawing(
 
 
 def _draw_legend(ax: Axes, route: bool, trail: bool, second: bool = False) -> None:
-    """What the lines over the maze are."""
+    """Draw the legend of the lines over the maze."""
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
@@ -278,7 +284,7 @@ def _draw_walls(ax: Axes, maze: Maze) -> None:
 
 
 def _draw_closed(ax: Axes, maze: Maze, opening: Opening) -> None:
-    """A closed opening: a hatched bar across it."""
+    """Draw a hatched bar across a closed opening."""
     from matplotlib.patches import Polygon
 
     inner = maze.ring(opening.inner).outer_radius * _MM
@@ -309,7 +315,7 @@ def _draw_opening_angles(ax: Axes, maze: Maze) -> None:
 
 
 def _draw_opening_names(ax: Axes, maze: Maze, numbers: list[Array], path: Array | None, reach: float) -> None:
-    """The names of openings where they have room; below, how many have none."""
+    """Draw the names of openings that have room, and a note of how many have none."""
     ball = ball_place(maze, numbers[0]) if path is None else path[0]
     word = 2e-3 * reach * np.array(WORD)
     taken = [(place, word if i == 0 else 0.5 * word) for i, place in enumerate(numbers)]
@@ -327,7 +333,7 @@ def _draw_opening_names(ax: Axes, maze: Maze, numbers: list[Array], path: Array 
 
 
 def _draw_degrees(ax: Axes, rim: float) -> None:
-    """A scale of degrees around the rim, counter-clockwise from the x axis, as in the names of openings."""
+    """Draw a scale of degrees around the rim, counter-clockwise from the x axis, as in the names of openings."""
     for angle in range(0, 360, 10):
         way, whole = _unit(math.radians(angle)), angle % 30 == 0
         ends = np.outer([1.01, 1.035 if whole else 1.022], rim * way)
@@ -337,7 +343,7 @@ def _draw_degrees(ax: Axes, rim: float) -> None:
 
 
 def _draw_ball(ax: Axes, maze: Maze, place: Array) -> None:
-    """The ball at a place in m, with a light spot that says which round thing is solid."""
+    """Draw the ball at a place in m, with a light spot that shows it as a solid sphere."""
     from matplotlib.patches import Circle
 
     x, y = place * _MM
@@ -347,7 +353,8 @@ def _draw_ball(ax: Axes, maze: Maze, place: Array) -> None:
 
 
 def _draw_tilt_axes(ax: Axes, rim: float, scale: bool = False) -> None:
-    """The x and y axes of the plate, with the sense of the two tilts; scale: outside a scale of degrees."""
+    """Draw the x and y axes of the plate, with the sense of the two tilts. scale: draw them outside the scale of
+    degrees."""
     first, last = (1.125, 1.195) if scale else (1.01, 1.15)
     arrow = {"arrowstyle": "-|>", "color": _INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", xy=(rim * last, 0.0), xytext=(rim * first, 0.0), arrowprops=arrow)

@@ -49,8 +49,11 @@ class Ring:
 class Opening:
     """A gap in the wall between ring `outer` and ring `inner` = outer + 1.
 
-    name: unique, for users and logs, such as "1-2@45"; closed: excluded from routes; extra_cost: s that a user adds to
-    its expected passage.
+    name: unique, for users and logs, such as "1-2@45"
+    angle: of its middle line, rad
+    width: distance of its parallel sides, m
+    closed: excluded from routes
+    extra_cost: time that the user adds to its expected passage, s
     """
 
     name: str
@@ -68,8 +71,12 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class RadialWall:
-    """A wall across the channel of a ring, from its inner to its outer wall, `thickness` between its parallel sides;
-    `angle`: of its middle line; name: unique among them, such as "wall2@100"."""
+    """A wall across the channel of a ring, from the ring's inner to its outer wall.
+
+    name: unique among radial walls, such as "wall2@100"
+    angle: of its middle line, rad
+    thickness: distance of its parallel sides, m
+    """
 
     name: str
     ring: int
@@ -77,14 +84,14 @@ class RadialWall:
     thickness: float
 
     def half_angle(self, radius: float, more: float = 0.0) -> float:
-        """Half of the angle that it takes at a radius, with `more` m on either side, rad."""
+        """Half of the angle that the wall takes at a radius, rad. more: added on either side, m."""
         return math.asin(min(1.0, (0.5 * self.thickness + more) / radius))
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """A circular wall: solid from inner to outer radius but for its openings. `outer_ring` is the ring outside it
-    (0 for the rim around ring 1)."""
+    """A circular wall: solid from inner to outer radius except at its openings. outer_ring: the ring outside it (0 for
+    the rim around ring 1)."""
 
     inner_radius: float
     outer_radius: float
@@ -94,7 +101,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Maze:
-    """A whole maze. tilt_limit: rad per axis; balls: how many roll on the plate; source: the file it came from."""
+    """A whole maze. tilt_limit: rad per axis; balls: number of balls on the plate; source: file it was read from."""
 
     name: str
     ball: Ball
@@ -158,14 +165,15 @@ class Maze:
         return tuple(sorted((w for w in self.radial_walls if w.ring == ring), key=lambda w: w.angle % _TURN))
 
     def sector(self, ring: int, theta: float) -> int:
-        """Sector of a ring at an angle: n follows the n-th wall of `radial_walls_of`; 0 in a ring without walls."""
+        """Sector of a ring at an angle. Sector n begins at wall n of `radial_walls_of`, from 0; 0 in a ring without
+        radial walls."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()
         return min(range(len(walls)), key=lambda n: (theta - walls[n].angle) % _TURN, default=0)
 
     def turn(self, ring: int, start: float, end: float) -> float | None:
         """Signed angle of the ball's way from one angle of a ring to another; None if radial walls leave no way.
 
-        It is the shorter way, or the only open one, which may be more than half a turn."""
+        Without radial walls it is the shorter way. With them it is the only open way, perhaps more than half a turn."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()
         if not walls:
             return difference(end, start)

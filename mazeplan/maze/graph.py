@@ -1,8 +1,8 @@
-"""Routes through the maze with the least expected time, from the map and the memory of openings.
+"""Routes through the maze with the shortest expected time, from the map and the memory of openings.
 
 Rings are nodes, openings are edges. The cost of a ring depends on the place of entry, so the search runs over states
 (opening, ring entered by it): the directed line graph of the maze. From an opening at angle alpha to the next one at
-beta the ball travels s = r |beta - alpha| along its ring, at best half of it accelerating and half braking:
+beta the ball travels s = r |beta - alpha| along its ring. At best it accelerates for half of s and brakes for the rest:
 
     travel = 2 sqrt(s / a) + servo lag,    a = f g sin(tilt limit),   f = 5/9 for a ball that rolls on floor and wall
 
@@ -35,9 +35,12 @@ _START, _GOAL = "start", "goal"
 class RouteOptions:
     """Parameters of the expected times. Raises ValueError for values out of range.
 
-    rolling_factor: share of gravity along the ring that accelerates the ball; servo_lag_s: lag of the plate;
-    passage_s: through an opening; disc_s: across the disc in the centre; retry_s: lost with every failed attempt;
-    prior_successes (> 1), prior_failures: Beta prior of an untried opening.
+    rolling_factor: share of gravity along the ring that accelerates the ball
+    servo_lag_s: lag of the plate
+    passage_s: time through an opening
+    disc_s: time across the disc in the centre
+    retry_s: time lost with every failed attempt
+    prior_successes (> 1), prior_failures: Beta prior of an untried opening
     """
 
     rolling_factor: float = 5.0 / 9.0
@@ -60,8 +63,9 @@ class RouteOptions:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One ring of a route: turn by `turn_rad` (signed; beyond half a turn only where radial walls leave no shorter way)
-    to `opening` and leave by it, in `expected_s`."""
+    """One ring of a route: the ball turns by `turn_rad` to `opening` and leaves by it, in `expected_s`.
+
+    turn_rad is signed. It is more than half a turn only if radial walls leave no shorter way."""
 
     ring: int
     opening: Opening
@@ -71,7 +75,8 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The legs from the start ring to the goal ring, and their expected time in s. Without legs the ball is there."""
+    """The legs from the start ring to the goal ring, and their expected time in s. No legs: the ball is in the goal
+    ring."""
 
     legs: tuple[Leg, ...]
     expected_s: float
@@ -84,7 +89,11 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An opening to leave a ring by: s until the ball is in front of it, s from there to the goal."""
+    """An opening by which the ball can leave its ring.
+
+    travel_s: expected time until the ball is in front of the opening
+    onward_s: expected time from there to the goal
+    """
 
     opening: Opening
     travel_s: float
@@ -92,7 +101,7 @@ class Choice:
 
     @property
     def expected_s(self) -> float:
-        """Until the goal, s."""
+        """Expected time to the goal, s."""
         return self.travel_s + self.onward_s
 
 
@@ -138,7 +147,7 @@ class RouteGraph:
         return self.memory.tries(self.maze.opening(name).name, self.now)
 
     def expected_attempts(self, name: str) -> float:
-        """How many attempts an opening is expected to take, at least 1."""
+        """Expected number of attempts until the ball passes an opening, at least 1."""
         successes, failures = self.memory.tries(name, self.now)
         a = self.options.prior_successes + successes
         b = self.options.prior_failures + failures
@@ -153,15 +162,15 @@ class RouteGraph:
         return 2.0 * math.sqrt(length / self._acceleration) + self.options.servo_lag_s if length > 0.0 else 0.0
 
     def passage_s(self, name: str) -> float:
-        """Expected time, s, to pass an opening that the ball is already in front of, with the expected further
+        """Expected time, s, to pass an opening when the ball is in front of it. It includes the expected further
         attempts and the extra cost of the map."""
         options = self.options
         retries = self.expected_attempts(name) - 1.0
         return options.passage_s + retries * options.retry_s + self.maze.opening(name).extra_cost
 
     def cost(self, name: str, ring: int, theta: float) -> float:
-        """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring; infinite
-        where radial walls keep it away from there."""
+        """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring; infinite if
+        radial walls block the way."""
         turn = self.maze.turn(ring, theta, self.maze.opening(name).angle)
         return math.inf if turn is None else self.travel_s(ring, turn) + self.passage_s(name)
 
@@ -219,13 +228,14 @@ class RouteGraph:
         for name, entered in states:
             opening = self.maze.opening(name)
             ring = opening.leads_to(entered)
-            turn = self.maze.turn(ring, theta, opening.angle) or 0.0  # a route has none that is shut
+            turn = self.maze.turn(ring, theta, opening.angle) or 0.0  # never None on a route
             legs.append(Leg(ring, opening, turn, self.cost(name, ring, theta)))
             theta = opening.angle
         return Route(tuple(legs), sum(leg.expected_s for leg in legs))
 
     def _line_graph(self) -> nx.DiGraph:
-        """States (opening, ring entered by it); an edge is a ring travelled and the opening at its end."""
+        """The graph of states (opening, ring entered by it). An edge is the way along a ring and through the opening at
+        its end."""
         states = nx.DiGraph()
         for opening in self.maze.openings:
             for entered in (opening.inner, opening.outer):

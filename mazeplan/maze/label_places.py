@@ -13,17 +13,17 @@ from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening
 
 Array = NDArray[np.float64]
-SHOWN = 1.27  # radii of the rim that a picture with labels shows to each side
-WORD = (0.066, 0.02)  # half of the width and height of "ring 1", of what such a picture shows to each side
-_NEAR = 1.6  # radii of the ball that a ring's number keeps from a path
-SIZES = (6.5, 5.5, 4.5)  # pt, from the one that is read best
+SHOWN = 1.27  # a picture with labels shows this many radii of the rim to each side
+WORD = (0.066, 0.02)  # half width and half height of "ring 1", as a share of what the picture shows to each side
+_NEAR = 1.6  # minimum distance of a ring's number from a path, in radii of the ball
+SIZES = (6.5, 5.5, 4.5)  # pt, the most readable first
 MARGIN = 0.7e-3  # m around a name
-FAR = 0.28  # radii of the rim from the middle of an opening to its name, at most
-STEP = 1e-3  # m from point to point of a line, less than a name is high
+FAR = 0.28  # maximum distance from the middle of an opening to its name, in radii of the rim
+STEP = 1e-3  # m from point to point of a line, less than the height of a name
 
 
 def _label_radius(maze: Maze, ring: int) -> float:
-    """Where on its ray a ring's number stands, m: on the track, in the disc beside the centre."""
+    """Radius at which a ring's number stands, m: on the track; in the disc, beside the centre."""
     return maze.track_radius(ring) or 0.55 * maze.ring(ring).outer_radius
 
 
@@ -35,8 +35,9 @@ def word_fits(maze: Maze, place: Array) -> bool:
 
 
 def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
-    """Where the rings' numbers stand, (2,) in m each: on one ray, far from openings, walls and path; where no ray is
-    free in a ring, in a place of its own."""
+    """Places of the rings' numbers, (2,) in m each, far from openings, radial walls and path.
+
+    All numbers stand on one ray. If a ring has no room there, its number stands at another angle."""
     radii = [_label_radius(maze, ring.number) for ring in maze.rings]
     taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
     taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
@@ -44,12 +45,12 @@ def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
     enough = 3.0 * maze.ball.radius
 
     def room(radius: float, angle: float) -> float:
-        """The distance, up to `enough`, to what a number there must not touch."""
+        """The distance from a place to what a number must not touch, at most `enough`, m."""
         gap = float(np.linalg.norm(radius * _unit(angle) - crowd, axis=1).min(initial=enough))
         return round(gap, 6)
 
     def preference(angle: float) -> float:
-        """Symmetric mazes have many ties: they go to the upper left."""
+        """Decides ties, of which symmetric mazes have many: the upper left is best."""
         return math.cos(angle - 2.0)
 
     rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
@@ -66,7 +67,8 @@ def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
 
 
 def ball_place(maze: Maze, number: Array) -> Array:
-    """Where the ball lies in ring 1 of a map without a path, (2,) in m: far from its openings, walls and number."""
+    """Place of the ball in ring 1 if there is no path, (2,) in m: far from openings, radial walls and the number of
+    this ring."""
     first = math.atan2(number[1], number[0])
     taken = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
     taken += [wall.angle for wall in maze.radial_walls_of(1)]
@@ -79,7 +81,12 @@ def ball_place(maze: Maze, number: Array) -> Array:
 
 @dataclass(frozen=True)
 class Name:
-    """The name of an opening: place (2,) of its middle in m, size in pt, box (2,): half of its width and height, m."""
+    """The name of an opening in a drawing.
+
+    place: middle of the name (2,), m
+    size: of the type, pt
+    box: half of its width and height (2,), m
+    """
 
     text: str
     place: Array
@@ -92,8 +99,10 @@ def name_places(
 ) -> list[Name]:
     """Names of the openings that have room, from the outermost.
 
-    lines: (N, 2) in m each: walls and paths; taken: places (2,) and half sizes (2,) in m of what else stands there;
-    m_per_pt: length in the drawing of a point of type."""
+    lines: walls and paths, (N, 2) in m each
+    taken: places (2,) and half sizes (2,) of other things in the drawing, m
+    m_per_pt: length of a point of type in the drawing
+    """
     from matplotlib.textpath import TextPath
 
     drawn = np.vstack([np.empty((0, 2)), *(dense(line) for line in lines)])
@@ -126,7 +135,7 @@ def dense(line: Array) -> Array:
 
 
 def _candidates(maze: Maze, opening: Opening, middle: Array, far: float) -> Array:
-    """Places (N, 2) in m in the opening and in the two rings beside it, the nearest first."""
+    """Places (N, 2) in m for a name, in the opening and in the two rings beside it, the nearest first."""
     places = [] if opening.closed else [middle]
     for number in (opening.outer, opening.inner):
         ring = maze.ring(number)

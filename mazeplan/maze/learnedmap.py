@@ -1,8 +1,8 @@
-"""Map learning from positions of the ball: rings from `bands`, openings from `transitions`, the rest from a prior map.
+"""Learns a map from positions of the ball: rings from `bands`, openings from `transitions`, the rest from a prior map.
 
-The prior map gives what logs never show (ball, tilt limit, height of the walls, thickness of the rim, radial walls) and
-what this log does not show, such as the width of an opening whose sides the ball hardly touched. The learned map states
-the source of each number.
+Logs never show ball, tilt limit, height of the walls, thickness of the rim, and radial walls: these come from the prior
+map. So does what one log does not show, such as the width of an opening whose sides the ball hardly touched. The
+learned map states the source of each number.
 """
 
 from __future__ import annotations
@@ -22,14 +22,19 @@ from mazeplan.maze.mapfile import MapCheck, check_text, default_name, dump_map
 from mazeplan.maze.transitions import MIN_COUNT, BallTrack, LearnedOpening, find_openings, find_passages
 from mazeplan.maze.yamltree import shown
 
-TOUCHES = 20  # samples at a wall that make its place a measurement
+TOUCHES = 20  # minimum number of samples at a wall for which its place counts as measured
 PLACES_MM, PLACES_DEG = 2, 2  # decimals in the file: below what a camera resolves
 
 
 @dataclass(frozen=True)
 class LearnedRing:
-    """Clear floor between two radii, m, with 1 sigma (None: that wall was not touched, see `note`), and the samples
-    that leaned on the inner and outer wall. inner_radius 0: the disc."""
+    """A learned ring: clear floor between two radii.
+
+    inner_radius, outer_radius: m; inner_radius is 0 for the disc
+    inner_stderr, outer_stderr: 1 sigma, m; None: the ball hardly touched this wall, see `note`
+    inner_touches, outer_touches: number of samples in which the ball touched this wall
+    note: how a wall was placed that the ball hardly touched
+    """
 
     number: int
     inner_radius: float
@@ -43,10 +48,17 @@ class LearnedRing:
 
 @dataclass(frozen=True)
 class LearnedMap:
-    """The learned maze (None if incomplete, see `problems`) and the source of each number.
+    """The learned maze and the source of each number.
 
-    widths: width of each opening, m, and its source; centre: of the circles in the camera's frame, m, the origin of
-    rings and openings; noise: 1 sigma of the camera per axis, m; samples: with the ball.
+    maze: None if the maze is incomplete, see `problems`
+    widths: width of each opening, m, and its source
+    borrowed: openings of the prior map, for walls that the ball never passed
+    centre: of the circles in the camera's frame, m; it is the origin of rings and openings
+    noise: 1 sigma of the camera per axis, m
+    samples: number of samples with the ball
+    passages: number of changes of ring
+    skipped: number of changes of ring that could not be placed
+    prior: name of the prior map
     """
 
     maze: Maze | None
@@ -68,10 +80,13 @@ def learn_map(
     track: BallTrack, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
     name: str = "learned", progress: Words = no_words,
 ) -> LearnedMap:  # fmt: skip
-    """Rings and openings from a track; `prior` (in messages `prior_name`) for the rest.
+    """The map with rings and openings from a track, and the rest from the prior map.
 
-    borrow: use the prior's openings for walls that the ball never passed. Raises TableError if the track does not show
-    two rings.
+    prior_name: name of the prior map in messages
+    borrow: use the prior map's openings for walls that the ball never passed
+    min_count: minimum number of passages through an opening
+
+    Raises TableError if the track does not show two rings.
     """
     radius = prior.ball.radius
     progress("rings")
@@ -105,7 +120,7 @@ def learn_map(
 
 
 def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, MapCheck, tuple[str, ...]]:
-    """The maze with the prior's radial walls, if they fit; the result of `check_text`; warnings."""
+    """The maze with the radial walls of the prior map, if they fit; the result of `check_text`; warnings."""
     check = check_text(dump_map(maze))
     if not prior.radial_walls:
         return maze, check, ()
@@ -120,7 +135,11 @@ def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, 
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
-    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments. Needs a maze."""
+    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments.
+
+    sources: names of the files from which the map was learned
+
+    Raises ValueError if no maze was learned."""
     if learned.maze is None:
         raise ValueError(f"no map was learned: {'; '.join(learned.problems)}")
     rings = iter(_ring_comment(ring) for ring in learned.rings)
@@ -151,7 +170,8 @@ def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
 
 
 def _completed(bands: Bands, prior: Maze) -> tuple[Bands, dict[int, list[str]]]:
-    """Bands with untouched edges placed by the other side of their wall, if that was touched; notes by index."""
+    """The bands, and notes on them by index. If the ball hardly touched an edge, the other side of its wall gives the
+    edge's place, provided that the ball touched that side."""
     edges = list(bands.edges)
     notes: dict[int, list[str]] = {}
     reach = 2.0 * prior.ball.radius
@@ -185,7 +205,7 @@ def _untouched(which: str, beyond: bool, from_where: str) -> str:
 
 
 def _widen(edges: list[Edges], noise: float, prior: Maze, notes: dict[int, list[str]]) -> None:
-    """Set the width of bands with only one visible wall to that of the other rings."""
+    """Give bands with only one visible wall the width of the other rings."""
     play = [e.high - e.low for e in edges if e.low > 0.0 and e.high - e.low > 2.0 * noise]
     nominal = [r.outer_radius - r.inner_radius - 2.0 * prior.ball.radius for r in prior.rings if not r.is_disc]
     usual = float(np.median(play or nominal))
@@ -213,7 +233,7 @@ def _ring(i: int, bands: Bands, ball_radius: float, notes: dict[int, list[str]])
 
 
 def _likely_width(prior: Maze, wall: int, rings: int) -> float:
-    """Width of an opening in the prior, m: of the same wall if the prior has as many rings."""
+    """Median width of openings in the prior map, m: of the same wall if it has as many rings, else of all."""
     same = [o.width for o in prior.openings_between(wall, wall + 1)] if len(prior.rings) == rings else []
     return float(np.median(same or [o.width for o in prior.openings]))
 

@@ -1,12 +1,14 @@
-"""Edits of a map's YAML text: openings, radial walls, rings, its name. All the rest stays as it is (`yamledit`).
+"""Edits a map's YAML text: openings, radial walls, rings, name. The rest of the text stays as it is (`yamledit`).
 
-The map may have errors (openings may overlap while a user drags one), but `yamltree` must read it. Angles in degrees
-and lengths in mm, as in the file; openings and radial walls count from 0 in the file's order, rings from 1.
+The map may have errors (openings may overlap while a user drags one), but `yamltree` must be able to read it. Angles
+are in degrees and lengths in mm, as in the file. Indices of openings and radial walls count from 0 in the file's order,
+numbers of rings from 1.
 
-A ring that is added or removed moves all rings outside it, so that channels and walls keep their widths:
+If a ring is added or removed, all rings outside it move, so that channels and walls keep their widths:
 
-    remove k:       rings 1 ... k-1 come nearer by the distance between rings k-1 and k; the wall between them goes
-    add outside k:  a channel as wide as ring k, a wall as thick as the one outside ring k; rings 1 ... k-1 give way
+    remove k:       the wall outside ring k is removed, too; rings 1 ... k-1 move inwards by the space that becomes free
+    add outside k:  the new channel is as wide as ring k, the new wall as thick as the wall outside ring k; rings
+                    1 ... k-1 move outwards
 """
 
 from __future__ import annotations
@@ -35,8 +37,12 @@ SECTIONS: tuple[Section, ...] = ("openings", "radial_walls", "rings")
 class Written:
     """An opening, a radial wall or a ring in the text.
 
-    name: as in logs; line: from 1; outer, inner: rings of an opening, twice that of a wall or a ring; width_mm:
-    the thickness of a wall, the width of a ring's channel (of the disc: its radius)."""
+    index: in its list, from 0
+    line: in the text, from 1
+    name: as in logs
+    outer, inner: the two rings of an opening; for a radial wall or a ring both are the number of its ring
+    width_mm: width of an opening, thickness of a wall, or width of a ring's channel; for the disc its radius
+    """
 
     index: int
     line: int
@@ -50,7 +56,7 @@ class Written:
 
 
 def written(text: str) -> tuple[Written, ...]:
-    """Openings, radial walls and rings with readable numbers, even if the map has other errors; none if it is no
+    """Openings, radial walls and rings with readable numbers, even if the map has other errors; empty if the text is no
     YAML."""
     try:
         tree = parse_yaml(text.removeprefix(BOM), file="map", error=MapError)
@@ -65,17 +71,17 @@ def written_openings(text: str) -> tuple[Written, ...]:
 
 
 def move_opening(text: str, index: int, angle_deg: float) -> str:
-    """Set the angle, rounded to `ANGLE_STEP_DEG`, in 0 to 360."""
+    """Set the angle of an opening, rounded to `ANGLE_STEP_DEG`, from 0 to below 360 degrees."""
     return ListText(text, "openings").with_value(index, "angle_deg", _angle(angle_deg))
 
 
 def widen_opening(text: str, index: int, width_mm: float) -> str:
-    """Set the width, rounded to `WIDTH_STEP_MM`."""
+    """Set the width of an opening, rounded to `WIDTH_STEP_MM`."""
     return ListText(text, "openings").with_value(index, "width_mm", _width(width_mm))
 
 
 def close_opening(text: str, index: int, closed: bool) -> str:
-    """Close or open it for routes."""
+    """Close or open an opening for routes."""
     return ListText(text, "openings").with_value(index, "closed", "true" if closed else "false")
 
 
@@ -101,7 +107,7 @@ def thicken_wall(text: str, index: int, thickness_mm: float) -> str:
 
 
 def add_wall(text: str, ring: int, angle_deg: float, thickness_mm: float) -> str:
-    """Add a radial wall across a ring, below the last one of that ring; the first one makes the list."""
+    """Add a radial wall across a ring, below the last one of that ring. The first radial wall also adds the list."""
     pairs = [("ring", str(ring)), ("angle_deg", _angle(angle_deg)), ("thickness_mm", _width(thickness_mm))]
     return _added(ListText(text, "radial_walls", optional=True), ring, pairs)
 
@@ -112,9 +118,9 @@ def remove_wall(text: str, index: int) -> str:
 
 
 def add_ring(text: str, number: int, angle_deg: float, width_mm: float) -> str:
-    """Add a ring outside ring `number`; it gets this number. `remove_ring` undoes it.
+    """Add a ring outside ring `number`; the new ring gets this number. `remove_ring` undoes it.
 
-    The new ring gets an opening, at an angle and of a width, in the wall outside it (ring 1: inside it)."""
+    The new ring gets an opening with this angle and width in the wall outside it; ring 1 in the wall inside it."""
     sizes = _sizes(text)
     if not 1 <= number <= len(sizes):
         raise MapError(f"got ring {number}, expected one from 1 to {len(sizes)}", file="map", key="rings")
@@ -131,9 +137,9 @@ def add_ring(text: str, number: int, angle_deg: float, width_mm: float) -> str:
 
 
 def remove_ring(text: str, number: int) -> str:
-    """Remove a ring, its radial walls, and the wall outside it (of ring 1: inside it) with the openings there.
+    """Remove a ring, its radial walls, and the wall outside it with its openings; for ring 1, the wall inside it.
 
-    Raises MapError for the last ring, the goal, and for a map of two rings."""
+    Raises MapError for the last ring (the goal) and for a map of two rings."""
     sizes = _sizes(text)
     if len(sizes) == 2:
         raise MapError("got a map of 2 rings, expected one with more: a map needs 2", file="map", key="rings")
@@ -176,7 +182,7 @@ def _finite(number: float) -> float:
 
 
 def _added(found: ListText, outer: int, pairs: list[tuple[str, str]]) -> str:
-    """With an entry below the last one of the same wall or ring."""
+    """The text with a new entry below the last one of the same wall or ring."""
     of = _openings if found.section == "openings" else _walls
     same = [piece.index for piece in of(found.tree) if piece.outer == outer]
     return found.added(max(same, default=len(found.items) - 1) + 1, pairs)
@@ -192,7 +198,7 @@ def _removed(found: ListText, index: int) -> str:
 
 
 def _sizes(text: str) -> list[tuple[float, float]]:
-    """Inner and outer radius of all rings."""
+    """Inner and outer radius of all rings, mm. Raises MapError if they cannot be read."""
     found = ListText(text, "rings")
     sizes = [_numbers(item, "inner_radius_mm", "outer_radius_mm") for item in found.tree.data["rings"] or ()]
     for index, size in enumerate(sizes):
@@ -204,10 +210,12 @@ def _sizes(text: str) -> list[tuple[float, float]]:
 
 
 def _renumbered(text: str, number: int, by: int, further_mm: float) -> str:
-    """With other numbers of rings, in openings, radial walls and comments such as `# ring 2`, and other radii.
+    """The text with new numbers of rings and new radii. Numbers change in openings, radial walls, and comments such as
+    `# ring 2`.
 
-    by: 1 where a ring is added outside ring `number`, -1 where this ring is removed; further_mm: what is added to the
-    radii of the rings outside it."""
+    by: 1 if a ring is added outside ring `number`, -1 if ring `number` is removed
+    further_mm: added to the radii of the rings outside ring `number`
+    """
     bom = BOM if text.startswith(BOM) else ""
     text = text.removeprefix(BOM)
     rings, spans = ListText(text, "rings"), []
@@ -229,7 +237,7 @@ def _renumbered(text: str, number: int, by: int, further_mm: float) -> str:
 
 
 def _comment_spans(rings: ListText, index: int, number: int) -> Iterator[Span]:
-    """The number in a comment that begins with the name of its ring."""
+    """Spans that set the number in comments that begin with the name of their ring."""
     for mark, stop in rings.comments_of(index):
         if match := re.match(rf"#+ *ring ({index + 1})\b", rings.text[mark:stop]):
             yield mark + match.start(1), mark + match.end(1), str(number)

@@ -30,12 +30,12 @@ from mazeplan.maze.wallrules import (
 )
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
-FORMAT = 1  # of a file without `format`, too
+FORMAT = 1  # format number; also that of a file without `format`
 MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
 
 DENSITIES = (0.02, 25.0)  # g/cm^3 of a ball, from foam to platinum
 
-MAX_REPORTED = 50  # errors of one file
+MAX_REPORTED = 50  # maximum number of reported errors of one file
 
 Problem = tuple[Key, str]
 
@@ -50,7 +50,7 @@ class MapCheck:
 
 
 def load_map(source: str | Path) -> Maze:
-    """The maze in a file, or the packaged one of that name ("cme"). Raises MapError with file, line and key."""
+    """The maze in a file, or in the packaged map of that name ("cme"). Raises MapError with file, line and key."""
     result = check_map(source)
     if result.maze is None:
         raise result.errors[0]
@@ -58,7 +58,7 @@ def load_map(source: str | Path) -> Maze:
 
 
 def check_map(source: str | Path) -> MapCheck:
-    """Read a map and collect all its errors; does not raise for a bad file."""
+    """Read a map and collect all its errors. It returns the errors of a bad file and does not raise them."""
     try:
         path = find_map(source)
         return _check_tree(read_yaml(path, error=MapError, what="a map (YAML)"), path)
@@ -80,7 +80,8 @@ def packaged_maps() -> tuple[str, ...]:
 
 
 def find_map(source: str | Path) -> Path:
-    """The file, or that of the packaged map of this name. Raises MapError for a name that cannot be one."""
+    """Path of the file, or of the packaged map of this name. Raises MapError if the name is neither a packaged map nor
+    a possible file."""
     try:
         path = resources.find("maps", source, ".yaml")
         missing = not path.exists()
@@ -114,7 +115,7 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
         return MapCheck(None, (newer,))
     except ValidationError as wrong:
         return MapCheck(None, tuple(sorted(map(error, complaints(wrong)), key=_line)[:MAX_REPORTED]))
-    # openings are judged only when the rings make sense, radial walls when both do
+    # check openings only if the rings are right, and radial walls only if both are
     for rule in (_ring_problems, _opening_problems, wall_problems):
         if problems := tuple(error(item) for item in rule(spec)):
             return MapCheck(None, problems)
@@ -176,7 +177,7 @@ def _opening_problems(spec: MapFile) -> Iterator[Problem]:
     gaps: dict[int, list[tuple[float, int, float]]] = {}
     for i, opening in enumerate(spec.openings):
         gaps.setdefault(max(opening.rings), []).append((opening.angle_deg, i, opening.width_mm))
-    for inner in sorted(gaps):  # a gap with parallel sides is widest in angle at the inner face
+    for inner in sorted(gaps):  # an opening with parallel sides is widest in angle at the inner face of its wall
         yield from overlaps("openings", "wall", spec.rings[inner - 1].outer_radius_mm, gaps[inner])
     for ring in _unreachable(spec, [_pair(o) for o in spec.openings]):
         yield ("rings", ring - 1), f"ring {ring} cannot be reached from ring 1, expected openings that lead to it"
@@ -207,7 +208,8 @@ def _warnings(spec: MapFile) -> Iterator[Problem]:
 
 
 def _unreachable(spec: MapFile, pairs: list[tuple[int, int]]) -> list[int]:
-    """Rings cut off from ring 1. Openings join neighbours, so one wall without any cuts off all that is inside it."""
+    """Rings cut off from ring 1. Openings join neighbouring rings, so a wall without openings cuts off all rings inside
+    it."""
     joined = set(pairs)
     for ring in range(2, len(spec.rings) + 1):
         if (ring - 1, ring) not in joined:
@@ -225,7 +227,7 @@ def _name(opening: OpeningSection) -> str:
 
 
 def default_name(outer: int, inner: int, angle_deg: float) -> str:
-    """Name of an opening without one: rings and angle, such as "1-2@45"."""
+    """Default name of an opening: rings and angle, such as "1-2@45"."""
     return f"{outer}-{inner}@{angle_deg:.10g}"
 
 
@@ -267,7 +269,7 @@ def _maze(spec: MapFile, source: str) -> Maze:
 
 
 def dump_map(maze: Maze) -> str:
-    """YAML text that loads as an equal maze (up to one bit where no decimal in mm or degrees gives the value)."""
+    """YAML text that loads as an equal maze. A number may differ by one bit if no decimal in mm or degrees gives it."""
     lines = [
         f"name: {json.dumps(maze.name)}",
         f"ball: {{radius_mm: {_milli(maze.ball.radius)}, mass_g: {_milli(maze.ball.mass)}}}",

@@ -1,4 +1,4 @@
-"""The keys of a map file: their types and ranges, as pydantic models, and pydantic's complaints in our words.
+"""The keys of a map file: their types and ranges, as pydantic models, and pydantic's errors in our words.
 
 Ranges are wide enough for any maze on a table; they catch a length in the wrong unit and an angle in radians times 100.
 """
@@ -99,7 +99,7 @@ _TYPES = {
 
 
 def complaints(error: ValidationError) -> list[tuple[Key, str]]:
-    """What pydantic found, as (key path, "got X, expected Y") pairs."""
+    """The errors that pydantic found, as (key path, "got X, expected Y") pairs."""
     return [(tuple(item["loc"]), _sentence(item)) for item in error.errors(include_url=False)]
 
 
@@ -123,7 +123,7 @@ def _sentence(item: Any) -> str:
 
 
 def _hint(item: Any) -> str:
-    """What a number beyond its bounds may mean."""
+    """A hint at the unit that was perhaps meant, for a number out of its range."""
     field = _field(tuple(item["loc"]))
     low, high = -math.inf, math.inf
     for bound in field.metadata if field else ():
@@ -145,7 +145,7 @@ def _field(loc: Key) -> FieldInfo | None:
 
 
 def _bounds(loc: Key) -> str:
-    """`0 <= angle_deg < 360` for a number that has bounds, else nothing."""
+    """The range in words, such as `0 <= angle_deg < 360`; empty for a key without bounds."""
     if not loc:
         return ""
     key = loc[len(loc) - 1]
@@ -170,4 +170,4 @@ def _expected(loc: Key) -> str:
         ("rings",): "a list of rings",
         ("openings",): "a list of openings",
     }
-    return words.get(loc, "the two rings that the opening joins")  # the only other key that may not be left out
+    return words.get(loc, "the two rings that the opening joins")  # the only other required key

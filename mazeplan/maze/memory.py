@@ -1,8 +1,8 @@
 """Memory of the openings: counts of successes and failures for a Beta posterior, which fade with time.
 
-A failure may be temporary. Therefore the counts decay with rig time by exp(-t / fading_s), and once more from run to
-run. Recent attempts count most, and an untried opening returns to the prior. A file can keep the counts for the next
-run.
+A failure may be temporary. Therefore the counts decay with rig time by exp(-t / fading_s), and by KEPT from run to run.
+Recent attempts count most, and an opening that is no longer tried returns to the prior. A file can keep the counts for
+the next run.
 """
 
 from __future__ import annotations
@@ -25,20 +25,24 @@ from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml,
 FORMAT = 1
 FADING_S = 120.0  # s of rig time in which counts fall to 1/e
 KEPT = 0.8  # share of the counts kept for the next run
-MOST = 1e6  # attempts allowed in a file
+MOST = 1e6  # maximum count in a file
 NOTE = "# What happened at the openings of the map, fading. Written by `mazeplan navigate --memory`; may be deleted.\n"
 
 
 @dataclass
 class OpeningMemory:
-    """Counts of successes and failures by opening. fading_s: rig time until they fall to 1/e; attempts: recorded."""
+    """Counts of successes and failures by opening.
+
+    fading_s: rig time until counts fall to 1/e, s
+    attempts: number of recorded attempts, without fading
+    """
 
     fading_s: float = FADING_S
     _counts: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # successes, failures, when
     attempts: int = field(default=0, compare=False)
 
     def record(self, name: str, success: bool, now: float) -> None:
-        """One attempt at an opening at rig time now, s."""
+        """Record one attempt at an opening at rig time now, s."""
         successes, failures = self.tries(name, now)
         self._counts[name] = (successes + success, failures + (not success), now)
         self.attempts += 1
@@ -54,7 +58,7 @@ class OpeningMemory:
         return {name: self.tries(name, now) for name in self._counts}
 
     def document(self) -> dict[str, Any]:
-        """All counts as plain data, to the last bit; see `memory_from_document`."""
+        """All counts as plain data, exact to the last bit; `memory_from_document` reads it."""
         names = ("successes", "failures", "when")
         counts = {name: dict(zip(names, values, strict=True)) for name, values in self._counts.items()}
         return {"fading_s": self.fading_s, "openings": counts}
@@ -72,7 +76,10 @@ def memory_from_document(document: dict[str, Any]) -> OpeningMemory:
 def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> OpeningMemory:
     """The counts in a file, faded by one run; empty if the file does not exist.
 
-    openings: names in the map; map_name: its own, "" does not matter. Raises InputError with file, line and key."""
+    openings: names of the map's openings
+    map_name: name of the map; a file for another map is refused. "" accepts any map
+
+    Raises InputError with file, line and key."""
     memory = OpeningMemory()
     if not path.exists():
         return memory
@@ -98,7 +105,7 @@ def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> Open
 
 
 def save_memory(memory: OpeningMemory, path: Path, now: float, map_name: str = "") -> None:
-    """Write the counts at rig time now (s) atomically, for the map of this name. Raises InputError."""
+    """Write the counts at rig time now (s), for the map of this name, atomically. Raises InputError."""
     openings = {
         name: {"successes": round(successes, 4), "failures": round(failures, 4)}
         for name, (successes, failures) in sorted(memory.at_end(now).items())

@@ -1,6 +1,7 @@
-"""Regions of a maze: the sectors of its rings, and which of them openings join.
+"""Regions of a maze: the sectors of its rings, and which regions openings join.
 
-A ring without radial walls is one region, and so is one with a single wall, though the ball cannot go round it.
+A ring without radial walls is one region. A ring with a single radial wall is also one region, although the ball cannot
+pass this wall.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ def regions(maze: Maze) -> list[Region]:
 
 
 def leading_to(maze: Maze, goal: int, closed: Collection[str] = ()) -> set[Region]:
-    """The regions from which openings outside `closed` lead to a ring."""
+    """The regions from which a way leads to the ring `goal`, through openings that are not in `closed`."""
     beside: dict[Region, list[Region]] = {region: [] for region in regions(maze)}
     for o in maze.openings:
         if o.name not in closed:

@@ -1,11 +1,11 @@
 """Openings learned from the ball's changes of ring.
 
-A passage joins two rings that each held the ball for two samples, in one uninterrupted segment. Noise at a boundary and
-a ball that turns back in the opening are not passages. The place of a passage is where the line from the last point
-before to the first point after the change crosses the middle radius of the wall. DBSCAN (M. Ester et al., KDD 1996)
-clusters the passages of a wall by arc length; each cluster is an opening.
+A passage is a change between two rings that each held the ball for two samples, in one uninterrupted segment. Noise at
+a boundary and a ball that turns back in the opening are not passages. A line from the last point before the change to
+the first point after it crosses the middle radius of the wall: there is the place of the passage. DBSCAN (M. Ester et
+al., KDD 1996) clusters the passages of a wall by arc length; each cluster is an opening.
 
-The origin is the centre of the rings, not the camera's.
+The origin is the centre of the rings, not that of the camera's picture.
 """
 
 from __future__ import annotations
@@ -26,19 +26,21 @@ Index = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 MAX_SPEED = 1.0  # m/s; a ball that rolls down half the outermost ring at 5 degrees of tilt reaches .6
-MAX_GAP = 4  # sample intervals; after a longer gap a change has no place
-MIN_COUNT = 2  # passages per opening
-LEAST_IN_THROAT = 40  # samples inside an opening needed to find its sides ...
-LEAST_AT_SIDE = 5  # ... if this many leaned on each side ...
-SHARP = 5.0  # ... and two sides explain them better than one bell curve by this log likelihood
-SIDE_ERROR = 2e-4  # m, of a side, besides its noise: few samples lean on it; seen in simulated logs of known maps
+MAX_GAP = 4  # sample intervals; after a longer gap the place of a change is unknown
+MIN_COUNT = 2  # minimum number of passages of an opening
+LEAST_IN_THROAT = 40  # minimum number of samples inside an opening to find its sides ...
+LEAST_AT_SIDE = 5  # ... of which at least this many touched each side ...
+SHARP = 5.0  # ... and minimum log likelihood by which two sides explain them better than one normal distribution
+SIDE_ERROR = 2e-4  # m, of a side, besides its noise: few samples touch it; seen in simulated logs of known maps
 
 
 @dataclass(frozen=True)
 class BallTrack:
-    """Positions of the ball: t s, x and y m (finite, only samples with the ball), segment, each (N,).
+    """Positions of the ball, only samples with the ball; all arrays (N,).
 
-    Motion between segments is not a passage.
+    t: s
+    x, y: m, finite
+    segment: number of the uninterrupted stretch; motion between segments is not a passage
     """
 
     t: Array
@@ -49,8 +51,14 @@ class BallTrack:
 
 @dataclass(frozen=True)
 class Passages:
-    """All changes of ring, arrays of N: outer ring of the wall, whether inwards, angle rad, and the points (N, 2) m
-    on its outer and its inner side; `skipped`: changes that could not be placed (ball not seen, a jump)."""
+    """All changes of ring, as arrays of N.
+
+    wall: outer ring of the wall
+    inward: whether the ball went inwards
+    angle: place of the passage, rad
+    outside, inside: the points on the outer and on the inner side of the wall (N, 2), m
+    skipped: number of changes that could not be placed (ball not seen, a jump)
+    """
 
     wall: Index
     inward: Flags
@@ -64,10 +72,11 @@ class Passages:
 class LearnedOpening:
     """A cluster of passages of the wall between ring `outer` and the next one.
 
-    angle: rad in [0, 2 pi), with 1 sigma; width: m, with 1 sigma, or None where nothing was measured; inward, outward:
-    passages in either direction; outer_centroid, inner_centroid: mean of the last points before and first points
-    after the change on either side, m; direction: of the line from the outer to the inner one, rad (a straight
-    opening: angle + pi); problem: why it is not taken for an opening, or "".
+    angle, angle_stderr: rad in [0, 2 pi), and 1 sigma
+    width, width_stderr: m, and 1 sigma; None: not measured
+    inward, outward: number of passages in either direction
+    outer_centroid, inner_centroid: mean of the points on the outer and on the inner side of the wall, m
+    problem: why the cluster does not count as an opening, or ""
     """
 
     outer: int
@@ -83,7 +92,7 @@ class LearnedOpening:
 
     @property
     def count(self) -> int:
-        """All passages."""
+        """Number of all passages."""
         return self.inward + self.outward
 
     @property
@@ -93,13 +102,13 @@ class LearnedOpening:
 
     @property
     def direction(self) -> float:
-        """Direction from the outer to the inner centroid, rad in [0, 2 pi)."""
+        """Direction from the outer to the inner centroid, rad in [0, 2 pi); angle + pi for a straight opening."""
         dx, dy = np.subtract(self.inner_centroid, self.outer_centroid)
         return math.atan2(dy, dx) % (2.0 * math.pi)
 
 
 def find_passages(track: BallTrack, bands: Bands) -> Passages:
-    """All changes between neighbouring rings, from places of the ball and the rings' bands."""
+    """All changes between neighbouring rings, from positions of the ball and the rings' bands."""
     t, segment = track.t, track.segment
     place = np.stack([track.x - bands.centre[0], track.y - bands.centre[1]], axis=1)
     r = np.hypot(place[:, 0], place[:, 1])
@@ -134,7 +143,7 @@ def middle_radius(bands: Bands, outer: int) -> float:
 
 
 def rings_of(r: Array, bands: Bands) -> Index:
-    """The ring of each radius (N,) m: its number, or 0 where the ball was within a wall or outside all rings."""
+    """Number of the ring at each radius (N,) in m; 0 inside a wall or outside all rings."""
     ring = np.zeros(len(r), dtype=np.intp)
     for number, edges in enumerate(bands.edges, start=1):
         room = [abs(edges.low - e.high) for e in bands.edges[number:][:1]]
@@ -145,7 +154,7 @@ def rings_of(r: Array, bands: Bands) -> Index:
 
 
 def _held(ring: Index, segment: Array) -> Index:
-    """`ring` where it is the same for two samples in a row, 0 elsewhere: a single one may be an outlier."""
+    """`ring` where it is the same for two samples in a row, else 0: a single sample may be an outlier."""
     same = (ring[1:] == ring[:-1]) & (segment[1:] == segment[:-1]) & (ring[1:] > 0)
     run = np.concatenate([[False], same]) | np.concatenate([same, [False]])
     return np.where(run, ring, 0)
@@ -155,9 +164,12 @@ def find_openings(
     passages: Passages, track: BallTrack, bands: Bands, ball_radius: float, widths: Sequence[float], *,
     min_count: int = MIN_COUNT,
 ) -> tuple[LearnedOpening, ...]:  # fmt: skip
-    """Openings by wall and angle; rejected ones have a `problem`.
+    """Openings, sorted by wall and angle; rejected ones have a `problem`.
 
-    widths: default width for each wall, m. Raises TableError for min_count < 1.
+    widths: likely width of an opening for each wall, m
+    min_count: minimum number of passages of an opening
+
+    Raises TableError for min_count < 1.
     """
     if min_count < 1:
         raise TableError(f"min_count: got {min_count}, expected at least 1")
@@ -177,7 +189,7 @@ def find_openings(
 
 
 def _judged(openings: list[LearnedOpening], radius: float, width: float, min_count: int) -> list[LearnedOpening]:
-    """The openings of one wall with their problems: too few passages, or no room beside a better known one."""
+    """The openings of one wall with their problems: too few passages, or overlap with an opening that has more."""
     accepted: list[LearnedOpening] = []
     judged: list[LearnedOpening] = []
     for opening in sorted(openings, key=lambda opening: -opening.count):
@@ -194,11 +206,11 @@ def _judged(openings: list[LearnedOpening], radius: float, width: float, min_cou
 
 
 def cluster(angle: Array, radius: float, ball_radius: float) -> Index:
-    """Number of the opening, from 0, for passages of one wall at angles (N,) rad and `radius` m.
+    """Number of the opening, from 0, of each passage of one wall at angles (N,) in rad; `radius` of the wall in m.
 
-    Two openings do not share their sides, so the centre of a ball that passes one and that of a ball that passes the
-    other are at least its diameter apart; within one opening there is less play than that. Passages nearer than half
-    of it, the ball's radius, along the wall belong together.
+    Two openings do not share their sides. So the ball's centre in one opening is at least a ball's diameter away from
+    its place in the other. Within one opening the play is smaller. Therefore passages that are nearer than the ball's
+    radius along the wall belong to one opening.
     """
     from sklearn.cluster import DBSCAN
 
@@ -217,7 +229,8 @@ def _turns(angle: Array, reference: float) -> Array:
 
 
 def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise: float) -> float:
-    """1 sigma of one passage along the wall, m: from all openings of the wall, with a prior from play and noise."""
+    """1 sigma of the place of one passage along the wall, m, from all openings of the wall, with a prior from play and
+    noise."""
     free = sum(len(rows) - 1 for rows in groups)
     expected = play**2 / 3.0 + noise**2
     squares = sum(float(np.sum((radius * _turns(angle[rows], circular_mean(angle[rows]))) ** 2)) for rows in groups)
@@ -227,11 +240,11 @@ def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise
 def _opening(
     passages: Passages, rows: Index, track: BallTrack, bands: Bands, outer: int, ball_radius: float, spread: float
 ) -> LearnedOpening:
-    """One cluster of passages (their rows) as an opening."""
+    """The opening of one cluster of passages. rows: indices of its passages; spread: 1 sigma of one passage, m."""
     angle, radius = circular_mean(passages.angle[rows]), middle_radius(bands, outer)
     stderr, width, width_stderr = spread / math.sqrt(len(rows)), None, None
     if sides := _sides(track, bands, outer, angle, ball_radius):
-        # the middle between both sides does not depend on which of them the ball leaned on more often
+        # the middle between both sides does not depend on which side the ball touched more often
         errors = [bands.noise**2 / touches + SIDE_ERROR**2 for touches in (sides.low_touches, sides.high_touches)]
         angle = (angle + 0.5 * (sides.low + sides.high) / radius) % (2.0 * math.pi)
         stderr, width_stderr = 0.5 * math.sqrt(sum(errors)), math.sqrt(sum(errors))
@@ -244,8 +257,10 @@ def _opening(
 
 
 def _sides(track: BallTrack, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:
-    """Places where the ball's centre touches the two sides of an opening, m along the wall from `angle`; None with too
-    few samples. The parallel sides bound the centre as the walls of a ring do."""
+    """Places of the ball's centre when the ball touches the two sides of an opening, m along the wall from `angle`.
+
+    None if there are too few samples, or the sides do not show clearly. The parallel sides bound the centre as the
+    walls of a ring do."""
     x, y = track.x - bands.centre[0], track.y - bands.centre[1]
     along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
     inner, outer_face = bands.edges[outer].high + ball_radius, bands.edges[outer - 1].low - ball_radius

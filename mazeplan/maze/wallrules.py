@@ -18,12 +18,12 @@ Problem = tuple[Key, str]
 
 
 def wall_name(wall: RadialWallSection) -> str:
-    """The name given, or that of a wall without one: "wall2@100" (ring and angle)."""
+    """The name of a radial wall in the file, or its default name."""
     return wall.name or default_wall_name(wall.ring, wall.angle_deg)
 
 
 def default_wall_name(ring: int, angle_deg: float) -> str:
-    """Name of a radial wall without one: ring and angle, such as "wall2@100"."""
+    """Default name of a radial wall: ring and angle, such as "wall2@100"."""
     return f"wall{ring}@{angle_deg:.10g}"
 
 
@@ -34,7 +34,7 @@ def wall_problems(spec: MapFile) -> Iterator[Problem]:
     if problems:
         return
     yield from duplicate_names("radial_walls", [(wall_name(w), bool(w.name)) for w in spec.radial_walls])
-    for number in range(1, len(spec.rings)):  # walls meet first at the inner wall of their ring
+    for number in range(1, len(spec.rings)):  # radial walls are nearest to each other at the inner wall of their ring
         walls = ((w.angle_deg, i, w.thickness_mm) for i, w in enumerate(spec.radial_walls) if w.ring == number)
         yield from overlaps("radial_walls", "ring", spec.rings[number - 1].inner_radius_mm, walls)
     yield from _before_openings(spec)
@@ -58,7 +58,9 @@ def _one_wall(spec: MapFile, i: int) -> Iterator[Problem]:
 
 
 def duplicate_names(section: str, names: Sequence[tuple[str, bool]]) -> Iterator[Problem]:
-    """Entries of a section with the name of an earlier one; names: of all entries, and whether the file gives it."""
+    """Problems: entries of a section that have the name of an earlier entry.
+
+    names: (name, whether the file gives it) of all entries"""
     seen: dict[str, int] = {}
     for i, (name, given) in enumerate(names):
         if name in seen:
@@ -78,7 +80,9 @@ def _apart(a: float, b: float) -> float:
 
 
 def overlaps(section: str, where: str, radius: float, entries: Iterable[tuple[float, int, float]]) -> Iterator[Problem]:
-    """Neighbours that overlap at a radius, mm; entries: (angle in degrees, index in the section, width in mm)."""
+    """Problems: neighbours that overlap at a radius, mm.
+
+    entries: (angle in degrees, index in the section, width in mm)"""
     found = sorted(entries)
     pairs = list(pairwise(found))
     in_radians = "; the unit is deg: are the angles in radians?" if found and found[-1][0] <= 2.0 * math.pi else ""
@@ -96,7 +100,7 @@ def overlaps(section: str, where: str, radius: float, entries: Iterable[tuple[fl
 
 
 def _before_openings(spec: MapFile) -> Iterator[Problem]:
-    """Walls in front of an opening: the channel between the extended sides of the opening must stay free."""
+    """Problems: radial walls in front of an opening. The space between the opening's extended sides must be free."""
     for i, wall in enumerate(spec.radial_walls):
         radius = spec.rings[wall.ring - 1].inner_radius_mm
         for j, opening in enumerate(spec.openings):
@@ -112,7 +116,7 @@ def _before_openings(spec: MapFile) -> Iterator[Problem]:
 
 
 def cut_off(maze: Maze) -> Iterator[Problem]:
-    """Rings that radial walls cut off from the centre or from ring 1."""
+    """Problems: rings from which radial walls leave no way to the centre."""
     last = len(maze.rings)
     leading = {ring for ring, _ in leading_to(maze, last)}
     for ring in range(1, last):
@@ -125,7 +129,8 @@ def cut_off(maze: Maze) -> Iterator[Problem]:
 
 
 def dead_regions(maze: Maze) -> Iterator[Problem]:
-    """Warnings: sectors with room for the ball from which no way leads to the centre, or by closed openings only."""
+    """Warnings: sectors with room for the ball from which no way leads to the centre, or only one through closed
+    openings."""
     last = len(maze.rings)
     leading = leading_to(maze, last)
     now = leading_to(maze, last, [o.name for o in maze.openings if o.closed])
@@ -135,6 +140,6 @@ def dead_regions(maze: Maze) -> Iterator[Problem]:
         if region in now or not maze.radial_walls_of(ring) or not holds_ball(maze, region):
             continue
         if region in leading and ring not in open_rings:
-            continue  # a ring behind closed openings has one warning of its own
+            continue  # there is another warning for a ring behind closed openings (`mapfile`)
         only = " but through closed openings" if region in leading else ""
         yield ("rings", ring - 1), f"warning: no way leads from {described(maze, region)} to ring {last}{only}"

@@ -1,8 +1,8 @@
-"""Reader of YAML files that people write; keeps the line of every key.
+"""Reads YAML files that people write, and keeps the line of every key.
 
-It accepts a small part of YAML: mappings with plain keys, lists, text, numbers, true/false, null. It refuses tags,
-anchors and aliases, tabs, duplicate keys, deep nesting and a second document. `yes`, `no` and `1:30` are text. It works
-on the parser's events, so it checks before it builds, and `MAX_BYTES` and `MAX_ENTRIES` bound the work.
+The reader accepts a small part of YAML: mappings with plain keys, lists, text, numbers, true/false, null. It refuses
+tags, anchors and aliases, tabs, duplicate keys, deep nesting and a second document. `yes`, `no` and `1:30` are text. It
+works on the parser's events, so it checks before it builds. `MAX_BYTES` and `MAX_ENTRIES` bound the work.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _INTEGER = re.compile(r"[-+]?[0-9]{1,15}")
 _DIGITS = re.compile(r"[0-9]{1,15}")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
-_GLUED = re.compile(r"(- )?[\w-]+:[^\s/]")  # a key without a blank behind its colon; no address
+_GLUED = re.compile(r"(- )?[\w-]+:[^\s/]")  # a key without a blank after its colon; not an address
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
@@ -117,13 +117,13 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
 
 
 def _glued(rows: list[str], problem: Any) -> tuple[int, str] | None:
-    """The place at which a key without a blank behind its colon misled the parser: its line and text, if it is one."""
-    begin = getattr(problem, "context_mark", None)  # of a key that turned out to be none
+    """Line and text of a key without a blank after its colon, if such a key caused the parser's problem; else None."""
+    begin = getattr(problem, "context_mark", None)  # where the parser expected a key
     said, found = str(getattr(problem, "problem", "")), None
     if begin is not None and "expected ':'" in said:
         places = [begin.line]
     elif said.startswith(("mapping values are not", "did not find expected key", "did not find expected <document")):
-        places = range(problem.problem_mark.line, -1, -1)  # all such rows before are one text for the parser
+        places = range(problem.problem_mark.line, -1, -1)  # the parser reads all such rows before as one text
     else:
         return None
     for place in places:
@@ -136,7 +136,7 @@ def _glued(rows: list[str], problem: Any) -> tuple[int, str] | None:
 
 
 def check_format(tree: Tree, reads: int, *, file: str | Path, error: type[InputError] = InputError) -> None:
-    """Refuse a file whose `format` is not the one that can be read; a file without it has that one.
+    """Refuse a file with a `format` other than `reads`. A file without `format` is accepted.
 
     Raises `error` with file and line."""
     if isinstance(tree.data, dict) and "format" in tree.data:
@@ -229,7 +229,7 @@ class _Builder:
 
 
 def _halves_of_number(before: Any, key: Any, after: Any) -> bool:
-    """Whether a value, the key after it and the value of that key are a number with a decimal comma: {width: 15,3}."""
+    """Whether a value and the next key, which has no value, are a number with a decimal comma: {width: 15,3}."""
     number = isinstance(before, yaml.ScalarEvent) and _INTEGER.fullmatch(before.value)
     return bool(number and _DIGITS.fullmatch(key.value) and isinstance(after, yaml.ScalarEvent) and not after.value)
 

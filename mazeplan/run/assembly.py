@@ -1,4 +1,4 @@
-"""From maze, model and settings to the parts that a run is made of."""
+"""Builds the parts of a run from maze, model and settings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 
 def plate_of(maze: Maze, model: RigModel) -> Plate:
-    """Limits of the maze and the table's tilt by the model."""
+    """The plate: tilt limit of the maze, and the tilt of the table that the model states."""
     ball = model.ball(1)
     return Plate(
         maze.tilt_limit,
@@ -35,8 +35,11 @@ def planners_of(
     *,
     late_s: float | None = None,
 ) -> dict[int, RingPlanner]:
-    """A planner for each channel; watch: for their deadlines; late_s: after what was seen a command acts so much later
-    (None: as the model has it)."""
+    """A planner for each channel, by ring number.
+
+    watch: stopwatch for the planners' deadlines
+    late_s: time from a sample until the command computed from it acts, s; None: the model's
+    """
     cost = cost.seen_late(model.late_s if late_s is None else late_s)
     return {
         ring.number: RingPlanner(
@@ -52,7 +55,7 @@ def planners_of(
 
 
 def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float) -> OpeningRollout | None:
-    """The roll-outs that try commands in front of openings; None where samples are too late for them."""
+    """The roll-outs that try commands in front of openings; None if the delay `late_s` (s) is too long for them."""
     most = options.rollout.late_s if body_of(model) is None else options.rollout.late_body_s
     if late_s > most:
         return None
@@ -61,13 +64,14 @@ def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float)
 
 
 def keeper_of(maze: Maze, model: RigModel) -> Keeper | None:
-    """The filter that keeps balls in the disc; None for a maze with one ball, which is never kept."""
+    """The filter that keeps waiting balls in the disc; None for a maze with one ball, which never waits."""
     return None if maze.balls == 1 else Keeper(maze, PlanarModel.build(maze, model), plate_of(maze, model))
 
 
 def passed_by(run: RunContext, before: int, ring: int, ball: State | None = None) -> str | None:
-    """Name of the opening by which a ball (None: the one that is led) changed its ring: the nearest that joins the two,
-    if any does."""
+    """Name of the opening by which a ball changed from ring `before` to `ring`; None if no opening joins the two rings.
+
+    The nearest opening that joins them counts. ball: None: the ball that the leaves lead."""
     joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
     nearest = min(joining, key=lambda o: abs(run.turn_to(o, ball)), default=None)
     return None if nearest is None else nearest.name

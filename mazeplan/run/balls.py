@@ -1,4 +1,4 @@
-"""The balls of a run: how many, an estimator for each, and a watch over the rim for each."""
+"""The balls of a run: their number, and for each an estimator and a watch over the rim."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mazeplan.run.specification import Job, Setup
 
 
 def with_balls(maze: Maze, balls: int | None) -> Maze:
-    """The maze with so many balls; None: as its map says. Raises InputError."""
+    """The maze with this number of balls; None: the number in its map. Raises InputError."""
     if balls is None or balls == maze.balls:
         return maze
     if balls not in range(1, MAX_BALLS + 1):
@@ -27,12 +27,12 @@ def with_balls(maze: Maze, balls: int | None) -> Maze:
 
 
 def tree_of(maze: Maze, behavior: str) -> str:
-    """The packaged tree for several balls in place of the one for one ball."""
+    """Name of the tree for this maze: `two_balls` replaces `navigate` when the maze has several balls."""
     return "two_balls" if maze.balls > 1 and behavior == "navigate" else behavior
 
 
 def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
-    """Raises InputError for several balls where the program, or the rig, has one."""
+    """Raises InputError if the maze has several balls but the rig, the policy or the job allows only one."""
     if maze.balls == 1:
         return
     has, why = traits(rig).balls, None
@@ -47,7 +47,7 @@ def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
 
 
 class Balls:
-    """What is known of each ball. The first one is that of `Rig.reset`; the others follow in the rig's order."""
+    """The estimates of all balls. `Rig.reset` places the first ball; the others follow in the rig's order."""
 
     def __init__(self, setup: Setup, rate_hz: float) -> None:
         maze, options = setup.maze, setup.settings.estimator
@@ -76,8 +76,9 @@ class Balls:
             estimator.sent(command, t)
 
     def update(self, observation: Observation) -> tuple[BallView, ...]:
-        """Take in one sample; each ball when a command sent now will act. Raises RigError for another number of balls
-        than the run has."""
+        """Take in one sample; returns a view of each ball. Its state is predicted for when a command sent now will act.
+
+        Raises RigError if the sample does not have as many balls as the run."""
         each = (observation, *observation.others)
         if len(each) != len(self._all):
             raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
@@ -85,7 +86,7 @@ class Balls:
         return tuple(BallView(s, e.filtered or s) for s, e in zip(states, self._all, strict=True))
 
     def out(self, observation: Observation) -> Out | None:
-        """Where the first ball is that has left the maze, None: none has."""
+        """The first ball in order that has left the maze, and where it is; None if all balls are inside."""
         found = None
         for rim, sample in zip(self._rims, (observation, *observation.others), strict=False):
             x, y = sample.x, sample.y

@@ -1,14 +1,15 @@
 """Excite a rig and log it: the data that models are fitted to.
 
-Sines alone starve the inner rings: the ball leaves them after seconds and comes back by chance. Two ways to give every
-ring its share of the time:
+With sines alone the inner rings get too few samples: the ball leaves them after seconds and comes back only by chance.
+Two functions give every ring its share of the time:
 
-    run_collection   the ball is placed in each ring in turn, each placing a segment of its own; on a real rig a
-                     person does that
-    run_tour         the ball is placed once; then it is driven to the ring that has had the least time, by estimator,
-                     tree and planner as in a navigation, and excited there, in turn and in one segment
+    run_collection   The ball is placed in each ring in turn; on a real rig a person places it. Each placing begins a
+                     new segment of the log.
+    run_tour         The ball is placed once. Then the tour alternates: it drives the ball to the ring that has had the
+                     least time, with estimator, tree and planner as in a navigation, and excites the ball there. The
+                     log has one segment.
 
-All commands are logged, those of the drives too, so that every row can be learned from. The column `leaf` names the
+The log has all commands, also those of the drives, so every row can be used for learning. The column `leaf` names the
 phase: EXCITE, or the leaf of the tree that drove.
 """
 
@@ -35,19 +36,25 @@ from mazeplan.run.loop import Run
 from mazeplan.run.specification import Job, Setup, log_shape
 
 STRETCH_S = 20.0  # s in one ring before the ball is placed in the next
-# 1/s; drives change the tilt by this times its limit at most: half of what the fastest sine would, alone and at full
-# height. A servo with a limit of its own would show it in faster commands, and the linear model of the stage, fitted
-# to them, would be wrong: 20 for 26 rad/s on the toy with its 120 deg/s
+# 1/s; drives change the tilt at most this fast, times the tilt limit: half the rate of the fastest sine, alone and at
+# full amplitude. Faster commands would reach the speed limit of a servo, and the linear model of the stage that is
+# fitted to them would be wrong: 20 instead of 26 rad/s on the toy with its 120 deg/s
 DRIVE_SLEW = math.pi * BAND_HZ[1]
 BLEND_S = 0.5  # s from the last command of a drive to the sines, for the same reason
-EXCITE = "Excite"  # in the column `leaf`: the sines command
+EXCITE = "Excite"  # in the column `leaf`: the sines give the command
 
 
 @dataclass(frozen=True)
 class Collection:
-    """How long (s), in which rings the ball is placed in turn (one: it is placed once), and the seed; tilt: rad, the
-    largest that is commanded (None: the limit of the map); highest_hz: of the sines; rig_given, map_given: what
-    they were called, for the log alone."""
+    """The plan of a collection.
+
+    seconds: duration of the excitation
+    rings: where the ball is placed, in turn; with one ring it is placed once
+    seed: of the sines and the start angles
+    tilt: largest tilt that is commanded, rad; None: the limit of the map
+    highest_hz: highest frequency of the sines
+    rig_given, map_given: names of rig and map as the user gave them; only the log uses them
+    """
 
     seconds: float
     rings: tuple[int, ...]
@@ -58,7 +65,7 @@ class Collection:
     map_given: str = ""
 
     def commands(self, rng: np.random.Generator, rate_hz: float, limit: float) -> Array:
-        """Sines (N, 2) in rad, within the limit of the map."""
+        """The sines (N, 2) in rad; `limit` is the tilt limit of the map, rad."""
         most = limit if self.tilt is None else min(self.tilt, limit)
         return multisine(rng, self.seconds, rate_hz, most, band_hz=(BAND_HZ[0], self.highest_hz))
 
@@ -67,9 +74,11 @@ class Collection:
 class TourOptions:
     """When a tour moves on.
 
-    dwell_s: of excitation in a ring; away_s: outside it after which the dwell ends early; drive_s: limit of a drive;
-    disc_share: time that the disc gets for each second of another ring (no ball model is fitted to it); spare: how
-    many more times than the rarest opening of its wall one may have been passed and still be used by a drive.
+    dwell_s: time of excitation in a ring
+    away_s: the dwell ends early after this time outside the ring
+    drive_s: time limit of a drive
+    disc_share: time of the disc, relative to another ring; less than 1 because no ball model is fitted to the disc
+    spare: a drive uses an opening if it was passed at most this many times more than the rarest opening of its wall
     """
 
     dwell_s: float = 20.0
@@ -81,8 +90,15 @@ class TourOptions:
 
 @dataclass(frozen=True)
 class Collected:
-    """What a tour did: samples, s in each ring, times each opening was passed, changes of ring, drives, and drives
-    that did not arrive."""
+    """What a tour did.
+
+    rows: number of samples
+    ring_s: time in each ring, s
+    passed: how often each opening was passed
+    changes: number of changes of ring
+    drives: number of drives
+    failed: number of drives that did not arrive
+    """
 
     rows: int
     ring_s: dict[int, float]
@@ -96,10 +112,10 @@ def run_collection(
     rig: Rig, maze: Maze, plan: Collection, output: str | Path, *, rig_name: str = "",
     progress: Callable[[int], None] | None = None,
 ) -> int:  # fmt: skip
-    """Drive the rig with random sines and log each sample; returns the number of samples. The plate is level
-    afterwards.
+    """Drive the rig with random sines and log each sample; returns the number of samples.
 
-    Each placing of the ball begins a new segment; time goes on through all of them."""
+    Each placing of the ball begins a new segment; the time in the log goes on through all segments. Afterwards the
+    plate is level and the rig closed."""
     check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, maze.tilt_limit)
@@ -132,10 +148,10 @@ def run_tour(
     rig: Rig, setup: Setup, plan: Collection, output: str | Path, *, options: TourOptions | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Collected:  # fmt: skip
-    """Excite the ball in each ring of `plan.rings` in turn, driving it from one to the next, and log each sample.
+    """Excite the ball in each ring of `plan.rings`, drive it from one ring to the next, and log each sample.
 
-    The ball is placed once, in the first of the rings. A drive that does not arrive is counted, and the sines go on
-    where the ball is. The plate is level and the rig closed afterwards, whatever happens."""
+    The ball is placed once, in the first of the rings. If a drive does not arrive, the tour counts it as failed and
+    excites the ball where it is. Afterwards the plate is level and the rig closed, whatever happens."""
     check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
@@ -156,11 +172,15 @@ def run_tour(
 
 
 def left_alone(maze: Maze, passed: Mapping[str, int], refused: Container[str], spare: int) -> tuple[str, ...]:
-    """Openings that a drive does not use, so that all are passed about equally often: those that refused the ball,
-    and those passed more often than the rarest of their wall by more than `spare`.
+    """Names of the openings that a drive does not use, so that all openings are passed about equally often.
 
-    passed: how often, by name; a wall of which all openings refused the ball is left as it is, and so are all where
-    radial walls would leave no way without those."""
+    A drive leaves out the openings in `refused`. It also leaves out an opening that was passed more often than the
+    rarest opening of its wall by more than `spare`. If all openings of a wall refused the ball, none of this wall is
+    left out. If radial walls would then block a way to the innermost ring, no opening at all is left out.
+
+    passed: number of passages, by name of the opening
+    refused: names of openings where a drive failed
+    """
     names: list[str] = []
     for wall in maze.walls:
         usable = [o.name for o in wall.openings if not o.closed and o.name not in refused]
@@ -192,7 +212,7 @@ def _end(rig: Rig) -> None:
 
 @dataclass
 class _Tour:
-    """A tour in progress, and its counts."""
+    """A tour in progress, with its counts."""
 
     rig: Rig
     run: Run
@@ -209,11 +229,11 @@ class _Tour:
     changes: int = 0
     drives: int = 0
     failed: int = 0
-    gave_up: bool = False  # the last drive did
-    refused: set[str] = field(default_factory=set)  # openings where a drive gave up and that were not passed since
+    gave_up: bool = False  # whether the last drive failed
+    refused: set[str] = field(default_factory=set)  # openings where a drive failed, until the ball passes them
 
     def whole(self) -> Collected:
-        """All of it."""
+        """Do the whole tour."""
         self.ring = self.plan.rings[0]
         self.ring_s = {ring.number: 0.0 for ring in self.maze.rings}
         self.passed = {opening.name: 0 for opening in self.maze.openings}
@@ -230,12 +250,12 @@ class _Tour:
         return self.rows < len(self.commands)
 
     def _next_ring(self) -> int:
-        """The ring that has had the least of its share."""
+        """The ring with the least time so far, relative to its share."""
         shares = {n: self.options.disc_share if self.maze.ring(n).is_disc else 1.0 for n in self.plan.rings}
         return min(shares, key=lambda ring: self.ring_s[ring] / shares[ring])
 
     def _excite(self, wanted: int) -> None:
-        """Sines until the dwell is over or the ball has been elsewhere for a while."""
+        """Excite the ball until the dwell is over, or the ball has been outside the ring for `away_s`."""
         began, inside, before = self.rows, self.rows, np.array([self.run.sent.u_beta, self.run.sent.u_gamma])
         dt = 1.0 / self.rig.rate_hz
         self.log.event(self.run.context.now, ExcitationStarted(wanted))
@@ -249,7 +269,7 @@ class _Tour:
                 return
 
     def _drive(self, wanted: int) -> None:
-        """Closed loop until the ball has arrived, the tree gives up, or the time is over."""
+        """Drive the ball in closed loop until it has arrived, the tree gives up, or the time is over."""
         began, dt = self.rows, 1.0 / self.rig.rate_hz
         closed = () if self.gave_up else left_alone(self.maze, self.passed, self.refused, self.options.spare)
         self.drives += 1
@@ -279,7 +299,7 @@ class _Tour:
         return status
 
     def _changed(self, measured: State, announce: bool) -> None:
-        """The ball is in another ring: count, and in the log name the opening that no leaf names."""
+        """Count a change of ring. `announce` logs the opening: during excitation no leaf does it."""
         between = self.maze.openings_between(self.ring, measured.ring)
         self.changes += 1
         self.ring = measured.ring

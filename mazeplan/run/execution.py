@@ -22,10 +22,12 @@ def run_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
     goals: Goals | None = None, feed: Sink | None = None,
 ) -> NavigationResult:  # fmt: skip
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
-    the rig failed.
+    """Do one job on a rig. Afterwards the plate is level and the log complete, whatever happens.
 
-    goals: requests from other threads; feed: gets every message of the log, in the thread of the run, which waits."""
+    goals: requests from other threads
+    feed: gets every message of the log, in the thread of the run; the run waits meanwhile
+
+    Raises RigError when the rig failed."""
     result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals, feed=feed)
     if problem is None:
         return result
@@ -33,14 +35,16 @@ def run_job(
     try:
         raise problem
     finally:
-        del problem  # it knows this frame, which would know it
+        del problem  # its traceback refers to this frame: the frame must not refer to it, or both would stay
 
 
 def attempt_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
     goals: Goals | None = None, prepare: Callable[[Run], None] | None = None, feed: Sink | None = None,
 ) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
-    """As `run_job`, but returns the result of a rig that fails with its error; `prepare` gets the run beforehand."""
+    """As `run_job`, but if the rig fails, it returns result and error and raises nothing.
+
+    prepare: is called with the run before it begins"""
     setup = setup.on(rig)
     ended: list[tuple[NavigationResult, RigError | None]] = []
     with ExitStack() as stack:
@@ -49,7 +53,7 @@ def attempt_job(
             stack.callback(goals.end)
         messages = _messages(rig, setup, job, log, feed, stack)
         run = Run(rig, setup, job, messages, display or NullDisplay(), requests=goals)
-        # a garbage collection of the whole program takes 0.1 s, in the middle of a tick: only new objects count
+        # a garbage collection of the whole program takes 0.1 s in the middle of a tick: collect only new objects
         gc.freeze()
         stack.callback(gc.unfreeze)
         stack.callback(_level, rig, ended)
@@ -70,7 +74,7 @@ def attempt_job(
 
 
 def _level(rig: Rig, ended: list[tuple[NavigationResult, RigError | None]]) -> None:
-    """Level the plate. If that fails, too, the error names the first cause and holds the result."""
+    """Level the plate. If that fails after the run failed, the error names the first cause and holds the result."""
     try:
         rig.level()
     except RigError as error:

@@ -1,7 +1,8 @@
-"""Requests from outside a run while it goes on: another goal, an opening closed or opened, stop.
+"""Requests to a run while it goes on: another goal, close or open an opening, stop.
 
-Any thread may call. The run reads the requests once a tick, after the observation and before the tree, so that they
-already affect the command of that tick. It writes an event for each request, from which a replay repeats it.
+Any thread may make a request. The run reads the requests once a tick, after the observation and before the tree, so
+that they already affect the command of that tick. The run logs an event for each request; a replay repeats the request
+from this event.
 """
 
 from __future__ import annotations
@@ -27,16 +28,17 @@ class Requests(Protocol):
         ...
 
     def over(self) -> bool:
-        """Whether the run may end now: not while another goal waits. After True no request is accepted."""
+        """Whether the run may end now; False while another goal waits. After True no request is accepted."""
         ...
 
 
 class Goals:
-    """A mailbox: made for a map, handed to `navigate(..., goals=goals)`, called from any thread.
+    """A mailbox for requests to a run. Make it for a map, pass it to `navigate(..., goals=goals)`, call it from any
+    thread.
 
-    Each method returns whether a run still reads the mailbox: False once the run is over. The run reads requests that
-    were made before it began at its first tick; of several goals it takes only the last. A mailbox may serve one run
-    after another. Each call checks rings and openings: it raises SettingsError and makes no request."""
+    Each method returns False once the run is over, else True. Requests may be made before the run begins: the run reads
+    them at its first tick, and of several goals it takes only the last. A mailbox may serve one run after another.
+    Each method checks its rings and openings: for an unknown one it raises SettingsError and makes no request."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
@@ -46,10 +48,10 @@ class Goals:
         self._read = False  # at the first tick of the run
 
     def aim(self, ring: int | str, closed: Collection[str] = ()) -> bool:
-        """Go to another ring from where the ball is, within one tick, whatever the tree does now.
+        """Go to another ring from where the ball is. It takes effect within one tick, whatever the tree does now.
 
-        Closed openings stay closed, and those in `closed` are closed as well. An accepted goal is never lost: a run
-        that arrives meanwhile goes on to it."""
+        Closed openings stay closed, and those in `closed` are closed as well. An accepted goal is never lost: if the
+        run arrives at the old goal meanwhile, it goes on to the new one."""
         try:
             number = ring_number(ring, self._maze)
         except InputError as problem:
@@ -85,7 +87,9 @@ class Goals:
     # -- the run's side ---------------------------------------------------------------------------------------------
 
     def begin(self, maze: Maze) -> None:
-        """A run reads from now on. Raises SettingsError if another one does, or its map has other rings or openings."""
+        """A run begins to read the mailbox.
+
+        Raises SettingsError if another run reads it, or if the run's map has other rings or openings."""
         own, other = ([*(r.number for r in m.rings), *(o.name for o in m.openings)] for m in (self._maze, maze))
         if own != other:
             problem = f"made for the map {self._maze.name}, expected the one of the run, {maze.name}"
@@ -96,7 +100,7 @@ class Goals:
             self._running, self._ended, self._read = True, False, False
 
     def take(self, t: float) -> Sequence[Request]:
-        """All requests that wait; after `stop` the run reads no more."""
+        """All requests that wait. A `stop` among them closes the mailbox."""
         if not self._waiting:  # the usual tick takes no lock
             self._read = True
             return ()
@@ -107,7 +111,7 @@ class Goals:
         return taken
 
     def over(self) -> bool:
-        """Whether no goal waits. True also ends the mailbox, in one step, so that no goal can come in between."""
+        """Whether no goal waits. If so, the call also closes the mailbox, under one lock: no goal comes in between."""
         with self._lock:
             if any(isinstance(request, GoalChanged) for request in self._waiting):
                 return False
@@ -124,7 +128,7 @@ class Goals:
 
 
 def _last_goal(requests: Sequence[Request]) -> list[Request]:
-    """Only the last goal; openings that an earlier goal closes stay closed."""
+    """The requests with only the last goal; the openings that an earlier goal closes stay closed."""
     last = max((i for i, request in enumerate(requests) if isinstance(request, GoalChanged)), default=-1)
     left: list[Request] = []
     for i, request in enumerate(requests):
@@ -136,9 +140,9 @@ def _last_goal(requests: Sequence[Request]) -> list[Request]:
 
 
 class RecordedRequests:
-    """The requests of a recorded run, repeated at the same ticks; see `Requests`.
+    """Repeats the requests of a recorded run at the same ticks; see `Requests`.
 
-    events: of the log. Raises ValueError where a request names a ring or an opening that the maze does not have."""
+    events: of the log. Raises ValueError if a request names a ring or an opening that the maze does not have."""
 
     def __init__(self, events: Iterable[TimedEvent], maze: Maze) -> None:
         self._left: list[tuple[float, Request]] = []
@@ -166,5 +170,5 @@ class RecordedRequests:
         return taken
 
     def over(self) -> bool:
-        """Whether no goal is left: a goal that is left was waiting when the run arrived."""
+        """Whether no goal is left. A goal that is left was waiting when the recorded run arrived."""
         return not any(isinstance(request, GoalChanged) for _, request in self._left)

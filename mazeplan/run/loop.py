@@ -1,8 +1,8 @@
-"""One run, tick by tick, with everything wired together.
+"""One run, tick by tick. This module connects rig, estimator, tree and log:
 
     Observation -> estimator -> State -> tree -> Command -> Rig, and every tick into the log.
 
-The rig owns the clock; the only wall time read here is the stopwatch around a tick, which decides nothing.
+The rig owns the clock. This module reads wall time only to measure how long a tick takes; no decision depends on it.
 """
 
 from __future__ import annotations
@@ -55,17 +55,20 @@ from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder
 from mazeplan.run.specification import Job, Setup
 
-CRASHED = "crashed"  # the reason where the program itself raised what it should not
-HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
+CRASHED = "crashed"  # the reason of a run that an unexpected exception of the program itself ended
+HALTED = "HALTED"  # in the log, the status in the ticks that level the plate after the tree was halted
 
 
 class Run:
     """One run in progress: estimator, planners and a tree with a goal, ticked once for each observation.
 
     `drive` does a whole navigation. For any other order, place the ball and call `tick` and `aim`.
-    segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands; watch: for the planner's deadlines; requests: what `drive` reads at each
-    tick."""
+
+    segment: number of the uninterrupted stretch, for the log; None leaves it out
+    slew: fastest change of the tree's commands, rad/s
+    requests: requests from outside; `drive` reads them at each tick
+    watch: stopwatch for the planner's deadlines
+    """
 
     def __init__(
         self,
@@ -87,7 +90,7 @@ class Run:
         self._gears = Gears(model.stage, setup.maze.tilt_limit)
         self._balls = Balls(setup, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
-        # a plate that is kept from moving fast answers later, by half its range on average
+        # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
         cost = setup.settings.leaves.cost
@@ -95,18 +98,19 @@ class Run:
         self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
         self._keeper = keeper_of(setup.maze, model)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
-        self._held = LEVEL  # the last command of the rig
-        self._seen_at = 0.0  # when the ball was seen last
+        self._held = LEVEL  # the last command sent to the rig
+        self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
         self._leaves = registry_with(setup.behavior_modules)
-        self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
+        self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
         self._warm_up()
 
     def _towards(
         self, goal: int, closed: Collection[str], t: float = 0.0, via: Sequence[int] = ()
     ) -> tuple[RunContext, BehaviorTree]:
-        """A tree that has not begun, with openings closed and failures of its own; what openings did is kept."""
+        """A new tree for a goal, with its context: closed openings and failures start afresh. The memory of openings
+        and the planners are shared by all trees of the run."""
         setup = self._setup
         graph = RouteGraph(setup.maze, memory=self._memory)
         for name in closed:
@@ -147,7 +151,7 @@ class Run:
         self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
-        """Begin anew towards a ring from where the ball is, not using the openings `closed`.
+        """Begin a new tree towards another ring, from where the ball is. It does not use the openings `closed`.
 
         Tree, closed openings and budgets of recoveries start afresh. The estimates of ball and plate, the memory of
         openings and the last command stay: the plate is not levelled."""
@@ -157,8 +161,9 @@ class Run:
         self.context.carry_on(before)
 
     def _serve_requests(self, t: float) -> bool:
-        """Serve the requests from outside at the time of this tick; whether one was to stop. A sample that is not newer
-        than the last one is no tick: a replay would not find its place."""
+        """Serve the requests from outside, at the rig time t of this tick. Returns whether the run must stop.
+
+        A sample that is not newer than the last one makes no tick, so requests wait: a replay repeats them by tick."""
         new = math.isfinite(t) and (t > self.context.now or not self._record.began)
         requests = self._requests.take(t) if self._requests is not None and new else ()
         if not requests:
@@ -182,16 +187,18 @@ class Run:
         return False
 
     def _preempt(self, goal: int, t: float) -> None:
-        """Another goal, now, with the openings closed that are closed."""
+        """Go to another goal at once. Closed openings stay closed."""
         closed = self.context.graph.closed
         self.aim(goal, closed)
-        for name in self.context.graph.closed - closed:  # those that the map calls closed and somebody opened
+        for name in self.context.graph.closed - closed:  # closed in the map, but opened by a request
             self.context.graph.reopen(name)
         self._goals.append(GoalGiven(goal, t))
 
     def drive(self) -> NavigationResult:
-        """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
-        it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
+        """Place the ball and run until the tree succeeds, fails or is skipped, the time is over, or a request stops it.
+        The run also ends when the ball is out of the maze or unseen for too long.
+
+        Each goal has the whole time limit, from when it was given. While another goal waits, the run goes on to it."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = job.start_angle(self._setup.maze, rng)
         self._report(Start(job.start, theta))
@@ -218,7 +225,7 @@ class Run:
                 continue
             if status == "SUCCESS":
                 return self._succeeded()
-            if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
+            if status == "SKIPPED":  # the tree's preconditions exclude it, and would at the next tick, too
                 return self._end(False, "skipped")
             if status == "FAILURE":
                 last = self.context.last_failure
@@ -228,18 +235,18 @@ class Run:
             return self._end(False, str(FailureKind.OUT_OF_TIME))
 
     def _out_for_long(self, observation: Observation) -> bool:
-        """Whether the ball is out of the maze for as long as it may be; tells of it where the tree has not."""
+        """Whether the ball has been out of the maze for `out_s`. Reports the failure unless the tree already has."""
         run, limit = self.context, self._setup.out_s
         if run.out is None or limit is None:
             return False
-        self._seen_at = observation.t  # it is known where it went
+        self._seen_at = observation.t  # a ball that is out does not count as unseen
         over = observation.t - run.out.since >= limit
         if not any(f.kind is FailureKind.BALL_OUT and f.t >= run.out.since for f in run.failures):
             run.failed(Failure(FailureKind.BALL_OUT, "run", observation.t, run.out.told))
         return over
 
     def _unseen_for_long(self, observation: Observation) -> bool:
-        """Whether the ball was not seen for as long as the rig allows: it may lie beside the plate."""
+        """Whether a ball has been unseen for as long as the rig allows. It may lie beside the plate."""
         if observation.seen and all(other.seen for other in observation.others):
             self._seen_at = observation.t
         limit = self._setup.unseen_s
@@ -250,7 +257,7 @@ class Run:
         return True
 
     def _succeeded(self) -> NavigationResult:
-        """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""
+        """End a run whose tree succeeded: it arrived only if each ball was measured in the ring of the newest goal."""
         run = self.context
         seen = [view.measured for view in run.views]
         rings = [None if ball.lost or not math.isfinite(ball.r) else ball.ring for ball in seen]
@@ -264,8 +271,9 @@ class Run:
         return self._end(False, str(FailureKind.ELSEWHERE))
 
     def _end(self, success: bool, reason: str, observation: Observation | None = None) -> NavigationResult:
-        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken,
-        for the first one in which the plate goes level."""
+        """Halt the tree, wind down and level the plate; returns the result of the run.
+
+        observation: a sample that no tick has used; the first tick of winding down uses it."""
         result = self.result(success, reason)
         winding = WindDown(self._tree, self.sent, self.context.plate)
         while winding.going or observation is not None:
@@ -280,12 +288,12 @@ class Run:
         return result
 
     def broken(self, error: RigError) -> NavigationResult:
-        """What has happened until the rig failed."""
+        """The result of a run whose rig failed."""
         self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
         return self.result(False, str(FailureKind.RIG_FAILED))
 
     def broke_off(self, error: Exception) -> NavigationResult:
-        """What has happened until a leaf, the log, or the program itself, could not go on."""
+        """The result of a run that an error of the log, of a leaf, or of the program itself ended."""
         if isinstance(error, LogError) and not blames_a_node(error):
             self.context.failed(Failure(FailureKind.LOG_FAILED, "log", self.context.now, str(error)))
             return self.result(False, str(FailureKind.LOG_FAILED))
@@ -295,17 +303,19 @@ class Run:
         return self.result(False, str(FailureKind.LEAF_FAILED))
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
-        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
-        SKIPPED.
+        """Take in an observation, command the rig and write the log. Returns the tree's status: SUCCESS, FAILURE,
+        RUNNING or SKIPPED.
 
-        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. A sample
-        that is not newer than the last one changes nothing. Raises RigError when what the rig measures cannot be used
-        for too long (`Scrutiny`)."""
+        given: a command that goes out in place of the tree's; the tree is not ticked, and the status is RUNNING
+        by: name of what gives this command, for the log
+
+        A sample that is not newer than the last one changes nothing. Raises RigError when the samples have been
+        unusable for too long (`Scrutiny`)."""
         admitted = self._admit(observation)
         return "RUNNING" if admitted is None else self._answer(admitted, given, by)
 
     def _admit(self, observation: Observation) -> Observation | None:
-        """What of a sample may be used; where nothing, the rig keeps its command."""
+        """The usable part of a sample. None if there is none; the last command then goes out again."""
         admitted = self._scrutiny.admit(observation)
         if admitted is None:
             self._rig.command(self._held.u_beta, self._held.u_gamma)
@@ -325,7 +335,7 @@ class Run:
         return status
 
     def _see(self, observation: Observation) -> None:
-        """Take in an observation and begin the tick."""
+        """Update the estimates with an observation and begin the tick."""
         first, *others = self._balls.update(observation)
         doubts = self._scrutiny.judge(self._balls.doubts, observation.t)
         self.context.begin(observation.t, first.state, first.measured, self._balls.out(observation), tuple(others))
@@ -334,7 +344,7 @@ class Run:
         self._record.in_ring(self.context, observation.t)
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
-        """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
+        """Command the rig and log the tick. lead: compensate the backlash of the servos, if the model has any."""
         self.sent = command
         passed_on = command
         if self._gears.loose:
@@ -357,7 +367,7 @@ class Run:
         self._record.took(1e3 * (perf_counter() - began))
 
     def _slewed(self, wanted: Command) -> Command:
-        """As far towards the command wanted as one sample allows."""
+        """The wanted command, limited to the change that one sample allows."""
         last, most = self.sent, self._most
         return Command(
             min(max(wanted.u_beta, last.u_beta - most), last.u_beta + most),
@@ -368,7 +378,7 @@ class Run:
         self._record.event(self.context.now, event)
 
     def result(self, success: bool, reason: str) -> NavigationResult:
-        """What has happened until now."""
+        """The result of the run until now."""
         return self._record.result(
             self.context, self._job, success, reason,
             rig=self._setup.rig_name, goals=self._goals, doubts=self._scrutiny.doubts,
@@ -376,8 +386,8 @@ class Run:
 
 
 def _to(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
-    """What a tree reports to a run, without keeping it: run and tree would keep each other, and the rig with them. A
-    tree that outlives its run reports to nobody."""
+    """A function that passes a tree's reports on to its run. It refers to the run weakly: else run and tree would keep
+    each other, and the rig with them. After the run is gone it does nothing."""
 
     def passed_on(event: RunEvent | Plan) -> None:
         to = report()

@@ -1,4 +1,4 @@
-"""The main job, for Python: `mazeplan.navigate(...)` finds map, rig and model by name and does one run."""
+"""`mazeplan.navigate(...)` for Python: finds map, rig and model by name and does one run."""
 
 from __future__ import annotations
 
@@ -69,19 +69,22 @@ def navigate(
 
     start, goal: ring numbers, or "ring1"; goal None: the centre
     rig: a packaged name, a YAML file, "module:Class", or a rig
-    model: packaged name or folder; None: the rig's own, else a packaged one of its name, else nominal physics
-    policy: learned, or its folder; the packaged tree `policy` follows it, which is the default then
-    via: rings to visit before the goal, in this order; the packaged tree `waypoints` does, which is the default then
-    balls: how many, 1 or 2; None: as the map says; the packaged tree `two_balls` leads two, which is the default then
-    behavior: packaged tree or XML file; behavior_modules: modules with leaves beside the packaged ones
+    model: packaged name, folder or RigModel; None: the rig's own, else one of the rig's name, else nominal physics
+    policy: a learned policy, or its folder; the default tree is then `policy`
+    behavior: packaged tree or XML file
+    behavior_modules: modules with leaves beside the packaged ones
     effects: "module:function" with effects of your own that the model has
     settings: YAML file of costs, gains and windows, or Settings; None: the packaged ones
+    start_angle_deg: where the ball is placed in the start ring; None: drawn by the seed
     closed: names of openings that the run does not use
+    via: rings to visit before the goal, in this order; the default tree is then `waypoints`
+    balls: number of balls, 1 or 2; None: as the map says; with 2 the default tree is `two_balls`
+    seed: of start angle and simulated noise
+    time_limit: rig time for each goal, from when it was given, s
     memory: file that keeps the results at openings for the next run
-    seed: of start angle and simulated noise; time_limit: s of rig time for each goal, from when it was given
-    own_process: the watchdog may end the process when a leaf hangs and nothing else ends it
-    goals: requests from other threads: other goals, openings closed and opened, stop
-    guard: a context that is entered with the rig around the run, such as an emergency stop
+    goals: requests from other threads: another goal, close or open an opening, stop
+    own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
+    guard: a context around the run that is entered with the rig, such as an emergency stop
     sense: how a simulated rig sees the ball, "ideal" or "camera" (rendered pictures); None: by its settings
     feed: called in the thread of the run with topic, rig time and document of each message of a log
     around: wraps the rig, for example to pace it by the wall clock
@@ -89,7 +92,7 @@ def navigate(
 
     The tree is checked before anything moves, as `behavior check` does.
 
-    Raises InputError for an argument that cannot be used, RigError when the machine fails.
+    Raises InputError for an argument that cannot be used, RigError when the rig fails.
     """
     maze = with_balls(map if isinstance(map, Maze) else load_map(map), balls)
     rig_name = rig if isinstance(rig, str) else None
@@ -123,7 +126,7 @@ def navigate(
         save_memory(kept, Path(memory), result.time_s, maze.name)
     try:
         machine.close()
-    except RigError as error:  # the result of the run stands
+    except RigError as error:  # the run itself has a result
         error.result = result
         raise
     return result
@@ -132,14 +135,15 @@ def navigate(
 def _checked(
     behavior: str, via: Sequence[int], watch: Callable[[BehaviorTree, RunContext], None] | None
 ) -> Callable[[BehaviorTree, RunContext], None]:
-    """A `watch` that refuses mistakes in the first tree of a run, which begins before the rig moves: those of another
-    goal are the same."""
+    """Wraps `watch` so that it also refuses mistakes in the first tree of a run, before the rig moves.
+
+    Trees of later goals come from the same file and are not checked again."""
     checked = False
 
     def looked(tree: BehaviorTree, context: RunContext) -> None:
         nonlocal checked
         if watch is not None:
-            watch(tree, context)  # it may give entries
+            watch(tree, context)  # before the check, as it may give blackboard entries
         if checked:
             return
         checked = True

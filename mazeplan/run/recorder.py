@@ -1,4 +1,4 @@
-"""Records a run while it goes on, for log and display, and sums it up in the end as a NavigationResult."""
+"""Records a run for log and display while it goes on, and makes its NavigationResult."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RunRecorder:
         return self._ways[1].ring is not None
 
     def event(self, t: float, event: RunEvent | Plan) -> None:
-        """Record an event, or a new plan, of rig time t, s."""
+        """Record an event or a new plan at rig time t, s."""
         if isinstance(event, Plan):
             self._log.plan(event)
             return
@@ -64,13 +64,14 @@ class RunRecorder:
         self._log.event(t, event)
         timed = TimedEvent(t, event)
         text = _words(timed)
-        if text and (self.began or not timed.rig_failed):  # before that an error tells why
+        if text and (self.began or not timed.rig_failed):  # a rig that fails earlier raises an error that says why
             self._display.event(t, text)
 
     def in_ring(self, context: RunContext, t: float) -> None:
-        """Record the ring of each ball. A new ring is an event, and so is a first ring other than that of the start.
+        """Record the ring of each ball. A change of ring is an event. It is also an event if ball 1 is first seen in
+        another ring than the start ring.
 
-        Of a ball whose position is not known the first ring is not recorded yet."""
+        The first ring of a lost ball is not recorded until the ball is found."""
         for ball, view in enumerate(context.views, start=1):
             way, ring = self._ways.setdefault(ball, _Way()), view.state.ring
             if ring == way.ring or (view.state.lost and way.ring is None):
@@ -88,7 +89,7 @@ class RunRecorder:
                 self.event(context.now, PlacedElsewhere(ring, self._start.ring))
 
     def _first_in(self, context: RunContext, t: float, ring: int, left: RingPassage | None) -> None:
-        """The first ball is in another ring; left: the one before."""
+        """Record that ball 1 is in another ring. left: its passage through the ring before; None at the first ring."""
         if left is not None:
             self._display.passed(left.ring, left.opening or "another opening", t)
         self._display.ring_entered(ring, t)
@@ -99,8 +100,13 @@ class RunRecorder:
         self, context: RunContext, observation: Observation, command: Command, *, status: str, ms: float,
         cut_off: str | None, doubts: str | None,
     ) -> None:  # fmt: skip
-        """Record a tick; ms: how long it took, without the recording. State and plan are of the first ball: while
-        another one is led, the tick has no plan."""
+        """Record a tick. State and plan are those of ball 1: while the leaves lead another ball, the tick has no plan.
+
+        status: of the tree
+        ms: duration of the tick without this recording
+        cut_off: searches that a deadline ended, as `Stopwatch.taken` gives them
+        doubts: words of `records.Doubt` for this sample
+        """
         self._tick_ms.append(ms)
         led = context.ball == 1
         first = context.here if led else context.views[0].state
@@ -128,14 +134,14 @@ class RunRecorder:
         self._log.tree(t, tree.outline())
 
     def statuses(self, t: float, tree: BehaviorTree) -> None:
-        """Record the statuses of a tree where they changed."""
+        """Record the statuses of a tree if they have changed."""
         letters = "".join([STATUSES[name] for name in tree.results()])
         if letters != self._statuses:
             self._statuses = letters
             self._log.statuses(t, letters)
 
     def openings(self, t: float, memory: OpeningMemory) -> None:
-        """Record the attempts at openings where there are new ones."""
+        """Record the attempts at openings if there are new ones."""
         if memory.attempts == self._attempts:
             return
         self._attempts = memory.attempts
@@ -144,14 +150,14 @@ class RunRecorder:
             self._log.openings(t, counts, memory.fading_s)
 
     def took(self, ms: float) -> None:
-        """Correct the time of the last tick: with the recording."""
+        """Set the duration of the last tick to `ms`, which includes the recording."""
         self._tick_ms[-1] = ms
 
     def result(
         self, context: RunContext, job: Job, success: bool, reason: str, *, rig: str, goals: Sequence[GoalGiven],
         doubts: Sequence[Doubt],
     ) -> NavigationResult:  # fmt: skip
-        """The outcome until now."""
+        """The result of the run until now."""
         ways = {ball: way.until(context.now) for ball, way in self._ways.items()}
         return NavigationResult(
             success=success,
@@ -174,21 +180,22 @@ class RunRecorder:
 
 @dataclass
 class _Way:
-    """The rings of one ball: those that it left, and the one where it is since a rig time, s."""
+    """The rings of one ball: the passages through rings that it left, and the ring where it is since rig time `since`,
+    s."""
 
     passages: list[RingPassage] = field(default_factory=list)
     ring: int | None = None
     since: float = 0.0
 
     def until(self, now: float) -> tuple[RingPassage, ...]:
-        """With the ring where it is now."""
+        """All passages, with the ring where the ball is now."""
         last = [] if self.ring is None else [RingPassage(self.ring, now - self.since, None)]
         return (*self.passages, *last)
 
 
 def _others(context: RunContext, observation: Observation) -> dict[str, float | int | None]:
-    """Columns of a tick with several balls: the one that is led, and for each after the first where it was measured and
-    estimated."""
+    """Columns of a tick with several balls: number of the ball that the leaves lead; for each ball after the first its
+    ring, and where it was measured and estimated."""
     if not observation.others:
         return {}
     columns: dict[str, float | int | None] = {"ball": context.ball}
@@ -199,7 +206,7 @@ def _others(context: RunContext, observation: Observation) -> dict[str, float | 
 
 
 def _words(timed: TimedEvent) -> str:
-    """An event in a line for the display; empty for one that the display does not show."""
+    """The line for an event on the display; empty for an event that the display does not show."""
     match timed.event:
         case FailureReported(kind, where, detail):
             return kind if timed.error_follows else ", ".join(filter(None, (kind, where, detail)))
@@ -217,7 +224,7 @@ def _words(timed: TimedEvent) -> str:
 
 
 def _planned_theta(context: RunContext) -> float | None:
-    """The angle that the plan wants at the time of the state, rad, while a plan is followed."""
+    """The angle of the plan at the time of the state, rad; None unless the leaf Track follows a plan."""
     if context.plan is None or context.commanded_by != "Track":
         return None
     return float(context.plan.states[plan_step(context.plan, context.here.t), 0])

@@ -1,10 +1,10 @@
-"""A recorded run once more, without its rig: the observations of the log go through estimator and tree, and each tick
-must decide as it did.
+"""Replays a recorded run without its rig: the observations of the log go through estimator and tree again, and each
+tick must make the recorded decision.
 
-What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, tree, modules and
-packaged models by name and SHA-256; another model is in the log itself. The planner's deadlines, the only thing that
-wall time has a say in, end each search where they ended it then (`control.deadline`). The events repeat the
-requests from outside (`goals`).
+The log identifies everything that affects decisions. Its header holds map, settings, memory of openings, goal and seed,
+and the names and SHA-256 of tree, modules and packaged model. Any other model is attached. Wall time affects only the
+planner's deadlines; a replay ends each search at the recorded iteration (`control.deadline`). The events of the log
+repeat the requests from outside (`goals`).
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ from mazeplan.run.specification import REPLAY_FORMAT, Job, ReplayFacts, Setup, f
 
 Message = tuple[str, dict[str, Any]]
 
-NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differently, decisions are coarser
-LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
-CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
+NEAR = 1e-9  # tolerance, relative and in rad and m: processors round differently; other decisions differ by more
+LAST_DIGIT = 1.5e-6  # tolerance for the trajectory of a plan, which the log holds with six digits
+CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # in a tick
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # fields of other messages that are no decisions
-UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # the tick shows their effect
-# reasons of runs that stopped anywhere in a tick
+UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # topics that are not compared: ticks show their effect
+# reasons of runs that may have stopped in the middle of a tick
 UNFINISHED = (
     "interrupted",
     CRASHED,
@@ -64,8 +64,9 @@ UNFINISHED = (
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a replay first decides otherwise: rig time t (s) and number of the tick, from 0; what kind of message, and
-    which of its fields; the tick's decisions, then and now, and the messages themselves (None: there was none)."""
+    """The first difference of a replay. t: rig time of the tick, s; tick: its number, from 0; what: kind of message;
+    fields: which fields of the message differ; recorded, replayed: the decisions of the tick; messages: the recorded
+    and the replayed message, None if there was none."""
 
     t: float
     tick: int
@@ -78,8 +79,8 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replay:
-    """What was compared: ticks, plans (of which `cut_off` met their deadline) and events, until the difference; with
-    what version the log was written."""
+    """Result of a replay. ticks, plans, events: numbers that were compared and are alike; cut_off: plans that a
+    deadline ended; reason: of the recorded run; recorded_by: version that wrote the log; difference: None if alike."""
 
     ticks: int
     plans: int
@@ -96,18 +97,18 @@ class Replay:
 
 
 class _OverError(Exception):
-    """There are no more observations, or none that could still be answered alike."""
+    """There are no more observations, or the replay has already decided otherwise."""
 
 
 def replay(
     log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None,
     advance: Advance = no_advance,
 ) -> Replay:  # fmt: skip
-    """Run the tree again on a recorded run of `navigate`.
+    """Replay a log of `navigate`. model, behavior: the present places of model and tree, if they moved.
+    advance: gets the number of the tick and the number of all ticks.
 
-    model, behavior: the present places of model and tree, if they moved; advance gets the number of the tick, and of
-    all ticks. Raises LogError when the log is cut, damaged, not of a navigation, or older than replays, and when
-    model, tree or modules have changed since; InputError when they cannot be read."""
+    Raises LogError if the log is cut, damaged, not of a navigation, or older than replays, or if model, tree or modules
+    have changed since; InputError if they cannot be read."""
     path = Path(log)
     header, messages, complete = read_messages(path)
     _check_kind(header, complete, path)
@@ -230,14 +231,14 @@ def _check_file(what: str, name: str, file: str | Path, sha256: str | None, path
 
 
 def _check_tree(name: str, sha256: str, path: Path, advice: str) -> None:
-    """The tree's file, with those that it includes."""
+    """Raises LogError if the file of the tree, or a file that it includes, has changed."""
     try:
         files = tree_files(name)
     except TreeError:
         files = (Path(name),)
     if file_sha256(*files) == sha256:
         return
-    with suppress(OSError, ValueError):  # the model of the leaves may be new: only editors read it
+    with suppress(OSError, ValueError):  # the model of the leaves (TreeNodesModel) may be new: only editors read it
         text = "".join(without_model(file.read_text(encoding="utf-8")) for file in files)
         if hashlib.sha256(text.encode()).hexdigest() == sha256:
             return
@@ -253,7 +254,7 @@ def _changed(what: str, name: str, path: Path, advice: str) -> LogError:
 
 @dataclass
 class _Script:
-    """A rig that repeats the recorded observations, and compares the decisions with the recorded ones."""
+    """A rig that repeats the recorded observations and compares the new decisions with the recorded ones."""
 
     recorded: list[Message]
     rate_hz: float
@@ -276,10 +277,10 @@ class _Script:
     # a rig
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Nothing: the ball was placed then."""
+        """Does nothing: the ball was placed in the recorded run."""
 
     def observe(self) -> Observation:
-        """What was observed next. Raises _OverError when there is no more, or the last tick decided otherwise."""
+        """The next recorded observation. Raises _OverError if there is none, or the last tick decided otherwise."""
         if self._given == len(self._ticks) or not self._alike():
             raise _OverError
         self.watch.load(self._ticks[self._given].get("cut_off"))
@@ -288,23 +289,23 @@ class _Script:
         return self._observed[self._given - 1]
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Nothing: the log has it."""
+        """Does nothing: the log has the command."""
 
     def level(self) -> None:
-        """Nothing."""
+        """Does nothing."""
 
     def close(self) -> None:
-        """Nothing."""
+        """Does nothing."""
 
     # the comparison
 
     def keep(self, topic: str, t: float, document: dict[str, Any]) -> None:
-        """Keep a message of the replay as a reader of its log would find it."""
+        """Keep a message of the replay in the form in which a reader of a log would get it."""
         if topic not in UNCOMPARED:
             self.replayed.append((topic, json.loads(encode(document))))
 
     def _alike(self) -> bool:
-        """Whether all messages until now are those of the recorded run."""
+        """Whether all messages until now are like those of the recorded run."""
         now = self.replayed
         while self._same < min(len(now), len(self.recorded)):
             if _differing(self.recorded[self._same], now[self._same]):
@@ -313,7 +314,7 @@ class _Script:
         return self._same == len(now)
 
     def outcome(self, recorded_by: str) -> Replay:
-        """The whole comparison."""
+        """The result of the comparison."""
         difference = self._difference()
         topics = [topic for topic, _ in self.replayed[: self._same]]
         cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
@@ -322,7 +323,7 @@ class _Script:
 
     def _difference(self) -> Difference | None:
         alike, then = self._alike(), self.recorded
-        if self._reason in UNFINISHED or self._result is None:  # what is behind its last tick belongs to none
+        if self._reason in UNFINISHED or self._result is None:  # messages after its last tick belong to no tick
             last = max((i for i, (topic, _) in enumerate(then) if topic == "/tick"), default=-1)
             if self._same > last:
                 return None
@@ -357,7 +358,7 @@ def _cuts(tick: dict[str, Any]) -> list[str]:
 
 
 def _decided(messages: Sequence[Message], number: int) -> dict[str, Any]:
-    """What a tick decided; nothing when it was not reached."""
+    """The decisions of a tick; empty if the tick was not reached."""
     ticks = [document for topic, document in messages if topic == "/tick"]
     return {name: ticks[number].get(name) for name in CHOSEN[:5]} if number < len(ticks) else {}
 
@@ -375,7 +376,7 @@ def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
 
 
 def _known_fields(then: Any, now: Any) -> Any:
-    """Only those of the fields now that the recorded message has, too."""
+    """The fields of the new message that the recorded message has, too."""
     if isinstance(then, dict) and isinstance(now, dict):
         return {name: _known_fields(then[name], value) for name, value in now.items() if name in then}
     if isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
@@ -384,12 +385,12 @@ def _known_fields(then: Any, now: Any) -> Any:
 
 
 def _near(a: Any, b: Any, near: float) -> bool:
-    """Equal, but for the rounding of numbers."""
+    """Whether two values are equal, apart from the rounding of numbers."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_near(a[key], b[key], near) for key in a)
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(_near(x, y, near) for x, y in zip(a, b, strict=True))
-    if isinstance(a, float) and isinstance(b, float):  # JSON holds a float as one, 0.0 for 0
+    if isinstance(a, float) and isinstance(b, float):  # JSON keeps floats and integers apart
         return math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
     return type(a) is type(b) and a == b
 

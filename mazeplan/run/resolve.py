@@ -34,15 +34,16 @@ def ring_number(ring: int | str, maze: Maze) -> int:
 
 
 def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:
-    """Raises InputError where a radial wall is in the way of a ball at that angle."""
+    """Raises InputError if a radial wall leaves no room for a ball at this angle. key: for the error."""
     if not maze.has_room(ring, math.radians(degrees)):
         raise InputError(f"got {degrees:g}, where a radial wall leaves the ball no room in ring {ring}", key=key)
 
 
 def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Maze) -> RigModel:
-    """The model asked for; else the rig's own; else a packaged one of the rig's name; else nominal physics.
+    """The model that was asked for; else the one that the rig names; else a packaged one of the rig's name; else
+    nominal physics.
 
-    Of a packaged one only the physics, where the maze has other rings than the one it was fitted on."""
+    If the maze has other rings than the map on which a packaged model was fitted, only the model's physics is used."""
     if isinstance(model, RigModel):
         return model
     source = model_source(model, rig)
@@ -57,14 +58,15 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
 
 
 def model_from(source: str | Path, maze: Maze) -> RigModel:
-    """The model in a folder, or what of the packaged one of that name is true of a maze. Raises ModelError."""
+    """The model in a folder, or the packaged model of that name, carried over to the maze. Raises ModelError."""
     model = load_model(source)
     return carried_over(model, load_map(HOME), maze) if is_packaged_model(source) else model
 
 
 def model_source(model: str | Path | None, rig: str | None) -> str | None:
-    """Absolute folder, or packaged name, of the model; None: nominal physics. Raises SettingsError with the line of
-    the rig's file that names a model which is not there."""
+    """Absolute folder, or packaged name, of the model; None: nominal physics.
+
+    Raises SettingsError if the rig's file names a model that does not exist, with the line in that file."""
     if model is None and rig is not None:
         model = _model_of_rig(rig)
         if model is None and rig in model_names():

@@ -1,7 +1,7 @@
 """How the ball is driven: costs, gains and windows of a run, from one YAML file (settings.yaml explains every key).
 
-A file says only what it wants otherwise than the packaged one. Sections are the frozen options that sit with their
-algorithms; their fields are the keys.
+A file has only the keys whose values differ from the packaged file. Each section is a frozen dataclass of options,
+defined beside its algorithm; its fields are the keys.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
-FORMAT = 1  # of a file without `format`, too
+FORMAT = 1  # format number; also that of a file without `format`
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of the leaves (and the planner and gate behind them), and of the estimator."""
+    """Options of the leaves (with planner and control at openings), and of the estimator."""
 
     leaves: LeafOptions = field(default_factory=LeafOptions)
     estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
 
     def with_values(self, sections: dict[str, dict[str, Any]]) -> Settings:
-        """With some keys of some sections otherwise. Raises SettingsError, its key `section.name`."""
+        """A copy with other values for some keys, {section: {name: value}}. Raises SettingsError with the key
+        `section.name`."""
         leaves, estimator = self.leaves, self.estimator
         for section, values in sections.items():
             try:
@@ -43,13 +44,14 @@ class Settings:
         return Settings(leaves, estimator)
 
     def text(self) -> str:
-        """All of them in one line (JSON), to the last bit; see `settings_from_text`."""
+        """All settings as one line of JSON, exact to the last bit; `settings_from_text` reads it."""
         return json.dumps(asdict(self))
 
 
 def settings_from_text(text: str) -> Settings:
-    """Read `Settings.text`. Raises ValueError for any other text, or one of another version's,
-    SettingsError for values out of their range."""
+    """Read what `Settings.text` returned.
+
+    Raises ValueError for any other text, also from a version with other keys; SettingsError for values out of range."""
     return _filled(Settings(), json.loads(text))
 
 
@@ -62,7 +64,7 @@ def _filled(options: Any, values: Any) -> Any:
 
 
 def load_settings(source: str | Path | None = None) -> Settings:
-    """The packaged settings, with what a file says otherwise. Raises SettingsError with file, line and key."""
+    """The packaged settings, changed by the keys of a file. Raises SettingsError with file, line and key."""
     packaged = _packaged()
     if source is None:
         return packaged

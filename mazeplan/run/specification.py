@@ -36,15 +36,21 @@ from mazeplan.rigs.interface import traits
 from mazeplan.run.settings import Settings, load_settings
 
 PUT_BACK_S = 10.0  # s that a run on a real rig waits for a ball that left the maze
-REPLAY_FORMAT = 1  # of what the header holds for `replay`
-SHAPE_STEP = math.radians(4.0)  # of arcs in the log's drawing: 0.06 mm from the circle at the rim
+REPLAY_FORMAT = 1  # format number of the header's part `replay`
+SHAPE_STEP = math.radians(4.0)  # step of arcs in the log's drawing: at the rim at most 0.06 mm off the circle
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 
 @dataclass(frozen=True)
 class Job:
-    """One navigation to do: from a ring and angle (rad; None: drawn by seed) to a ring, within time_limit s. via: rings
-    to visit before."""
+    """One navigation to do.
+
+    start, goal: numbers of the rings
+    theta: start angle, rad; None: drawn by the seed
+    time_limit: rig time for each goal, s
+    closed: names of openings that the run does not use
+    via: rings to visit before the goal
+    """
 
     start: int
     goal: int
@@ -55,20 +61,26 @@ class Job:
     via: tuple[int, ...] = ()
 
     def start_angle(self, maze: Maze, rng: np.random.Generator) -> float:
-        """Where the ball is placed, rad, clear of radial walls; rng: with the seed of the job."""
+        """The angle at which the ball is placed, rad, clear of radial walls. rng: seeded with the seed of the job."""
         return maze.clear_angle(self.start, float(rng.uniform(-math.pi, math.pi)) if self.theta is None else self.theta)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """The means of a job.
+    """Everything that a job is done with, except the rig.
 
-    model: of ball and stage; behavior: name or file of the tree; behavior_modules: of the user, with leaves; memory: of
-    openings, which the run adds to; model_source: where to load the model from again; watch: called with each tree
-    before it begins; latency: measured on the rig, in place of the model's; unseen_s: the run ends after so many
-    seconds without the ball, None: never; out_s: and after so many with the ball out of the maze, None: nobody asks
-    whether it is; effects: MODULE:FUNCTION of the user; policy:
-    learned, for the leaf FollowPolicy."""
+    model: of ball and stage
+    behavior: name or file of the tree
+    behavior_modules: modules of the user, with leaves
+    memory: of openings; the run adds to it
+    model_source: where to load the model from again
+    watch: called with each tree before it begins
+    latency: delays measured on the rig; they replace those of the model
+    unseen_s: the run ends after this time without the ball, s; None: never
+    out_s: the run ends after this time with the ball out of the maze, s; None: the run does not check this
+    effects: MODULE:FUNCTION of the user
+    policy: a learned policy, for the leaf FollowPolicy
+    """
 
     maze: Maze
     model: RigModel
@@ -87,8 +99,9 @@ class Setup:
     policy: Policy | None = None
 
     def on(self, rig: Any) -> Setup:
-        """With what the rig states (`interface.RigTraits`): latency, and the limits without the ball. On a real rig
-        somebody can put the ball back."""
+        """The setup with what the rig states (`interface.RigTraits`): its latency, `unseen_s` and `out_s`.
+
+        On a real rig somebody can put the ball back, so `out_s` is PUT_BACK_S there unless the rig states it."""
         own = traits(rig)
         out_s = PUT_BACK_S if own.out_s is None and own.realtime else own.out_s
         if own.latency is None and own.unseen_s is None and out_s is None:
@@ -124,10 +137,15 @@ class OwnEffects:
 
 @dataclass(frozen=True)
 class ReplayFacts:
-    """The part `replay` of a log's header: whatever decides and is not in the header itself.
+    """The part `replay` of a log's header: everything that affects decisions and is not elsewhere in the header.
 
-    modules, leaves: of the user and of installed packages, by name; model: folder or packaged name, None where the log
-    holds the model or it is the nominal one; start_theta: rad, None if drawn by the seed."""
+    settings: `Settings.text`
+    modules: modules of the user, by name
+    leaves: leaves of installed packages, by name
+    memory: `OpeningMemory.document`
+    start_theta: start angle, rad; None: drawn by the seed
+    model: folder or packaged name; None if the log holds the model, or the model is the nominal one
+    """
 
     format: int
     rate_hz: float
@@ -148,7 +166,7 @@ class ReplayFacts:
     policy: SourceFile | None = None
 
     def policy_of_run(self, log: Path) -> Policy | None:
-        """The policy that the run had. Raises LogError where it has changed, ModelError where it cannot be read."""
+        """The policy of the run. Raises LogError if its files have changed, ModelError if they cannot be read."""
         if self.policy is None:
             return None
         if policy_sha256(self.policy.file) != self.policy.sha256:
@@ -158,12 +176,12 @@ class ReplayFacts:
 
 @cache
 def facts_adapter() -> TypeAdapter[ReplayFacts]:
-    """Writes and reads the part `replay` of a log's header."""
+    """The adapter that writes and reads the part `replay` of a log's header."""
     return TypeAdapter(ReplayFacts)
 
 
 def replay_facts(document: Any) -> ReplayFacts:
-    """Read the part `replay` of a log's header. Raises ValueError, which names the first field that does not fit."""
+    """Read the part `replay` of a log's header. Raises ValueError that names the first wrong field."""
     try:
         return facts_adapter().validate_python(document)
     except ValidationError as problem:
@@ -199,8 +217,8 @@ def log_shape(maze: Maze) -> MazeShape:
 
 
 def model_to_keep(setup: Setup) -> bytes | None:
-    """The model, packed, for a log: None for a packaged or nominal model, or one that files cannot hold to the last bit
-    (a model made in a program has more digits)."""
+    """The packed model, for a log. None if a log needs none: the model is packaged or nominal. Also None if a file
+    cannot hold the model to the last bit: a model made in a program has more digits."""
     source, sha256 = setup.model_source, fingerprint(setup.model)
     if source is not None and is_packaged_model(source):
         return None
@@ -245,7 +263,7 @@ def effects_sha256(spec: str) -> str:
 
 
 def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
-    """Entry points of the leaves of installed packages that the tree names; none for a tree that cannot be read."""
+    """Entry points of the leaves of installed packages that the tree names; empty if the tree cannot be read."""
     try:
         return installed_in(nodes_named(setup.behavior), setup.behavior_modules)
     except TreeError:
@@ -253,7 +271,7 @@ def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
 
 
 def file_sha256(*paths: str | Path) -> str:
-    """SHA-256 of one file, or of several one after the other; empty where one cannot be read."""
+    """SHA-256 of one file, or of several files joined in this order; empty if one of them cannot be read."""
     try:
         return hashlib.sha256(b"".join(Path(path).read_bytes() for path in paths)).hexdigest()
     except (OSError, ValueError):

@@ -1,8 +1,8 @@
-"""Many runs, wherever they are done: in this process, in others, or on other machines (Dask); kept as they end.
+"""Campaigns: many runs in this process, in other processes, or on other machines (Dask). Each is stored as it ends.
 
     Campaign --parcel--> names and contents of files --executor--> run_one, somewhere --store--> one row a run
 
-Each run has a seed of its own and is done from nothing, so that its result is the same wherever, whenever and beside
-whatever it is done. `dask` and `distributed` are imported in dask_cluster.py alone, `pyarrow` in store.py alone, both
-only when they are used.
+Each run has its own seed and builds everything anew. So its result does not depend on the machine, on the time, or on
+other runs. Only dask_cluster.py imports `dask` and `distributed`, only store.py imports `pyarrow`, and only when they
+are used.
 """

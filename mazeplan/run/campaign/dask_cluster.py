@@ -1,7 +1,7 @@
-"""Work on the workers of a Dask scheduler. The only file that imports dask and distributed.
+"""An executor that uses the workers of a Dask scheduler. Only this file imports dask and distributed.
 
-Dask chooses the worker of each task, and does the tasks of a dead worker again elsewhere, until too many workers died
-during one task. The other tasks of these workers come under suspicion, too: each suspect is tried once more, alone.
+Dask chooses the worker of each task. If a worker dies, Dask does its tasks again elsewhere. After too many deaths Dask
+gives up every task of these workers, also tasks that did not cause a death. Each such task is tried once more, alone.
 """
 
 from __future__ import annotations
@@ -31,20 +31,21 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 LOOPBACK = "127.0.0.1"
-CONNECT_S = 5.0  # s that a scheduler has to answer
-WORKERS_S = 10.0  # s until the first worker must have come
+CONNECT_S = 5.0  # s within which a scheduler must answer
+WORKERS_S = 10.0  # s within which the first worker must come
 WARN_S = 4.0  # s without any worker before a warning
 ALONE_S = 60.0  # s without any worker before an error
 POLL_S = 1.0  # s between looks for workers while no task ends
 COUNT_S = 2.0  # s between two counts of the workers
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
-LARGE = 1 << 30  # bytes; files of a user may be larger than the limit of Dask's warning
-_one_at_a_time = threading.Lock()  # a run takes its process for itself
+LARGE = 1 << 30  # bytes; files of a user may be larger than the default limit of Dask's warning
+_one_at_a_time = threading.Lock()  # a process does one run at a time
 
 
 @contextmanager
 def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any], say: Words) -> Iterator[Executor]:
-    """The workers of a scheduler; address None: of a cluster on this machine. Raises as `executor.open_executor`."""
+    """An executor with the workers of a scheduler. address: None: start a cluster on this machine. Raises as
+    `executor.open_executor`."""
     try:
         import cloudpickle
         import distributed
@@ -68,7 +69,7 @@ def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any]
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Switch off the messages of Dask, which are for the operator of a cluster."""
+    """A context without the messages of Dask, which are for the operator of a cluster."""
     from distributed.versions import VersionMismatchWarning
 
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
@@ -92,7 +93,7 @@ def _settings() -> Any:
             "distributed.comm.timeouts.connect": CONNECT_S,
             "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
             "distributed.admin.large-graph-warning-threshold": LARGE,
-            # of the workers on this machine: looking at them a hundred times a second takes a tenth of their time
+            # for workers on this machine: profiling them a hundred times a second takes a tenth of their time
             "distributed.worker.profile.enabled": False,
             "distributed.admin.tick.interval": "1s",
             "distributed.worker.memory.monitor-interval": "1s",
@@ -101,7 +102,7 @@ def _settings() -> Any:
 
 
 def _checked(address: str) -> str:
-    """tcp://host:port for host:port. Raises InputError for anything else."""
+    """The address with its protocol: tcp://host:port for host:port. Raises InputError for anything else."""
     full = address if "://" in address else f"tcp://{address}"
     protocol, _, place = full.partition("://")
     host, _, port = place.rpartition(":")
@@ -126,7 +127,7 @@ def _own_cluster(workers: int | None) -> Iterator[Any]:
 
 
 def _cores() -> int:
-    """The number that this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -146,7 +147,7 @@ def _line(problem: BaseException) -> str:
 
 
 def _check_workers(client: Client, address: str, say: Words) -> None:
-    """Raises InputError unless there are workers and all would compute the same."""
+    """Raises InputError unless there are workers and all have the same program and packages as this process."""
     try:
         client.wait_for_workers(1, timeout=WORKERS_S)
     except TimeoutError:
@@ -167,7 +168,7 @@ def _check_workers(client: Client, address: str, say: Words) -> None:
 
 
 def facts() -> dict[str, str]:
-    """The program on a worker."""
+    """The versions of program and packages on a worker."""
     return dict(program())
 
 
@@ -181,12 +182,12 @@ class Dask:
         self._counted, self._alone_since, self._warned = -math.inf, math.inf, False
 
     def share(self, value: Value) -> Value:
-        """As the result of a task: if it dies with its worker, the scheduler has the task done again."""
+        """The value as the result of a task: if its worker dies, the scheduler does this task again."""
         shared: Any = self._client.submit(_itself, value, key=f"shared-{uuid.uuid4().hex}", pure=False)
         return shared
 
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
-        """See `Executor`. Raises RigError when the scheduler is lost, or all workers are for long."""
+        """See `Executor`. Raises RigError if the scheduler is lost, or if there have been no workers for ALONE_S."""
         suspects: list[int] = []
         for index, result in self._each(work, tasks, range(len(tasks))):
             if isinstance(result, Lost):
@@ -215,7 +216,7 @@ class Dask:
                     future = arrived.get(timeout=POLL_S)
                 except queue.Empty:
                     continue
-                if future.status in ("pending", "lost"):  # its result died with its worker before it was fetched
+                if future.status in ("pending", "lost"):  # its worker died before the result was fetched
                     future.add_done_callback(arrived.put)
                     continue
                 index, _ = running.pop(future.key)
@@ -241,7 +242,7 @@ class Dask:
             raise self._lost() from None
 
     def _count(self) -> None:
-        """Check now and then that there are workers. Raises RigError after too long a time without any."""
+        """Check every COUNT_S that there are workers. Raises RigError after ALONE_S without any."""
         now = monotonic()
         if self._client.status != "running":
             raise self._lost()
@@ -272,7 +273,7 @@ def _itself(value: Any) -> Any:
 
 
 def _do(work: Callable[..., Any], expected: Mapping[str, str], task: Arguments) -> Any:
-    """One task, on a worker. A worker that came after the first check is checked here."""
+    """Do one task on a worker. The check is for workers that came after the first check."""
     if other := unlike(expected, program()):
         raise InputError(f"--dask: worker {platform.node()}:{os.getpid()} would not compute the same: it has {other}")
     with _one_at_a_time, one_thread():

@@ -1,8 +1,8 @@
 """Many navigations: success, times, failures by kind.
 
-Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are
-drawn by the run's seed. Each run has a seed of its own, so that the results are the same for any number of workers,
-wherever they are (`campaign`).
+Start angles: the first 16 are theta = pi k / 8 + pi / 16, as in the published evaluation; further ones are drawn by the
+run's seed. Each run has its own seed, so the results are the same for any number of workers on any machines
+(`campaign`).
 """
 
 from __future__ import annotations
@@ -50,10 +50,13 @@ def evaluate(
     executor: Executor | None = None,
     store: Store | None = None,
 ) -> list[NavigationResult]:
-    """All results of a campaign in the order of their runs; `progress(finished)` is called after each.
+    """All results of a campaign in the order of their runs.
 
-    executor: where they are done (`campaign.executor.open_executor`), in the place of `workers`; store: runs that are
-    there are not done again, and others are kept as they end."""
+    workers: number of processes
+    progress: is called with the number of finished runs after each run
+    executor: does the runs, in place of `workers` (`campaign.executor.open_executor`)
+    store: runs in it are not done again; new runs are stored as they end
+    """
     if executor is None:
         with open_executor(workers) as own:
             return evaluate(campaign, progress=progress, executor=own, store=store)
@@ -75,15 +78,15 @@ def evaluate(
 
 
 def check(campaign: Campaign) -> None:
-    """Make everything of a run but the run. Raises InputError, with names of files as they are here and not where they
-    are unpacked."""
+    """Prepare a run without doing it, to find wrong input. Raises InputError with the user's names of files, not those
+    of unpacked copies."""
     maze = campaign.maze()
     rig = rig_of_run(campaign, 0, maze)
     Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
 
 
 def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResult:
-    """The result of a run that ended its process, whoever did it."""
+    """The result of a run whose worker process ended during the run, for whatever reason."""
     job = job_of(campaign, index, campaign.maze())
     problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
     return rig_failed(problem, job, rig_label(campaign.rig))
@@ -94,7 +97,7 @@ def _lost(campaign: Campaign, index: int, lost: Lost) -> Ran:
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
-    """The document that `evaluate --json` prints. Times are of the runs that arrived; null when none did."""
+    """The document that `evaluate --json` prints. Its times are those of the runs that arrived; null if none did."""
     times = np.array([outcome.time_s for outcome in outcomes if outcome.success])
     failures = Counter(str(failure.kind) for outcome in outcomes for failure in outcome.failures)
     if times.size:
@@ -115,9 +118,13 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
 
 
 def setup_document(campaign: Campaign) -> dict[str, Any]:
-    """The setup of a campaign, for readers of its document: program, rig, map (its text) and the rest by name;
-    changes: from which runs on the rig is otherwise, effects: of a user, policy: its folder; all are left out where
-    there is none."""
+    """The setup of a campaign, for readers of its document: program, rig, text of the map, and names of the rest.
+
+    Three keys are there only if they apply:
+    changes: numbers of the runs from which on the rig's settings change
+    effects: MODULE:FUNCTION of the user
+    policy: folder of the policy
+    """
     maze = campaign.maze()
     job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
     header = log_header(setup, job, 0.0)
@@ -128,7 +135,7 @@ def setup_document(campaign: Campaign) -> dict[str, Any]:
 
 
 def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:
-    """Median of the runs' medians; worst p99 and worst maximum over the runs."""
+    """The spread over all runs: median of the runs' medians, largest p99 and largest maximum."""
     spreads = [getattr(outcome, which) for outcome in outcomes]
     if not spreads:
         return spread([])

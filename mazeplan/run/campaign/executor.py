@@ -13,18 +13,21 @@ from mazeplan.run.campaign.tasks import Arguments, Executor, Lost, Result
 
 __all__ = ["Executor", "InProcess", "Lost", "each", "open_executor"]
 
-LOCAL = "local"  # in place of the address of a scheduler: a cluster of its own on this machine
+LOCAL = "local"  # in place of the address of a scheduler: start a cluster on this machine
 
 
 def open_executor(
     workers: int | None = None, dask: str | None = None, *, carry: Sequence[Any] = (), say: Words = no_words
 ) -> AbstractContextManager[Executor]:
-    """An executor, as a context: `workers` processes (None or 1: this process), or the Dask scheduler at the address
-    `dask`. dask="local" starts a scheduler and `workers` processes (None: one a core) on this machine.
+    """An executor, as a context manager.
 
-    carry: modules whose functions travel with the tasks, since workers on other machines cannot import them; say: gets
-    messages for people. Raises InputError for a scheduler that does not answer, has no workers, or has workers that
-    would compute something else."""
+    workers: number of processes; None or 1: this process. With dask="local", None means one process for each core
+    dask: address of a Dask scheduler; "local" starts a scheduler and worker processes on this machine; None: no Dask
+    carry: modules whose functions travel with the tasks, because workers on other machines cannot import them
+    say: gets messages for people
+
+    Raises InputError for a scheduler that does not answer, has no workers, or has workers that would compute something
+    else."""
     if dask is None:
         return in_processes(workers or 1)
     from mazeplan.run.campaign.dask_cluster import dask_executor
@@ -40,8 +43,9 @@ def each(
     executor: Executor,
     lost: Callable[[int, Lost], Result] | None = None,
 ) -> Iterator[tuple[int, Result]]:
-    """(index, work(*task)) of all tasks as they end. `lost` makes the result of a task that was given up; without it
-    such a task raises RigError."""
+    """(index, work(*task)) of all tasks as they end.
+
+    lost: makes the result of a task whose process died too often; None: such a task raises RigError"""
     for index, result in executor.each(work, tasks):
         if not isinstance(result, Lost):
             yield index, result

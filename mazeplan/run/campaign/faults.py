@@ -1,8 +1,9 @@
-"""Many navigations with faults on purpose: for each fault, whether the run noticed it and recovered.
+"""Many navigations with injected faults: for each fault, whether the run noticed it and recovered.
 
-A fault counts as noticed at the first failure, doubt or end of the run at or after its beginning: what the program
-itself said, not what the schedule knows. Of every run is also looked at what must never be: a command that is no number
-or beyond the tilt limit, an end without a reason, and a plate that is not level afterwards.
+A fault counts as noticed when the run reports its first failure or doubt, or ends, at or after the fault's beginning.
+Only reports of the program count, not the schedule of faults. Each run is also checked for what must never happen: a
+command that is NaN or beyond the tilt limit, an end without a known reason, a long time without a call of the rig, and
+a plate that is not level afterwards.
 """
 
 from __future__ import annotations
@@ -35,16 +36,21 @@ from mazeplan.run.loop import Run
 
 AT_ONCE = ("doubt clock", "rig_failed")
 NAMED = {"arrived", *map(str, FailureKind)}
-BUSY_S = 10.0  # s that a tick may take while `observe_hangs` is tried: the machine may be busy, and it is not on trial
-IDLE_S = 5.0  # s on the wall within which the program calls the rig again
+BUSY_S = 10.0  # s, limit of a tick in trials of `observe_hangs`: long, because a busy computer is not the fault tried
+IDLE_S = 5.0  # s of wall time within which the program must call the rig again
 SETTLE_S = 1.0  # s that the plate has to become level
-LEVEL = 5e-3  # rad, 0.3 deg: what noise and play leave of level
+LEVEL = 5e-3  # rad, 0.3 deg: a plate counts as level within this, because of noise and backlash
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run: its result, the faults that came, when the first was noticed (s after its beginning; None: never), and
-    what must never be and was."""
+    """One run with faults.
+
+    faults: the faults that began
+    noticed_s: time from the beginning of the first fault until the run noticed it, s; None: never
+    noticed_as: name of the report that noticed it; empty: none
+    wrong: what happened that must never happen, in words
+    """
 
     result: NavigationResult
     faults: tuple[Drawn, ...]
@@ -53,7 +59,7 @@ class Outcome:
     wrong: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The document of `navigate`, with the keys about the faults."""
+        """The document of `navigate` with additional keys about the faults."""
         return {
             **self.result.to_json(),
             "faults": [fault.to_json() for fault in self.faults],
@@ -64,7 +70,7 @@ class Outcome:
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], trial: FaultTrial) -> Outcome:
-        """What `to_json` made of a run of a trial."""
+        """Inverse of `to_json`, for a run of this trial."""
         plain = dict(document)
         begun, noticed_s, noticed_as, wrong = (plain.pop(key) for key in ("faults", "noticed_s", "noticed_as", "wrong"))
         result = NavigationResult.from_json(plain)
@@ -74,14 +80,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Tried:
-    """An outcome, and what a run took, as `campaign.work.Ran` has it."""
+    """An outcome, and the run with its times (`campaign.worker.Ran`)."""
 
     outcome: Outcome
     ran: Ran
 
 
 def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
-    """Run number `index` of a trial, from nothing: the same wherever it is done."""
+    """Run number `index` of a trial. It builds everything anew, so the outcome is the same in every process."""
     maze = campaign.maze()
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     goals = Goals(maze)
@@ -109,7 +115,7 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
 
 
 def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
-    """The same of a campaign whose files are in a parcel."""
+    """As `run_trial`, for a campaign whose files are in a parcel."""
     with errors_name_origins(parcel):
         outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
     outcome = replace(outcome, result=without_site(outcome.result))
@@ -137,8 +143,9 @@ def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
 
 
 def _noticed(result: NavigationResult, faulty: FaultyRig) -> tuple[float | None, str]:
-    """The delay and the name of the first report after the first fault began, in true time: of the rig inside,
-    or of the wall clock where a call hung."""
+    """Delay, s, and name of the first report after the first fault began; (None, "") if there is none.
+
+    Times are those of the rig inside the faulty one, or of the wall clock if a call hung."""
     if not faulty.begun:
         return None, ""
     began = min(fault.at_s for fault in faulty.begun)
@@ -161,8 +168,12 @@ def evaluate_faults(
     executor: Executor | None = None,
     stores: Sequence[Store] = (),
 ) -> list[list[Outcome]]:
-    """All outcomes of `campaign.runs` runs of each trial, in their order; `progress(finished)` is called after each.
-    executor, stores (one a trial, or none): as of `evaluate.evaluate`."""
+    """All outcomes of `campaign.runs` runs of each trial, in their order.
+
+    progress: is called with the number of finished runs after each run
+    stores: one for each trial, or none
+    workers, executor: as of `evaluate.evaluate`
+    """
     if executor is None:
         with open_executor(workers) as own:
             return evaluate_faults(campaign, trials, progress=progress, executor=own, stores=stores)
@@ -191,10 +202,13 @@ def evaluate_faults(
 
 
 def report(trial: FaultTrial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What became of the runs of a trial: the row of the table, as `evaluate --faults --json` prints it.
+    """The results of a trial: its row of the table, as `evaluate --faults --json` prints it.
 
-    faulted: runs in which the fault came before the end; noticed: of those; time_s: mean of those that arrived;
-    as_expected: runs that arrived, or, where that cannot be expected, ended with a reason that goes with the fault."""
+    faulted: number of runs in which a fault began before the end
+    noticed: number of these runs that noticed the fault
+    time_s: mean time of the runs that arrived, s
+    as_expected: number of runs that arrived; if the fault cannot be survived, also those that ended for its reasons
+    """
     because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
     ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}
     faulted = [outcome for outcome in outcomes if outcome.faults]
@@ -233,5 +247,5 @@ def _rounded(value: Any) -> float:
 
 
 def good(rows: Sequence[dict[str, Any]]) -> bool:
-    """Whether every run ended as it should and nothing was that must never be."""
+    """Whether every run ended as expected and nothing happened that must never happen."""
     return all(row["as_expected"] == row["runs"] and not row["wrong"] for row in rows)

@@ -1,6 +1,6 @@
 """The identity of a campaign: a document of everything that determines the result of a run with a given number.
 
-The number of runs and the places of files are not in it: the same command with more runs goes on with the same
+The number of runs and the places of files are left out. So the same command with more runs goes on with the same
 campaign.
 """
 
@@ -23,13 +23,13 @@ from mazeplan.run.campaign.parcel import Parcel, installed, module_file, rig_mod
 from mazeplan.run.campaign.versions import program
 from mazeplan.run.specification import Setup, file_sha256, installed_leaves
 
-LETTERS = 16  # of a SHA-256 that is compared among a few
+LETTERS = 16  # length of a digest: these letters of a SHA-256 are enough for the few campaigns of a folder
 
 
 def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
     """Everything that determines the results of a campaign, as a document of names, numbers and texts.
 
-    Raises InputError for what cannot be used."""
+    Raises InputError if a part of the campaign cannot be used."""
     maze = campaign.maze()
     setup, job = setup_of(campaign, maze), job_of(campaign, 0, maze)
     behavior = resources.find("behaviors", setup.behavior, ".xml")

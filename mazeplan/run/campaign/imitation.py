@@ -1,10 +1,12 @@
-"""A policy learns from the planner, where the policy itself goes (DAgger; Ross, Gordon and Bagnell, 2011).
+"""Trains a policy to imitate the planner, on the states that the policy itself visits (DAgger; Ross, Gordon and
+Bagnell, 2011).
 
-In the first round the planner drives. In each further round the policy of the round before drives, in the places of the
-leaves LEARNED, while the tree of `navigate` goes on deciding: what it would have commanded in each tick is the lesson.
-After each round a network is fitted to the lessons of all rounds. Runs go from ring 1 to the centre and, in turn,
-between two rings drawn by the seed; start angles and the rig's noise are drawn by it, too. All seeds of the runs lie
-above SEEDS, evaluations begin at 0.
+In the first round the planner drives. In each further round the policy of the round before drives: it replaces the
+commands of the leaves LEARNED. The tree of `navigate` still decides, and the commands that it would have given are the
+lesson. After each round a network is fitted to the lessons of all rounds.
+
+Every second run goes from ring 1 to the centre, the others between two rings drawn by the seed. The seed also draws
+start angles and the rig's noise. Seeds of training runs begin at SEEDS, those of evaluations at 0.
 """
 
 from __future__ import annotations
@@ -33,15 +35,22 @@ from mazeplan.run.execution import attempt_job
 from mazeplan.run.specification import Job
 
 LEARNED = ("Track", "Align", "PassOpening")
-SEEDS, MOST_RUNS = 10_000_000, 100_000  # a training with seed n has runs from SEEDS + n MOST_RUNS on
+SEEDS, MOST_RUNS = 10_000_000, 100_000  # seeds of the runs of a training with seed n begin at SEEDS + n MOST_RUNS
 CENTRES = 256
 KNOWS = 0.999  # share of the training inputs at a distance of at most 1
 
 
 @dataclass(frozen=True)
 class Options:
-    """rounds: of driving and fitting, the first with the planner; runs: of each; workers: processes; epochs: of a fit,
-    the last one has twice as many; device: of the fits, cpu or cuda."""
+    """Options of a training.
+
+    rounds: number of rounds of driving and fitting; in the first the planner drives
+    runs: number of runs in each round
+    workers: number of processes
+    epochs: of a fit; the last fit has twice as many
+    hidden: sizes of the hidden layers
+    device: of the fits, cpu or cuda
+    """
 
     rounds: int = 6
     runs: int = 60
@@ -54,7 +63,14 @@ class Options:
 
 @dataclass(frozen=True)
 class Round:
-    """What a round brought: its number from 0, runs, how many arrived, samples of all rounds, error of the fit, deg."""
+    """Result of a round.
+
+    number: of the round, from 0
+    runs: number of runs
+    arrived: number of runs that arrived
+    samples: number of samples of all rounds until now
+    error: of the fit on held-out samples, deg
+    """
 
     number: int
     runs: int
@@ -65,7 +81,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Lesson:
-    """Of one run: inputs (N, 18), the planner's commands (N, 2), rad, and whether it arrived."""
+    """The samples of one run: inputs (N, 18), the planner's commands (N, 2) in rad, and whether the run arrived."""
 
     inputs: Array
     commands: Array
@@ -73,15 +89,15 @@ class Lesson:
 
 
 class Teacher:
-    """Stands between leaves and rig: keeps what the leaves command, and lets the policy drive in their place."""
+    """Stands between leaves and rig: keeps the commands of the leaves, and sends those of the policy in their place."""
 
     def __init__(self, policy: Policy | None) -> None:
         self.policy, self.rows, self.commands = policy, list[Array](), list[Command]()
-        self._leg: tuple[str, int] | None = None  # opening, and ring from which
+        self._leg: tuple[str, int] | None = None  # opening, and the ring from which the ball comes to it
         self._turn = 0.0
 
     def watch(self, tree: BehaviorTree, context: RunContext) -> None:
-        """Stand there in this run."""
+        """Begin to stand between leaves and rig of this run."""
         steer = context.steer
         context.steer = lambda leaf, command: steer(leaf, self._taken(context, leaf, command))
 
@@ -104,7 +120,7 @@ class Teacher:
 
 
 def lesson(campaign: Campaign, index: int, policy: Policy | None) -> Lesson:
-    """Run number `index`, driven by the policy; None: by the planner."""
+    """Do run number `index` and return its lesson. policy: drives; None: the planner drives."""
     maze = campaign.maze()
     seed = campaign.seed + index
     teacher = Teacher(policy)
@@ -131,7 +147,12 @@ def train(
     campaign: Campaign, options: Options, *, show: Words = no_words, advance: Advance = no_advance,
     tell: Callable[[Round], None] = lambda done: None,
 ) -> Policy:  # fmt: skip
-    """The policy after the last round; campaign: rig, map, model and settings. `tell` gets each round as it ends."""
+    """Train a policy and return that of the last round.
+
+    campaign: rig, map, model and settings
+    show: gets the step under way
+    tell: gets the result of each round
+    """
     maze = campaign.maze()
     plate = plate_of(maze, setup_of(campaign, maze).driving_model)
     campaign = replace(campaign, deadline=False, own_process=options.workers > 1)
@@ -161,7 +182,7 @@ def train(
 def _fitted(
     lessons: list[Lesson], plate: Plate, options: Options, facts: dict[str, Any], done: Round, advance: Advance
 ) -> Policy:
-    """The policy of all lessons; in the last round it takes twice as long."""
+    """The policy fitted to all lessons; the fit of the last round has twice as many epochs."""
     inputs = np.concatenate([of.inputs for of in lessons])
     commands = np.concatenate([of.commands for of in lessons])
     fit = fit_network(
@@ -178,8 +199,9 @@ def _fitted(
 
 
 def _cover(rows: Single) -> tuple[Single, float]:
-    """Centres among rows (N, M), each the one farthest from those before, and the distance to the nearest within which
-    the share KNOWS of the rows lies."""
+    """Centres among rows (N, M), and their reach: the share KNOWS of the rows is nearer than this to a centre.
+
+    Each centre is the row that is farthest from the centres before it."""
     chosen, square = [0], ((rows - rows[0]) ** 2).sum(axis=1)
     while len(chosen) < min(CENTRES, len(rows)):
         chosen.append(int(square.argmax()))

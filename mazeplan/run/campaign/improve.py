@@ -1,9 +1,8 @@
-"""Close the loop: excite the rig, diagnose it, update the model, navigate with the old one and the new one.
+"""Closes the loop: excite the rig, diagnose it, update the model, navigate with the old and the new model.
 
-The model keeps its kind. What a process adds was learned on top of the old effects, mostly at edges and joints, which
-have not moved; an effect that is set on its own is one readable entry, needs a few minutes of record instead of 25, and
-leaves everything else as it was. (Learning everything anew, with `learn`, is what remains to be done when the verdict
-is `unknown_effect`.)
+The model keeps its kind, and its Gaussian processes stay. They were learned on top of the old effects, mostly at edges
+and joints, which have not moved. Only the effect that was found changes: it is one readable entry, and it needs a few
+minutes of record instead of 25. (If the verdict is `unknown_effect`, learn the whole model again with `learn`.)
 """
 
 from __future__ import annotations
@@ -34,15 +33,23 @@ from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.collect import Collection, run_collection
 from mazeplan.run.resolve import model_source, resolve_model
 
-UNSEEN = 90  # pictures more than a diagnosis needs: in some the camera misses the ball
-WORSE = 1.05  # times the mean time of navigation, from which it got worse
+UNSEEN = 90  # pictures more than a diagnosis needs, because the camera misses the ball in some
+WORSE = 1.05  # navigation counts as slower if its mean time grows by more than this factor
 
 
 @dataclass(frozen=True)
 class Options:
-    """rounds of collecting and updating; runs of navigation before and after; seconds of record a round; seed of
-    commands, places and noise (navigations: their usual starts, seeded by it); workers: processes; own_process: whether
-    the watchdog may end it; effects: MODULE:FUNCTION of a user's own, for the navigations."""
+    """Options of `improve`.
+
+    rounds: number of rounds of collecting and updating
+    runs: number of navigations before and after
+    seconds: length of the record of a round, s
+    seed: of commands, places and noise; navigations have their usual starts, seeded by it
+    workers: number of processes
+    map: name or file of the map
+    own_process: whether the watchdog may end the process
+    effects: MODULE:FUNCTION of the user's effects, for the navigations
+    """
 
     rounds: int = 1
     runs: int = 16
@@ -66,12 +73,18 @@ def improve(
     working: Words | None = None,
     advance: Advance | None = None,
 ) -> list[dict[str, Any]]:
-    """The rounds, as in the JSON of the command; logs, models and reports are left in the folder, of whole rounds only
-    where an input is wrong.
+    """Do the rounds; returns their documents, as in the JSON of the command.
 
-    model: a name or folder (None: the rig's own); reference: logs of when the model was right (none: what the model's
-    folder keeps of that time); own: effects looked for beside the packaged ones; tell gets findings, working the
-    step under way, advance the progress of a record or of the navigations. Raises InputError, RigError."""
+    Logs, models and reports stay in the folder. An InputError removes the files of its unfinished round.
+
+    model: a name or folder; None: the model that the rig names
+    reference: logs of a time when the model was right; empty: what the model's folder keeps of that time
+    own: effects to look for beside the packaged ones
+    tell: gets findings
+    working: gets the step under way
+    advance: gets the progress of a record or of the navigations
+
+    Raises InputError, RigError."""
     tell, working, advance = tell or no_words, working or no_words, advance or no_advance
     maze = load_map(options.map)
     known = resolve_model(model, rig, maze)
@@ -111,7 +124,7 @@ def improve(
 
 
 def check_seconds(seconds: float, rate_hz: float) -> None:
-    """Raises InputError for a record that would be too short for a diagnosis, before the rig moves."""
+    """Raises InputError if a record of this length would be too short for a diagnosis. Call it before the rig moves."""
     least = math.ceil((FEWEST + UNSEEN) / rate_hz)
     if seconds < least:
         why = f"expected at least {least}: the diagnosis needs {FEWEST} pictures of the ball"
@@ -133,7 +146,7 @@ def _navigate(
 
 
 def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
-    """Write a model, and what the rig is like beside it; returns the folder."""
+    """Write a model and, beside it, the reference of the rig; returns the folder."""
     path = save_model(known, folder).parent
     if not was.body.open:
         save_reference(was, known, path)
@@ -141,7 +154,7 @@ def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
 
 
 def _looked_at(done: RigVerdict, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    """Where navigation is not well: what was looked at, and what to do."""
+    """Advice if navigation fails or got slower: what the diagnosis compared, and what to try next; else empty."""
     mean = [n["time_s"]["mean"] for n in (before, after)]
     lost = after["success"] < after["runs"]
     worse = None not in mean and mean[1] > WORSE * mean[0]

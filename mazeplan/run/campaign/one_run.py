@@ -1,4 +1,4 @@
-"""One run of a campaign, from nothing."""
+"""One run of a campaign. It builds everything anew: maze, model, rig, tree."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 FIXED_STARTS = 16
 START_ORDER = [int(f"{k:04b}"[::-1], 2) for k in range(FIXED_STARTS)]  # of van der Corput: 0, 8, 4, 12, 2, 10, ...
-COLLECT = 16  # runs
+COLLECT = 16  # runs between two garbage collections
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 _runs = count(1)
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What to evaluate; plain names, so that a worker process can build everything itself."""
+    """What to evaluate. All fields are plain names and numbers: a worker process can build everything from them."""
 
     runs: int
     rig: str = "toy"
@@ -49,12 +49,12 @@ class Campaign:
     time_limit: float = TIME_LIMIT
     settings: str | None = None
     behavior_modules: tuple[str, ...] = ()
-    own_process: bool = False  # whether the watchdog may end it
+    own_process: bool = False  # whether the watchdog may end the process
     sense: str | None = None  # how a simulated rig sees the ball
-    deadline: bool = True  # whether plans must be ready in time by the clock on the wall
-    effects: str | None = None  # module:function of effects of a user that the model has
-    policy: str | None = None  # folder of a learned one
-    balls: int | None = None  # how many; None: as the map says
+    deadline: bool = True  # whether a deadline on the wall clock limits the planner
+    effects: str | None = None  # module:function of the user's effects that the model has
+    policy: str | None = None  # folder of a learned policy
+    balls: int | None = None  # number of balls; None: as the map says
 
     def maze(self) -> Maze:
         """The map with the balls of the campaign. Raises InputError."""
@@ -62,7 +62,7 @@ class Campaign:
 
 
 def effect_modules(campaign: Campaign) -> list[str]:
-    """The module of a user whose effects the model has."""
+    """The user's module with effects that the model has; empty without one."""
     return [] if campaign.effects is None else [campaign.effects.partition(":")[0]]
 
 
@@ -74,7 +74,7 @@ def start_angle(index: int) -> float | None:
 
 
 def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
-    """Run number `index` of a campaign."""
+    """The job of run number `index`."""
     return Job(
         ring_number(campaign.start, maze),
         len(maze.rings) if campaign.goal is None else ring_number(campaign.goal, maze),
@@ -85,7 +85,7 @@ def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
 
 
 def setup_of(campaign: Campaign, maze: Maze) -> Setup:
-    """With what its runs are done."""
+    """The setup of all runs of a campaign."""
     own_effects(campaign.effects)
     source = model_source(campaign.model, campaign.rig)
     model = RigModel.nominal(maze) if source is None else _model(source, maze, model_stamp(source))
@@ -106,23 +106,26 @@ def setup_of(campaign: Campaign, maze: Maze) -> Setup:
 
 @lru_cache(maxsize=4)
 def _model(source: str, maze: Maze, stamp: object) -> RigModel:
-    """Read once for all runs of a process; stamp: of its files."""
+    """The model, read once for all runs of a process. stamp: changes when the model's files change."""
     return model_from(source, maze)
 
 
 def run_one(
     campaign: Campaign, index: int, model: RigModel | None = None, feed: Sink | None = None
 ) -> NavigationResult:
-    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result.
+    """Do run number `index` of a campaign. It builds everything anew, so its result is the same in every process.
+    If the rig fails, the result says so.
 
-    model: in the place of the campaign's own; feed: gets what a log would get."""
+    model: replaces the model of the campaign
+    feed: gets the messages that a log would get
+    """
     maze = campaign.maze()
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     setup = setup if model is None else replace(setup, model=model)
     rig = watched(rig_of_run(campaign, index, maze), own_process=campaign.own_process)
     try:
         return attempt_job(rig, setup, job, feed=feed)[0]
-    except RigError as problem:  # it did not even become level
+    except RigError as problem:  # the plate could not even be levelled
         return rig_failed(problem, job, setup.rig_name)
     finally:
         with suppress(RigError):  # the first error matters
@@ -131,14 +134,14 @@ def run_one(
 
 
 def collect() -> None:
-    """Have the collector look at everything, after every so many runs of this process: the parts of a run know one
-    another, and by itself it would come when there are a GB of them."""
+    """Collect all garbage, once every COLLECT runs of this process. The parts of a run refer to one another; without
+    this call they would be freed only after they fill about 1 GB."""
     if next(_runs) % COLLECT == 0:
         gc.collect()
 
 
 def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
-    """The rig; a rig with `begin_run` gets the number of its run."""
+    """The rig for run `index`. A rig with `begin_run` gets the number of the run, from 1 on."""
     rig = make_rig(campaign.rig, maze, campaign.sense)
     check_balls(maze, rig, job_of(campaign, index, maze), campaign.policy is not None)
     begin = traits(rig).begin_run
@@ -148,7 +151,7 @@ def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
 
 
 def rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
-    """The result of a run of which the rig let nothing be known but that it failed."""
+    """The result of a run of which only the rig's failure is known."""
     failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
     reason, none = str(FailureKind.RIG_FAILED), spread([])
     return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)

@@ -1,10 +1,10 @@
 """Navigations one after the other with a model that learns from each: `evaluate --learn`, `navigate --learn`.
 
-    learner = Learner.begin(model, maze)        # or Learner.opened(folder, maze), where one was kept
-    outcomes = learn_while(campaign, learner)   # runs in their order, each with what the ones before it taught
+    learner = Learner.begin(model, maze)        # or Learner.opened(folder, maze) for a stored learner
+    outcomes = learn_while(campaign, learner)   # runs in order, each with the model learned from the runs before it
 
-A folder in which a learner is kept (`-o`) is a model folder that every `--model` takes; beside model.yaml lie the model
-that it began with, `start/`, and the rows that it has learned since, `learning.npz`.
+The folder of a stored learner (`-o`) is a model folder that every `--model` takes. Beside model.yaml it holds the first
+model, `start/`, and the rows learned since then, `learning.npz`.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from mazeplan.run.campaign.lock import alone
 from mazeplan.run.resolve import resolve_model
 
 LOCK = ".learning.lock"
-SEEN = 0.8  # of the ticks, at least, in which the ball must have been seen
+SEEN = 0.8  # minimum share of the ticks in which the ball was seen
 BAD = (FailureKind.RIG_FAILED, FailureKind.BALL_LOST, FailureKind.BALL_OUT, FailureKind.LEAF_FAILED)
 
 
 @dataclass
 class Ticks:
-    """Collects the ticks of a run while it goes on, as `feed` of `navigate` and `run_one`."""
+    """Collects the ticks of a run while it goes on; pass it to `navigate` or `run_one` as `feed`."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
-    camera_delay: float | None = None  # s, where it was measured of the rig
+    camera_delay: float | None = None  # s, as measured on the rig; None: not measured
 
     def __call__(self, topic: str, t: float, document: Mapping[str, Any]) -> None:
         """Take a message of the run."""
@@ -51,7 +51,7 @@ class Ticks:
 
 @dataclass
 class Learner:
-    """A model that learns, and where it is kept; None: nowhere."""
+    """A model that learns. folder: where it is stored, None: nowhere; rig: name of the rig on which it learns."""
 
     online: OnlineModel
     folder: Path | None = None
@@ -62,8 +62,9 @@ class Learner:
         cls, start: RigModel, maze: Maze, folder: str | Path | None = None, options: OnlineOptions | None = None,
         rig: str = "",
     ) -> Learner:  # fmt: skip
-        """Begin with a model, on a rig of that name. Raises InputError for one that cannot learn, ModelError for a
-        folder that holds another model, or anything else."""
+        """A new learner that begins with the model `start`, on the rig named `rig`.
+
+        Raises InputError if the model cannot learn, ModelError if the folder holds another model or other files."""
         folder = None if folder is None else Path(folder)
         if folder is not None and (folder / "model.yaml").exists():
             advice = "give another folder, and this one with --model to begin with it"
@@ -75,7 +76,7 @@ class Learner:
 
     @classmethod
     def opened(cls, folder: str | Path, maze: Maze, options: OnlineOptions | None = None, rig: str = "") -> Learner:
-        """Go on with one that was kept. Raises InputError where it learned on another rig or map, ModelError."""
+        """The learner stored in a folder. Raises InputError if it learned on another rig or map, ModelError."""
         return cls(open_learner(Path(folder), maze, rig, options), Path(folder), rig)
 
     @property
@@ -84,7 +85,7 @@ class Learner:
         return self.online.model
 
     def learn(self, result: NavigationResult, ticks: Ticks) -> Lesson:
-        """Learn from a run that has ended, and keep what was learned. Raises ModelError where it cannot be kept."""
+        """Learn from a run that has ended, and store the learner. Raises ModelError if it cannot be stored."""
         why = unfit(result, ticks)
         if why:
             lesson = self.online.skipped(why)
@@ -97,7 +98,7 @@ class Learner:
         return lesson
 
     def keep(self) -> None:
-        """Write it where it is kept."""
+        """Store the learner in its folder, if it has one."""
         if self.folder is not None:
             keep_learner(self.online, self.folder, self.rig)
 
@@ -105,8 +106,7 @@ class Learner:
 def learner_of(
     model: str | None, rig: str, maze: Maze, folder: Path | None, options: OnlineOptions | None = None
 ) -> Learner:
-    """The learner for `--model`, `--rig` and `-o`: a learner in the folder goes on, else a new one begins. Raises
-    InputError."""
+    """The learner for `--model`, `--rig` and `-o`: the one stored in the folder, else a new one. Raises InputError."""
     if folder is not None and (folder / ROWS).exists():
         if model is not None and Path(model).resolve() != folder.resolve():
             raise InputError(f"--model: got {model}, but what {folder} has learned so far goes on: leave --model out")
@@ -116,8 +116,8 @@ def learner_of(
 
 @contextmanager
 def learning_alone(folder: Path | None) -> Iterator[None]:
-    """Nobody else learns in the folder, which is made, meanwhile. Raises InputError where somebody does. A folder into
-    which nothing was written is not left behind."""
+    """A context in which no other process learns in the folder. It makes the folder, and removes it if nothing was
+    written into it. Raises InputError if another process learns there."""
     if folder is None:
         yield
         return
@@ -138,7 +138,7 @@ def learning_alone(folder: Path | None) -> Iterator[None]:
 
 
 def unfit(result: NavigationResult, ticks: Ticks) -> str:
-    """Why nothing can be learned from a run; empty where it can."""
+    """Why the model cannot learn from a run; empty if it can."""
     bad = next((f for f in result.failures if f.kind in BAD), None)
     if bad is not None:
         return f"{bad.kind} after {bad.t:.1f} s"
@@ -158,9 +158,13 @@ def learn_while(
     progress: Callable[[int], None] | None = None,
     tell: Callable[[Lesson], None] | None = None,
 ) -> tuple[list[NavigationResult], list[Lesson]]:
-    """The results of a campaign in the order of its runs, and what each run taught; `progress(finished)` and `tell` are
-    called after each. The runs are counted on from those that the learner has seen: what was interrupted goes on as if
-    it had not been."""
+    """The results of a campaign in the order of its runs, and the lesson of each run.
+
+    progress: is called with the number of finished runs after each run
+    tell: is called with the lesson after each run
+
+    The numbers of the runs go on from the runs that the learner has seen. So an interrupted campaign goes on as if it
+    had not been interrupted."""
     outcomes, lessons = [], []
     first = learner.online.now
     for index in range(campaign.runs):
@@ -177,7 +181,7 @@ def learn_while(
 def evaluate_learning(
     campaign: Campaign, folder: str | Path | None = None, options: OnlineOptions | None = None
 ) -> tuple[list[NavigationResult], list[Lesson]]:
-    """`evaluate --learn` for Python: the campaign's model learns from each run; folder: where it is kept."""
+    """`evaluate --learn` for Python: the campaign's model learns from each run. folder: where the learner is stored."""
     maze = campaign.maze()
     kept = None if folder is None else Path(folder)
     with learning_alone(kept):
@@ -185,7 +189,7 @@ def evaluate_learning(
 
 
 def lesson_document(lesson: Lesson) -> dict[str, Any]:
-    """The entry of a run in `evaluate --learn --json`; null without rows."""
+    """The entry of a run in `evaluate --learn --json`; errors are null if there are no rows."""
 
     def rounded(value: float) -> float | None:
         return round(value, 5) if math.isfinite(value) else None
@@ -199,7 +203,7 @@ def lesson_document(lesson: Lesson) -> dict[str, Any]:
 
 
 def lesson_line(lesson: Lesson) -> str:
-    """The same for people; empty for a run from which the model learned as usual."""
+    """A lesson as a line for people; empty for a run from which the model learned as usual."""
     if lesson.why:
         return f"run {lesson.run}: not learned from: {lesson.why}"
     if not lesson.trusted:

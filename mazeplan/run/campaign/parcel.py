@@ -1,9 +1,12 @@
 """Packs the user's files that a run needs into a parcel, for a machine that has none of them.
 
-A parcel holds map, behaviour, settings, rig and model that are not packaged, the files that the rig's file names by
-relative paths, and the modules of rig and behaviour in the working folder, with the modules that they import there.
-It does not hold files that the user's code opens itself, files with absolute paths, and installed modules: these must
-be on the other machine.
+A parcel holds:
+- map, behaviour, settings, rig, model and policy of the user; packaged ones are left out,
+- the files that the rig's file names by relative paths,
+- the user's modules for rig, behaviour and effects, with the modules that they import from the same folders.
+
+Some files must already be on the other machine: files that the user's code opens itself, files with absolute paths, and
+installed modules.
 
 A parcel is made once: later edits of the files do not change a campaign that is under way.
 """
@@ -46,8 +49,12 @@ MOST_BYTES = 512 << 20
 
 @dataclass(frozen=True)
 class Parcel:
-    """files: (path in it, content); names: (field of a campaign, what it is called in the parcel); origins: (path in
-    it, where that file is where it was packed)."""
+    """The files of a campaign.
+
+    files: (path in the parcel, content)
+    names: (field of the campaign, path in the parcel)
+    origins: (path in the parcel, path of the file that was packed)
+    """
 
     files: tuple[tuple[str, bytes], ...] = ()
     names: tuple[tuple[str, str], ...] = ()
@@ -60,12 +67,12 @@ class Parcel:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of all of it."""
+        """SHA-256 (hex) of the whole parcel."""
         return hashlib.sha256(repr(sorted(self.digests.items())).encode()).hexdigest()
 
 
 def packed(campaign: Campaign) -> Parcel:
-    """The parcel of a campaign. Raises InputError for missing files, or too many bytes."""
+    """The parcel of a campaign. Raises InputError for missing files, and for more than MOST_BYTES in all."""
     files: dict[str, Path] = {}
     names: dict[str, str] = {}
     modules = [*campaign.behavior_modules, *effect_modules(campaign)]
@@ -130,9 +137,10 @@ def _seed_of(rig: str) -> str:
 
 
 def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]]:
-    """Where the rig's file is in the parcel, and all files: its own, and those that it names by relative paths.
+    """Path of the rig's file in the parcel, and all files: the rig's file and those that it names by relative paths.
 
-    The model has a place of its own. Names with .. still work: the folder is as deep as they need."""
+    The model is packed separately (`_model_files`). Names with .. still work, because the rig's folder lies as deep as
+    they need."""
     found: dict[str, Path] = {}
     for text in _texts({key: value for key, value in data.items() if key != "model"}):
         name = os.path.normpath(text)
@@ -152,7 +160,7 @@ def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]
 
 
 def _of_model(name: str, model: Path) -> dict[str, Path]:
-    """Files that a MuJoCo model names: meshes, pictures, and further models, beside it or in the folders it says."""
+    """Files that a MuJoCo model names: meshes, pictures and further models, beside it or in folders that it names."""
     found: dict[str, Path] = {}
     waiting, folders = [model], [""]
     while waiting:
@@ -181,7 +189,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _model_files(model: Path) -> tuple[str, dict[str, Path]]:
-    """What the model is called in the parcel, and its files."""
+    """Path of the model in the parcel, and its files."""
     folder = model.parent if model.is_file() else model
     place = f"model/{folder.absolute().name or 'model'}"
     if not folder.is_dir():
@@ -195,7 +203,7 @@ def _model_files(model: Path) -> tuple[str, dict[str, Path]]:
 
 
 def _module_files(names: Iterable[str]) -> dict[str, Path]:
-    """Those of modules in the folder where one works, and of what they import there."""
+    """Source files of the user's modules, and of the user's modules that they import. Raises InputError."""
     files: dict[str, Path] = {}
     seen: set[str] = set()
     waiting = list(names)
@@ -206,7 +214,7 @@ def _module_files(names: Iterable[str]) -> dict[str, Path]:
         if name in seen:
             continue
         seen.add(name)
-        if not _of_the_desk(name.partition(".")[0]):  # asked of the first word: to look into a package imports it
+        if not _of_the_desk(name.partition(".")[0]):  # the first word only: a look into a package would import it
             continue
         path = module_file(name)
         if path is None:
@@ -228,8 +236,8 @@ def module_file(name: str) -> Path | None:
 
 
 def _of_the_desk(name: str) -> bool:
-    """Whether a module is in the folder where one works or beside the file that names it, and neither installed nor of
-    this program."""
+    """Whether a module is the user's: in the working folder or beside the file that names it, and neither installed nor
+    part of this program."""
     try:
         spec = importlib.util.find_spec(name)
     except (ImportError, ValueError):
@@ -243,7 +251,7 @@ def _of_the_desk(name: str) -> bool:
 
 
 def _imports(source: bytes, package: str) -> list[str]:
-    """Names that may be modules, of all imports in a source."""
+    """Names in the imports of a source that may be modules outside the standard library."""
     found: list[str] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -261,7 +269,7 @@ _site: list[tuple[str, tempfile.TemporaryDirectory[str]]] = []  # digest and fol
 
 
 def unpacked(parcel: Parcel, campaign: Campaign) -> Campaign:
-    """The campaign with the names of files as they lie here; they stay until another parcel comes."""
+    """The campaign with the paths of its unpacked files. The files stay until another parcel is unpacked."""
     if not parcel.files:
         return campaign
     if not _site or _site[0][0] != parcel.digest:
@@ -278,7 +286,7 @@ def unpacked(parcel: Parcel, campaign: Campaign) -> Campaign:
 
 
 def without_site(result: NavigationResult) -> NavigationResult:
-    """The result with file names that do not depend on the folder of the parcel."""
+    """The result with file names relative to the folder of the unpacked parcel, so that it is the same everywhere."""
     if not _site:
         return result
     here = f"{_site[0][1].name}{os.sep}"
@@ -287,7 +295,7 @@ def without_site(result: NavigationResult) -> NavigationResult:
 
 @contextmanager
 def errors_name_origins(parcel: Parcel) -> Iterator[None]:
-    """Errors about a file of the parcel name the file that was packed."""
+    """A context in which errors about an unpacked file name the file that was packed."""
     try:
         yield
     except Exception as problem:  # a user's leaf may raise anything; a note names the place
@@ -308,7 +316,7 @@ def errors_name_origins(parcel: Parcel) -> Iterator[None]:
 
 
 def _import_from(folder: Path) -> None:
-    if os.getcwd() not in sys.path:  # or `user_module` would put it before the parcel
+    if os.getcwd() not in sys.path:  # else `user_module` would put it before the parcel
         sys.path.insert(0, os.getcwd())
     if folder.is_dir():
         sys.path.insert(0, str(folder))
@@ -316,7 +324,7 @@ def _import_from(folder: Path) -> None:
 
 
 def _clear() -> None:
-    """Forget the last parcel and its modules: another may have others of the same names."""
+    """Remove the last parcel and its imported modules: the next parcel may have other modules of the same names."""
     while _site:
         _, folder = _site.pop()
         modules = os.path.join(folder.name, MODULES)

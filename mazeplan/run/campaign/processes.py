@@ -1,8 +1,8 @@
-"""Work in this process, or in several processes on this machine.
+"""Executors that work in this process, or in several processes on this machine.
 
-A thread for each worker hands its tasks to a pool of one process. When the process dies, no other work is lost with
-it, and only this pool is made again. Workers are spawned: a forked child would inherit locks of threads that do not
-exist in it.
+Each worker has a thread, which hands tasks to a pool of one process. When this process dies, only its task is lost, and
+only its pool is made again. Workers are spawned, because a forked child would inherit locks of threads that it does not
+have.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from threadpoolctl import ThreadpoolController
 
 from mazeplan.run.campaign.tasks import MOST_DEATHS, Arguments, Executor, Lost, Result, Value
 
-WAKE_S = 1.0  # s between two looks while waiting: on some systems signals do not interrupt a wait
+WAKE_S = 1.0  # s, longest wait without a break: on some systems signals do not interrupt a wait
 GRACE_S = 3.0  # s that a worker has to level its plate when it must stop
 INTERRUPT = {signal.SIGINT}
 _at_work = threading.Event()  # in a worker: a task is in progress
@@ -36,8 +36,8 @@ _found: list[tuple[int, ThreadpoolController]] = []  # number of modules, and th
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra in one thread: the threads of many workers would fight over the cores, and a sum that is split
-    among threads differs in its last bits."""
+    """A context in which linear algebra uses one thread. The threads of many workers would compete for the cores, and a
+    sum that is split among threads differs in its last bits."""
     modules = len(sys.modules)
     if not _found or _found[0][0] != modules:  # the search for loaded libraries takes a while
         _found[:] = [(modules, ThreadpoolController())]
@@ -47,12 +47,12 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Block Ctrl-C, which a terminal sends to all, in processes and threads that begin here. This process gets it
-    afterwards."""
+    """Block Ctrl-C in processes and threads that begin in this context, because a terminal sends it to all processes.
+    This process gets it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # else the first process that begins would make it unblock Ctrl-C here
+    resource_tracker.ensure_running()  # else the first new process would start it, and that unblocks Ctrl-C here
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPT)
     try:
         yield
@@ -61,12 +61,12 @@ def interrupts_held() -> Iterator[None]:
 
 
 class InProcess:
-    """One task after the other, in this process."""
+    """Does one task after the other, in this process."""
 
     apart = False
 
     def share(self, value: Value) -> Value:
-        """The same value: it does not travel."""
+        """Returns the value itself: it does not travel."""
         return value
 
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
@@ -79,7 +79,7 @@ class InProcess:
 
 @contextmanager
 def in_processes(workers: int) -> Iterator[Executor]:
-    """Work in so many processes; 1: in this one."""
+    """An executor with this number of processes; 1: this process."""
     if workers == 1:
         yield InProcess()
         return
@@ -91,7 +91,7 @@ def in_processes(workers: int) -> Iterator[Executor]:
 
 
 class _Worker:
-    """One process after another, for one task at a time. folder: for files that the process unpacks."""
+    """Does one task at a time in a process; replaces the process when it dies. folder: for files that it unpacks."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -101,7 +101,7 @@ class _Worker:
         self.last: Future[Any] = Future()
 
     def do(self, work: Callable[..., Result], task: Arguments) -> Result | Lost:
-        """work(*task), again in a new process where one dies. Raises CancelledError once the worker was ended."""
+        """work(*task); if the process dies, again in a new one. Raises CancelledError once the worker was ended."""
         deaths = 0
         while deaths < MOST_DEATHS:
             try:
@@ -131,7 +131,7 @@ class _Worker:
             pool.shutdown(wait=True)
 
     def end(self) -> list[Any]:
-        """Ask the process to end, and accept no more tasks; the process, if there is one."""
+        """Ask the process to end, and accept no more tasks. Returns the process, if there is one."""
         with self._lock:
             self._ended, pool = True, self._pool
             # a pool has no public way to end its process before Python 3.14
@@ -156,7 +156,7 @@ class Processes:
         self._folder: TemporaryDirectory[str] | None = None  # workers end too fast to clear it themselves
 
     def share(self, value: Value) -> Value:
-        """The same value: through a pipe it travels fast enough."""
+        """Returns the value itself: through a pipe it travels fast enough."""
         return value
 
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
@@ -195,7 +195,7 @@ class Processes:
         going = [worker.last for worker in self._workers if worker.last.running()]
         processes = [process for worker in self._workers for process in worker.end()]
         wait(going, GRACE_S)
-        for process in processes:  # at once: nobody needs an interpreter that is taken down in order
+        for process in processes:  # at once: the interpreter need not shut down in order
             process.kill()
         connection.wait([process.sentinel for process in processes], GRACE_S)
         self._threads.shutdown(wait=True)
@@ -204,7 +204,7 @@ class Processes:
 
 
 def _begin(folder: str) -> None:
-    """The first thing that a worker does."""
+    """Set up a new worker process."""
     tempfile.tempdir = folder
     ThreadpoolController().limit(limits=1)
     signal.signal(signal.SIGTERM, _end)
@@ -221,18 +221,20 @@ def _work_in_worker(work: Callable[..., Result], *task: Any) -> Result:
 
 
 class _Ended(SystemExit):
-    """A signal ended the task; it is no error of the task."""
+    """A signal ended the task; the task itself made no error."""
 
 
 def _end(number: int, frame: Any) -> None:
-    """Raise an exception in a run, so that it ends in order. A process without a run ends at once."""
+    """Handler of SIGTERM. During a task it raises an exception, so that the task ends in order. Otherwise it ends the
+    process at once."""
     if not _at_work.is_set():
         os._exit(128 + number)
     raise _Ended(128 + number)
 
 
 def _end_with_parent(folder: str) -> None:
-    """A worker whose parent was killed would wait for work for ever, and nobody would clear the folder away."""
+    """End this worker when its parent process ends, and remove the folder. Otherwise a worker whose parent was killed
+    would wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         with suppress(OSError):

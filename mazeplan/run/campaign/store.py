@@ -1,10 +1,11 @@
-"""A folder with the runs of campaigns (Parquet, one row a run), kept as they end.
+"""A store: a folder with the runs of campaigns (Parquet, one row for each run). Each run is stored as it ends.
 
-    runs/toy/campaign-4f1c09aa0b7e2d13.parquet             what was there when the last command ended
+    runs/toy/campaign-4f1c09aa0b7e2d13.parquet                all runs until the end of the last command
     runs/toy/campaign-4f1c09aa0b7e2d13.run-00000042.parquet   a run that has ended since then
 
-The letters tell one campaign from another (`identity`). Each file is written beside its place and then put there, so
-that there is never a broken one; at the end the many become one. `pandas.read_parquet("runs/toy")` reads them all.
+The letters identify the campaign (`identity`). Each file is first written under another name and then renamed, so a
+file is never incomplete. At the end of a command the files of single runs are merged into one.
+`pandas.read_parquet("runs/toy")` reads all of them.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from mazeplan.run.campaign.parcel import Parcel, packed
 from mazeplan.run.campaign.worker import Ran
 from mazeplan.run.resolve import model_source
 
-FORMAT, KEY = 1, b"mazeplan_format"  # in the metadata of a file; a file without it has 1, too
-TOGETHER = 1000  # runs, each in a file of its own, that are put together on the way
+FORMAT, KEY = 1, b"mazeplan_format"  # format number, and its key in a file's metadata; a file without it has 1, too
+TOGETHER = 1000  # files of single runs after which they are merged while the campaign goes on
 SPREADS = ("p50", "p99", "max")
 NAME = re.compile(rf"campaign-[0-9a-f]{{{LETTERS}}}(\.run-[0-9]+)?\.parquet")  # of a file in a store
 
 
 def columns() -> Any:
-    """The columns, as pyarrow's schema; docs/campaigns.md explains them. Raises InputError without pyarrow."""
+    """The columns, as a schema of pyarrow; docs/campaigns.md explains them. Raises InputError without pyarrow."""
     try:
         import pyarrow as pa
     except ImportError:
@@ -58,14 +59,18 @@ def columns() -> Any:
 
 
 class Store:
-    """The runs of one campaign in a folder. documents: {number of the run: its result as JSON has it} of those that are
-    there; results: the same as results."""
+    """The runs of one campaign in a folder.
+
+    documents: {number of the run: its result as a JSON document} of the stored runs
+    parcel: files of the campaign
+    name: digest that identifies the campaign
+    """
 
     def __init__(self, folder: Path, campaign: Campaign, parcel: Parcel, setup: Mapping[str, Any]) -> None:
         self._columns = columns()
         self.folder, self.parcel = folder, parcel
         self._setup, self._text, self.name = setup, text_of(setup), digest_of(setup)
-        self._rows: list[Any] = []  # tables of those that are there, without the columns that are the same for all
+        self._rows: list[Any] = []  # tables of the stored runs, without the columns that are the same for all runs
         self._single: list[Path] = []
         model = model_source(campaign.model, campaign.rig)
         self._same = {
@@ -80,12 +85,12 @@ class Store:
 
     @property
     def results(self) -> dict[int, NavigationResult]:
-        """Of the runs that are there."""
+        """{number of the run: its result} of the stored runs."""
         return {index: NavigationResult.from_json(document) for index, document in self.documents.items()}
 
     @property
     def whole(self) -> Path:
-        """The file of all runs."""
+        """Path of the file of all runs."""
         return self.folder / f"campaign-{self.name}.parquet"
 
     def _read(self) -> None:
@@ -96,14 +101,14 @@ class Store:
                 continue
             table = _table(path, [name for name in self._columns.names if name not in self._same], self._columns)
             fresh = [number not in self.documents for number in table["index"].to_pylist()]
-            table = table.filter(pa.array(fresh, pa.bool_()))  # twice where the last command was killed at its very end
+            table = table.filter(pa.array(fresh, pa.bool_()))  # a command killed while it merges leaves runs twice
             for number, text in zip(table["index"].to_pylist(), table["result"].to_pylist(), strict=True):
                 self.documents[number] = json.loads(text)
             self._rows.append(table)
             self._single += [path] if path != self.whole else []
 
     def keep(self, index: int, ran: Ran, document: dict[str, Any] | None = None) -> None:
-        """Keep a run, now. document: in the place of its result's own, with more in it."""
+        """Store a run at once. document: replaces the document of its result, if it has to hold more."""
         import pyarrow as pa
 
         document = ran.result.to_json() if document is None else document
@@ -119,7 +124,7 @@ class Store:
             self.put_together()
 
     def put_together(self) -> None:
-        """One file out of many, in the order of the runs."""
+        """Merge all files of the campaign into one, in the order of the runs."""
         import pyarrow as pa
 
         if not self._single:
@@ -131,10 +136,11 @@ class Store:
         self._rows, self._single = [table], []
 
     def _write(self, table: Any, path: Path) -> None:
-        """Write rows with all columns, some at a time: those that are the same for all would fill the memory."""
+        """Write rows with all columns, some at a time: for all rows the columns that never differ would fill the
+        memory."""
         import pyarrow.parquet as pq
 
-        beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder leave out what begins with a dot
+        beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder skip names with a leading dot
         told = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
         schema = self._columns.with_metadata(told)
         try:
@@ -149,7 +155,7 @@ class Store:
             beside.unlink(missing_ok=True)
 
     def _with_all(self, table: Any) -> Any:
-        """The rows with all columns."""
+        """The rows with all columns, also those that are the same for all runs."""
         import pyarrow as pa
 
         columns = [
@@ -161,7 +167,8 @@ class Store:
         return pa.table(columns, schema=self._columns)
 
     def others(self, known: Iterable[str] = ()) -> list[str]:
-        """A line for each other campaign in the folder but those of known names, and in what it differs."""
+        """A line for each other campaign in the folder: its name, and in what it differs. Leaves out the names in
+        `known`."""
         found: dict[str, Path] = {}
         for path in sorted(self.folder.glob("campaign-*.parquet")):
             name = path.name.split(".")[0].removeprefix("campaign-")
@@ -196,7 +203,11 @@ def row_of(index: int, ran: Ran) -> dict[str, Any]:
 
 
 def _table(path: Path, only: list[str] | None = None, expected: Any = None) -> Any:
-    """All or some columns of a file, which has to have the expected ones. Raises InputError for any other file."""
+    """Read a Parquet file. Raises InputError for a file that cannot be read, or has other columns than expected.
+
+    only: names of the columns to read; None: all
+    expected: schema that the file must have; None: any
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -213,7 +224,7 @@ def _table(path: Path, only: list[str] | None = None, expected: Any = None) -> A
 
 
 def _refused(told: Mapping[bytes, bytes]) -> str | None:
-    """Why a file with this metadata cannot be read."""
+    """Why a file with this metadata cannot be read; None if it can."""
     given, written_by = (told.get(key, b"").decode(errors="replace") for key in (KEY, b"mazeplan_version"))
     return format_problem(int(given) if given.isdecimal() else given or FORMAT, FORMAT, written_by)
 
@@ -227,7 +238,7 @@ def _setup_in(path: Path) -> Mapping[str, Any]:
 def _check_folder(folder: Path) -> None:
     """Raises InputError for a folder that is no store, and for a damaged file of any campaign.
 
-    A reader of the whole folder takes every Parquet file in it for runs; other files may lie beside the runs."""
+    A store may hold other files, but no other Parquet files: a reader of the whole folder would take them for runs."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -240,7 +251,7 @@ def _check_folder(folder: Path) -> None:
     for path in ours:
         try:
             pq.read_metadata(path)
-        except FileNotFoundError:  # another command has just put its runs together
+        except FileNotFoundError:  # another command has just merged its files
             continue
         except (pa.ArrowException, OSError) as problem:
             raise _damaged(path, problem) from None
@@ -256,8 +267,10 @@ def _damaged(path: Path, problem: Exception) -> InputError:
 
 @contextmanager
 def open_store(folder: Path, campaign: Campaign) -> Iterator[Store]:
-    """The runs of a campaign in a folder, which is made; for one process at a time. Whatever happens, the runs are one
-    file afterwards. Raises InputError for a folder that cannot be used, or a campaign that is under way."""
+    """The store of a campaign in a folder, as a context manager, for one process at a time. It makes the folder.
+    Afterwards the runs are in one file, whatever happens.
+
+    Raises InputError if the folder cannot be used, or if another process does this campaign there."""
     with open_stores(folder, campaign, [None]) as (store,):
         yield store
 
@@ -266,8 +279,9 @@ def open_store(folder: Path, campaign: Campaign) -> Iterator[Store]:
 def open_stores(
     folder: Path, campaign: Campaign, faults: Sequence[Mapping[str, Any] | None]
 ) -> Iterator[tuple[Store, ...]]:
-    """The same for runs with faults, each a campaign of its own; faults: documents with the `name` of what goes
-    wrong, None: nothing."""
+    """As `open_store`, with one store for each entry of `faults`: runs with another fault are another campaign.
+
+    faults: documents with the `name` of the fault; None: no fault"""
     columns()
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
-"""The interface of everything that does independent pieces of work: this process, other processes, or Dask.
+"""The interface of executors, which do independent tasks: in this process, in other processes, or by Dask.
 
 `each(work, tasks)` calls work(*task) for every task and yields (index, result) as the tasks end, in any order. An
-exception of `work` ends it. The task of a process that dies is done again in another one. A task whose process died
-MOST_DEATHS times is given up; its result is `Lost`.
+exception of `work` ends `each`. If a process dies during a task, another process does the task again. After
+MOST_DEATHS deaths the task is given up; its result is `Lost`.
 """
 
 from __future__ import annotations
@@ -11,27 +11,27 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-MOST_DEATHS = 3  # of processes for one task
+MOST_DEATHS = 3  # maximum number of processes that may die during one task
 
 Result = TypeVar("Result")
 Value = TypeVar("Value")
-Arguments = tuple[Any, ...]  # of `work`, for one task
+Arguments = tuple[Any, ...]  # arguments of `work` for one task
 
 
 @dataclass(frozen=True)
 class Lost:
-    """In place of a result: the process died so many times during the task."""
+    """In place of the result of a task that was given up. deaths: how often a process died during it."""
 
     deaths: int
 
 
 class Executor(Protocol):
-    """Does independent pieces of work. apart: in other processes."""
+    """Does independent tasks. apart: whether in other processes."""
 
     apart: bool
 
     def share(self, value: Value) -> Value:
-        """Prepare a large value that many tasks have in common: put the returned one into them, and it travels once."""
+        """Prepare a large value that many tasks share. Put the returned value into the tasks: it then travels once."""
         ...
 
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:

@@ -1,4 +1,4 @@
-"""Versions of this program and of the packages that determine its results, for comparison with another machine."""
+"""Versions of this program and of the packages that affect its results, to compare them with another machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from mazeplan.core import resources
 
 PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
-NOT_FOR_RESULTS = {"cli", "view", "report", "_share", "__pycache__"}  # rooms of the package
+NOT_FOR_RESULTS = {"cli", "view", "report", "_share", "__pycache__"}  # folders of the package
 KINDS = {".py", ".yaml", ".xml", ".npz", ".png"}
 
 
@@ -29,7 +29,7 @@ def program() -> Mapping[str, str]:
 
 
 def _files() -> Iterator[tuple[str, Path]]:
-    """Names are the same in a checkout and in an installed wheel."""
+    """Names and paths of the files that affect results. Names are the same in a checkout and in an installed wheel."""
     for path in resources.PACKAGE.rglob("*"):
         inside = path.relative_to(resources.PACKAGE)
         if path.suffix in KINDS and not NOT_FOR_RESULTS & set(inside.parts):
@@ -41,7 +41,7 @@ def _files() -> Iterator[tuple[str, Path]]:
 
 
 def unlike(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
-    """The differences of another program, in words; empty if there are none."""
+    """In words, in what another machine's program differs from ours; empty if in nothing."""
     differing = [name for name in ours if theirs.get(name) != ours[name]]
     if differing == ["sources"]:
         return f"mazeplan {ours['mazeplan']} of other sources"

@@ -18,7 +18,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Ran:
-    """A run that has ended: its result, wall time and processor time, s, and computer:process."""
+    """A run that has ended. host: computer:process that did it."""
 
     result: NavigationResult
     wall_s: float
@@ -41,5 +41,5 @@ def measured(do: Callable[[], Result]) -> tuple[Result, float, float]:
 
 
 def here() -> str:
-    """computer:process."""
+    """This computer and process, as computer:process."""
     return f"{platform.node()}:{os.getpid()}"
