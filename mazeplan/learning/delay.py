@@ -1,4 +1,4 @@
-"""Delay of the camera, by prediction: the delay whose history of the tilt explains best the later position of the ball.
+"""Delay of the camera, by prediction: with the true delay, the tilt predicts the later position of the ball best.
 
 The ball starts in short stretches of a log, with a position and velocity smoothed over START samples. The planar model,
 walls and openings included, predicts it under the tilt measured `delay` earlier. A wrong delay makes the ball turn too
@@ -26,7 +26,7 @@ RESAMPLES = 200
 
 
 def usable_starts(table: Table, starts: IntArray) -> IntArray:
-    """Those first samples from which START and AHEAD samples follow without a gap."""
+    """The starts from which START and AHEAD samples follow without a gap."""
     seen, segment = np.isfinite(table["x"]), table.segment
     need = START // 2 + AHEAD
     starts = starts[(starts >= HISTORY) & (starts + START + AHEAD + HISTORY < len(table))]
@@ -58,8 +58,11 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
 def best_delay(
     table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
 ) -> tuple[float, float]:
-    """Delay and its standard error, s. model_at(delay): the planar model fitted with this delay; blocks (K,): block of
-    each start."""
+    """Delay and its standard error, s.
+
+    starts (K,):  first samples of the stretches
+    blocks (K,):  block of each start
+    model_at:     model_at(delay) gives the planar model fitted with this delay"""
     losses = np.array(
         [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in GRID]
     )
