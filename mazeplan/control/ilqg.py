@@ -92,7 +92,7 @@ class IlqgOptions:
 class Dynamics:
     """f and its derivatives: functions compiled by numba.njit, at module level with cache=True.
 
-    Otherwise each Python process would compile them again.
+    Without the cache, each Python process would compile them again.
 
     step:        step(s, u, p, out) -> None: writes the next state into out (n,), from s (n,) and u (2,)
     linearise:   linearise(s, u, p, out, A, B) -> None: also writes all of A (n, n) and B (n, 2)

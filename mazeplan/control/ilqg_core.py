@@ -326,8 +326,8 @@ def iterate(w, f, p, q, rules):
 def certify(w):
     """First-order optimality of the plan, by the adjoint of the stored derivatives.
 
-    numbers[FREE]: largest gradient of the cost by a control inside its limits. numbers[WRONG]: largest gradient by a
-    control at a limit where the cost falls inwards."""
+    numbers[FREE]:   largest gradient of the cost with respect to a control inside its limits
+    numbers[WRONG]:  the same for a control at a limit, if the cost falls inwards"""
     T, n = w.controls.shape[0], w.V.shape[0]
     free = wrong = 0.0
     w.V[:] = w.lx[T]

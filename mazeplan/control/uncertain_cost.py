@@ -5,7 +5,7 @@ Each step costs as in `cost`, plus
     w v(s)      v: variance of the learned part of theta_dd at s, given the nearest training row
 
 Therefore plans prefer states that the rig has visited. v is never smaller than the variance given all rows, and needs
-only one pass over the rows. For networks, v is the spread of the members.
+only one pass over the rows. For networks, v is the variance over the members.
 
 The packed vector is that of `cost`, then w, the noise variance of a sample, and the learned part by
 `learned_part.pack`. Numba caches these functions by the date of this file: touch this file after changing functions

@@ -115,7 +115,7 @@ def body_of(rig: RigModel) -> BodyModel | None:
 
 
 def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
-    """The rig's model with this rigid ball. Only those of its terms are kept with which a run can predict."""
+    """The rig's model with this rigid ball. It keeps only the terms that a run can use for prediction."""
     terms = tuple(term for term in model.terms if term.effect.planned and not idle(term))
     values = {name: value_of(model, name) for name in KEPT}
     values["delay"] -= rig.camera_delay

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from mazeplan.maze.geometry import Maze
 
 SIGMAS = 4.0  # margin past the middle of the outermost wall, in sigmas of one sample of the camera
-SAMPLES, AGREEING = 3, 2  # last samples that vote; votes for minus votes against that decide
+SAMPLES, AGREEING = 3, 2  # number of last samples that vote; surplus of votes needed for a decision
 
 
 @dataclass(frozen=True, slots=True)
