@@ -98,7 +98,7 @@ class NetworkBall:
 
 @dataclass(frozen=True)
 class ForestBall:
-    """rf: the mean of many trees."""
+    """rf: random forest, the mean of many decision trees."""
 
     forest: Any
 

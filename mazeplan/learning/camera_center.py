@@ -5,8 +5,8 @@ With the ball at angle phi of a ring of radius R about C, and the camera's centr
     theta = arg(e^(i phi) + x + i y),    d theta/d phi = (1 + x cos phi + y sin phi) / |e^(i phi) + x + i y|^2
 
 Gravity, openings and walls depend on phi, so a model in theta must learn a distortion of each term. The centre is found
-by minimising the residual of a linear model of the acceleration in phi. Models are fitted in phi; errors are errors of
-theta.
+by minimising the residual of a linear model of the acceleration in phi. Models are fitted in phi. Errors are reported
+in theta.
 """
 
 from __future__ import annotations

@@ -103,7 +103,9 @@ def confidence(
 ) -> Confidence | None:
     """Bands of a fitted kind over windows of test samples; None without windows.
 
-    rows: training rows of `train`; rates: see `samples`; misfit: see `causal_start`."""
+    rows:    training rows, indices into `train`
+    rates:   see `samples`
+    misfit:  see `causal_start`"""
     o = options or ConfidenceOptions()
     some = windows.start[_spread(len(windows), max(1, o.rollouts // DRAWS))]
     if not len(some) or o.rollouts < DRAWS:

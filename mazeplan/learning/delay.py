@@ -1,9 +1,10 @@
 """Delay of the camera, by prediction: with the true delay, the tilt predicts the later position of the ball best.
 
-The ball starts in short stretches of a log, with a position and velocity smoothed over START samples. The planar model,
-walls and openings included, predicts it under the tilt measured `delay` earlier. A wrong delay makes the ball turn too
-early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts do not decide.
-A parabola through the best points of a grid refines it; a bootstrap over blocks of the record gives its standard error.
+Predictions start in short stretches of a log, from a position and velocity smoothed over START samples. The planar
+model, walls and openings included, predicts the ball under the tilt measured `delay` earlier. A wrong delay makes the
+ball turn too early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts
+do not decide. A parabola through the best points of a grid refines the delay. A bootstrap over blocks of the record
+gives its standard error.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
 
 GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s
 START = 7  # samples that give position and velocity at their middle
-AHEAD = 8  # samples from there; 0.27 s at 30 Hz
-CAP = 3e-3  # m
+AHEAD = 8  # samples from this middle to the predicted position; 0.27 s at 30 Hz
+CAP = 3e-3  # m; larger errors count as this
 HISTORY = 8  # samples of tilt before a start: more than the longest delay of the grid
 RESAMPLES = 200
 

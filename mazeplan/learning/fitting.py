@@ -1,4 +1,4 @@
-"""Fit any kind of ball model to the samples of a ring; with heavy-tailed noise if asked for.
+"""Fit any kind of ball model to the samples of a ring; on request with heavy-tailed noise.
 
 Heavy tails: Student's t noise in place of normal noise.
 
@@ -59,9 +59,9 @@ EFFECTS = (  # effects of spnn at the start of its training
     rolling_inertia(WALL_ROLLING), viscous_friction(0.3), dry_friction(0.5), quadratic_drag(), wall_friction(),
     tilt_offset(),
 )  # fmt: skip
-TREES, LEAF = 100, 5  # of the forest; samples in a leaf: a forest with fewer learns the noise
+TREES, LEAF = 100, 5  # number of trees; minimum samples in a leaf, because a forest with fewer learns the noise
 FEW = 1000  # maximum number of rows of the Gaussian process whose residuals are examined
-LAGS, SHORT = 30, 0.1  # rows, and share of the power below which residuals count as uncorrelated
+LAGS, SHORT = 30, 0.1  # maximum lag, rows; share of the power below which residuals count as uncorrelated
 FREEDOM = (1.0, 30.0)  # bounds of nu; measured rings have 2 to 3, simulated ones 5 to 7
 FOLDS, BLOCK = 4, 10  # number of folds; rows of a block, because smoothing spreads an impact over its neighbours
 
@@ -189,7 +189,7 @@ def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyp
 def repetition(left: Array) -> float:
     """How many of the residuals (..., N) count as one independent residual, by their autocorrelation; at least 1.
 
-    NaN: unknown."""
+    NaN marks an unknown residual."""
     power, repeats = float(np.nanmean(left**2)) if left.size else 0.0, 1.0
     for lag in range(1, LAGS):
         share = float(np.nanmean(left[..., lag:] * left[..., :-lag])) / power if power > 0.0 else 0.0

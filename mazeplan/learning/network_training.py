@@ -1,13 +1,13 @@
 """Train the networks of a ball model with torch, alone or together with the parameters of effects.
 
 Training begins with single rows: the loss is the mean square error of the acceleration. With effects, roll-outs follow.
-They begin at the measured state and go along the measured tilt, as in `rollout`; derivatives go through the
-whole roll-out. The loss
+They begin at the measured state and go along the measured tilt, as in `rollout`; derivatives go through the whole
+roll-out. The loss
 
     mean of sqrt(e^2 + d^2) - d over all samples of the windows,    e: error of the angle, d = ROUND
 
 counts large errors by their size and not by their squares, because impacts at edges cannot be predicted. Each member
-leaves out another fold of the record. The errors on these folds choose the moment to stop and give the noise. No test
+leaves out a different fold of the record. The errors on these folds choose the moment to stop and give the noise. No test
 row takes part.
 """
 
@@ -48,7 +48,7 @@ FEWEST = 10  # minimum number of windows of a fold to choose the moment to stop
 class NetworkOptions:
     """Settings of the training. Raises SettingsError.
 
-    members:  number of networks; each leaves out another fold
+    members:  number of networks; each leaves out a different fold
     hidden:   number of units of a layer
     updates:  number of updates by single rows
     rolled:   number of updates by roll-outs

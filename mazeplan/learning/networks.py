@@ -1,7 +1,7 @@
-"""An ensemble of small networks for theta_dd, or for what effects leave of it: prediction without torch.
+"""An ensemble of small networks for theta_dd, or for the residual of the effects: prediction without torch.
 
     f_e(x) = w . tanh(W2 tanh(W1 z + b1) + b2) + b      one member, z: `expanded` inputs
-    f(x)   = mean of f_e,    variance = spread of f_e over the members + noise^2
+    f(x)   = mean of f_e,    variance = variance of f_e over the members + noise^2
 
 The inputs come from those of a Gaussian process. The angle enters by sine and cosine of 1, 2, 4 and 8 times the angle,
 because forces at openings are narrow. `network_training` trains the networks; the compiled functions are for control. A
@@ -93,7 +93,7 @@ class Networks:
         return self.each(x).mean(axis=0)
 
     def variance(self, x: Array) -> Array:
-        """Variance of a sample (N,): spread of the members and noise, (rad/s^2)^2."""
+        """Variance of a sample (N,), (rad/s^2)^2: variance over the members plus noise^2."""
         return self.each(x).var(axis=0) + self.noise**2
 
 

@@ -97,7 +97,7 @@ class OnlineProcess:
         return JITTER * most**2 * (1.0 + self.walk.process * age)
 
     def added(self, inputs: Array, features: Array, y: Array, age: Array) -> OnlineProcess:
-        """The same with additional rows. Raises ModelError for values that are not finite, or if no jitter helps."""
+        """A copy with additional rows. Raises ModelError for values that are not finite, or if no jitter helps."""
         if not all(np.isfinite(part).all() for part in (inputs, features, y, age)):
             raise ModelError("got a row that is not finite, expected numbers")
         if not len(y):
@@ -116,7 +116,7 @@ class OnlineProcess:
         return OnlineProcess(self.hyper, self.walk, x, phi, both, ages, factor)
 
     def removed(self, rows: IntArray) -> OnlineProcess:
-        """The same without some rows (indices)."""
+        """A copy without some rows (indices)."""
         stay = np.setdiff1d(np.arange(len(self)), rows)
         first = int(np.min(rows, initial=len(self)))
         factor = np.tril(self.factor[np.ix_(stay, stay)])
@@ -128,7 +128,7 @@ class OnlineProcess:
         return replace(kept, y=self.y[stay], age=self.age[stay])
 
     def within(self, most: int, now: float, keep: str = "novelty") -> OnlineProcess:
-        """The same with at most `most` rows. keep: name in `RULES` of the rule that chooses the rows to remove."""
+        """A copy with at most `most` rows. keep: name in `RULES` of the rule that chooses the rows to remove."""
         return self if len(self) <= most else self.removed(RULES[keep](self, len(self) - most, now))
 
     @property
@@ -218,7 +218,7 @@ def _factor(C: Array, jitter: Array) -> Array:
 
 
 def _taken_in(T: Array, B: Array) -> Array:
-    """The lower factor of T T' + B B', T (N, N) a lower factor, B (N, K)."""
+    """The lower Cholesky factor of T T' + B B', for a lower factor T (N, N) and B (N, K)."""
     n = len(T)
     (tpqrt,) = get_lapack_funcs(("tpqrt",), (T, B))
     upper, _, _, _ = tpqrt(0, min(PANEL, n), np.asfortranarray(T.T), np.asfortranarray(B.T))

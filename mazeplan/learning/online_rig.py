@@ -5,7 +5,7 @@ is the acceleration that the effects of the *first* model leave unexplained. So 
 changes of the effects, and the Gaussian process takes the rest. A model without Gaussian processes begins without rows,
 with typical hyperparameters.
 
-The clock of the ages advances from run to run by one of PACES. The pace is chosen that gives the largest likelihood of
+The clock of the ages advances from run to run by one of PACES. It takes the pace that gives the largest likelihood of
 the new rows of all rings, times a prior. So the model of a constant rig keeps its rows. The model of a changed rig
 forgets its rows in a run or two.
 
@@ -52,7 +52,7 @@ AMPLITUDE, NOISE = 0.043, 0.073  # half of the median amplitude: effects explain
 PACES = ((0.05, 0.99), (1.0, 1e-2), (9.0, 1e-5))  # advance of the clock in a run, and its prior probability
 RESTING = 0.15  # rad/s; below it the sign of dry friction is uncertain
 ENDS = 2  # samples left out at either end of a stretch
-MISFIT = 4.0  # standard deviations
+MISFIT = 4.0  # standard deviations beyond which a row is an impact
 WATCHED, WORSE = 5, 1.1  # runs; ratio of mean squared errors of a worse model
 FEWEST = 400  # minimum budget of rows of a ring
 
@@ -149,7 +149,7 @@ class OnlineModel:
 
     @property
     def trusted(self) -> bool:
-        """Whether the online model was not worse than the first one."""
+        """Whether the online model was not worse than the first model over the last WATCHED runs."""
         sums = np.sum(self.watched, axis=0) if self.watched else np.zeros(2)
         return bool(sums[0] <= WORSE * sums[1])
 
@@ -205,7 +205,7 @@ class OnlineModel:
         return Lesson(self.now, why=why, trusted=self.trusted)
 
     def learn(self, table: Table, camera_delay: float | None = None) -> Lesson:
-        """Learn from the record of a run. An unusable record changes nothing.
+        """Learn from the record of a run. Nothing is learned from an unusable record.
 
         camera_delay: measured delay of the camera, s; None: that of the first model."""
         delay = self.start.camera_delay if camera_delay is None else camera_delay

@@ -6,9 +6,9 @@ pathwise conditioning: a draw from the prior, plus the correction of its error a
     f_s(x) = phi(x) w_s + g_s(x) + k_f(x, X) C^-1 (y - Phi w_s - g_s(X) - e_s),   w_s ~ N(0, S), e_s ~ N(0, s^2)
     g_s(x) = a F^-1/2 sum_j  n_j cos(v_j x / l) + m_j sin(v_j x / l),             n_j, m_j ~ N(0, 1)
 
-(Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). F is the number of waves.
-v_j comes from the spectrum of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is
-(g(x) - g(F x)) / sqrt(2), with its reflection F. torch sums over the rows, for many states at once.
+(Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). There are F = WAVES
+waves. v_j comes from the spectrum of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is
+(g(x) - g(x')) / sqrt(2), with x' the reflection of x. torch sums over the rows, for many states at once.
 
 A draw of an ensemble of networks is its mean plus n_e / sqrt(E - 1) times the deviation of each member, n_e ~ N(0, 1).
 """
@@ -119,7 +119,7 @@ class ProcessDraws:
 
 
 class RowSum:
-    """Computes k(x, X) A_s for inputs x in S groups, with weights A_s of their own for each group."""
+    """Computes k(x, X) A_s for inputs x in S groups; each group s has other weights A_s."""
 
     def __init__(self, hyper: Hyperparameters, rows: Array, weights: Array, device: str, precision: str) -> None:
         """rows X (N, D); weights A (N, S)."""

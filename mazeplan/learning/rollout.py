@@ -174,7 +174,8 @@ def causal_start(
 ) -> tuple[Array, Array, Array]:
     """Filtered angle (W,), rate (W,) and their covariance (W, 2, 2) at rows `start`.
 
-    noise: of a measured angle, rad; misfit: rms error of the model, rad/s^2."""
+    noise:   standard deviation of a measured angle, rad
+    misfit:  rms error of the model, rad/s^2"""
     dt, R = samples.dt, max(noise, 1e-5) ** 2
     first = np.maximum(start - PAST, np.searchsorted(samples.segment, samples.segment[start]))
     ahead = np.minimum(first + FIRST, start)

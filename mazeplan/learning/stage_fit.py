@@ -26,8 +26,8 @@ FEWEST = 60  # minimum number of samples
 LEAST_RANGE = 1e-3  # rad; minimum range of the commands
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
-SETTLE_S = 0.5  # s at the beginning of a stretch that are left out: the motion before it is unknown ...
-SETTLE_TIMES = 3.5  # ... and as many time constants of the slowest pole (3 % left), up to a third of the stretch
+SETTLE_S = 0.5  # minimum s left out at the beginning of a stretch, because the motion before it is unknown
+SETTLE_TIMES = 3.5  # time constants of the slowest pole left out there (3 % remain), up to a third of the stretch
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`.
 3. the planar model predicts on to now under the known tilt, and to the moment when the next command acts under the
    queued commands. This state is returned: it has no lag.
 
-The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree, the
-filter restarts at their position. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of the
-last sample. Without samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with
+The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree,
+the filter restarts at their position. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of
+the last sample. Without samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with
 hysteresis, when the predicted ball is past the middle of the wall by a margin.
 """
 
