@@ -150,7 +150,7 @@ def _huber(residual: Array, width: float = 2.0) -> Array:
 def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tuple[Array, Array, Array]:
     """MAP estimate of w in y = X w, with the prior w ~ N(mean, sigma^2). Returns (w, variances, residual).
 
-    Noise and Huber weights are estimated, too. Each variance is the larger of the Bayesian and the block-robust variance."""
+    It estimates noise and Huber weights, too. Each variance is the larger of the Bayesian and the block-robust one."""
     w, weights = mean.copy(), np.ones(len(y))
     noise, precision = 1.0, np.diag(1.0 / sigma**2)
     information = precision

@@ -7,8 +7,8 @@ roll-out. The loss
     mean of sqrt(e^2 + d^2) - d over all samples of the windows,    e: error of the angle, d = ROUND
 
 counts large errors by their size and not by their squares, because impacts at edges cannot be predicted. Each member
-leaves out a different fold of the record. The errors on these folds choose the moment to stop and give the noise. No test
-row takes part.
+leaves out a different fold of the record. The errors on these folds choose the moment to stop and give the noise. No
+test row takes part.
 """
 
 from __future__ import annotations
