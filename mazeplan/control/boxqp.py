@@ -2,9 +2,9 @@
 
     minimise 1/2 x' H x + g' x   subject to   lower <= x <= upper,        H symmetric positive definite
 
-A convex function whose free minimum lies outside the box has its minimum on the border; each of the four edges is a
-problem in one variable. This is the inner problem of control-limited DDP (Tassa, Mansard, Todorov, ICRA 2014), where a
-variable counts as free unless it is held at a bound by the gradient.
+The objective is convex. If its unconstrained minimum lies outside the box, its minimum in the box lies on the border.
+Each of the four edges is then a problem in one variable. This is the inner problem of control-limited DDP (Tassa,
+Mansard, Todorov, ICRA 2014). There, a variable is free unless the gradient holds it at a bound.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ def _clip(x, low, high):
 
 @njit(cache=True, error_model="numpy")
 def box_qp(h00, h01, h11, g0, g1, low0, high0, low1, high1):
-    """(x0, x1, free0, free1, ok): the minimiser, which variables are free, and whether H is positive definite.
+    """Minimise the objective in the box. Returns (x0, x1, free0, free1, ok).
 
-    Scalars in and out, so that nothing is allocated. Bounds hold exactly. A variable is not free when it is at a
-    bound and the objective would fall beyond it, or when its bounds coincide. With ok False (also for NaN) the rest
-    is zero and False.
+    x0, x1:        the minimiser; it meets the bounds exactly
+    free0, free1:  whether the variable is free; it is not free if its bounds coincide, or if it is at a bound and the
+                   objective would fall beyond this bound
+    ok:            whether H is positive definite; if not (also for NaN), the other results are zero and False
+
+    Arguments and results are scalars, so that nothing is allocated.
     """
     det = h00 * h11 - h01 * h01
     if not (h00 > 0.0 and h11 > 0.0 and det > 0.0):

@@ -1,28 +1,30 @@
 """Cost of a motion along one ring, compiled, with analytic derivatives.
 
-Each step costs, with the errors e = theta - theta*, v = theta_dot - theta_dot*, c = lean(s) - lean*,
+The errors are e = theta - theta*, v = theta_dot - theta_dot* and c = lean(s) - lean*. Each step costs
 
     w_theta past(e) phi(e; a_theta) + [w_speed + w_arrival zone(e)] phi(v; a_speed) + w_lean phi(c; a_lean)
     + 1/2 w_rate (beta_dot^2 + gamma_dot^2) + w_u sum_i [cosh(u_i / scale) - 1]
 
-and the final state the first line again with weights of its own (but the same w_arrival). phi is the smooth
-absolute value
+The final state costs the first line again, with the final weights but the same w_arrival. phi is the smooth absolute
+value
 
     phi(e; a) = sqrt(e^2 + a^2) - a        (near e = 0: e^2 / 2a)        or, with quadratic=True,  phi = e^2 / 2
 
-The absolute value keeps pulling equally far from the goal, which makes the motion near time-optimal; cosh is
-quadratic for small commands and steep towards the limit (both from Tassa, Erez, Todorov, IROS 2012).
+The absolute value pulls equally strongly at any distance from the goal, which makes the motion near time-optimal. cosh
+is quadratic for small commands and steep towards the limit. Both are from Tassa, Erez, Todorov, IROS 2012.
 
     lean(s) = sin(beta) cos(theta) - sin(gamma) cos(beta) sin(theta)
 
-is the outward acceleration over g: positive pushes the ball against the outer wall, negative against the inner one. Its
-curvature is dropped, and so is that of zone(e) (Gauss-Newton): every Hessian here is positive semidefinite. All
-gradients are exact.
+is the outward acceleration over g. A positive lean pushes the ball against the outer wall, a negative one against the
+inner wall. The Hessians leave out the curvature of lean(s) and of zone(e) (Gauss-Newton), so they are all positive
+semidefinite. All gradients are exact.
 
-With theta_dot* = 0 the ball is to stop at the goal, past = 1 and zone = 0. With theta_dot* not 0 it is to pass the
-goal at that speed: behind the goal in the direction of travel past is a small fraction, so that the angle no longer
-calls it back, and zone(e) = exp(-e^2 / 2 z^2) makes the speed count where the goal is, and the way there free to be
-fast. theta - theta* is the plain difference: the caller brings theta* to the right turn.
+If theta_dot* = 0, the ball stops at the goal: past = 1 and zone = 0. Otherwise the ball passes the goal at this speed:
+
+    past(e)   behind the goal, in the direction of travel, a small fraction: the angle does not call the ball back
+    zone(e)   exp(-e^2 / 2 z^2): the speed counts near the goal, and the ball may be fast on the way there
+
+theta - theta* is the plain difference: the caller moves theta* to the right turn.
 """
 
 from __future__ import annotations
@@ -46,8 +48,15 @@ _PACKED = (
 
 @dataclass(frozen=True, kw_only=True)
 class StepWeights:
-    """Weights of each step. theta: 1/rad; speed, arrival: s/rad; lean: 1/rad; rate: (s/rad)^2; control: -;
-    control_scale: rad."""
+    """Weights of each step.
+
+    theta:          weight of the angle error, 1/rad
+    speed:          weight of the speed error, s/rad
+    arrival:        additional weight of the speed error near the goal, s/rad
+    lean:           weight of the lean error, 1/rad
+    rate:           weight of the tilt rates, (s/rad)^2
+    control:        weight of the commands, no unit
+    control_scale:  scale of the commands in cosh, rad"""
 
     theta: float = 1.0
     speed: float = 0.1
@@ -60,8 +69,11 @@ class StepWeights:
 
 @dataclass(frozen=True, kw_only=True)
 class PenaltyShapes:
-    """width_*: of the smooth absolute values, in the unit of their error (rad, rad/s, rad); arrival_zone: z, rad;
-    past: factor of the angle's weight behind the goal."""
+    """Shapes of the penalties.
+
+    width_theta, width_speed, width_lean:  widths a of the smooth absolute values, rad, rad/s, rad
+    arrival_zone:                          width z of the zone around the goal, rad
+    past:                                  factor of the angle's weight behind the goal"""
 
     width_theta: float = 0.03
     width_speed: float = 0.2
@@ -74,9 +86,14 @@ class PenaltyShapes:
 class CostParameters(PenaltyShapes, StepWeights):
     """All settings of the cost. Raises SettingsError for a negative value.
 
-    final_*: weights of the last state; quadratic: the weights of theta, speed and lean count e^2 / 2; uncertainty:
-    s^4/rad^2, price of the variance of a learned model (`uncertain_cost`), 0: none; prompt, late_s: see `seen_late`.
-    The defaults take a ball at 5 degrees of tilt pi/4 along ring 2 of the packaged map in 0.65 s, without overshoot.
+    final_theta, final_speed, final_lean:  weights of the last state
+    quadratic:                             errors of theta, speed and lean cost e^2 / 2
+    uncertainty:                           price of the variance of a learned model (`uncertain_cost`), s^4/rad^2;
+                                           0: none
+    prompt, late_s:                        see `seen_late`
+
+    With the defaults and 5 degrees of tilt, a ball travels pi/4 along ring 2 of the packaged map in 0.65 s, without
+    overshoot.
     """
 
     final_theta: float = 5.0
@@ -94,8 +111,9 @@ class CostParameters(PenaltyShapes, StepWeights):
     def seen_late(self, late_s: float) -> CostParameters:
         """The cost for a rig whose commands act `late_s` s after the measurement.
 
-        During the delay the ball moves unseen by its speed times the delay, so surprises cost more. The price of speed
-        grows with the delay: from the share `prompt` without delay to the whole from the field `late_s` on."""
+        During the delay the ball moves unseen by its speed times the delay, so surprises cost more. Therefore the
+        price of speed grows with the delay: from the share `prompt` without delay to the full price from the field
+        `late_s` on."""
         share = self.prompt + (1.0 - self.prompt) * min(1.0, late_s / self.late_s)
         return replace(self, speed=share * self.speed)
 
@@ -122,13 +140,13 @@ def penalty(e, a, quadratic):
 
 @njit(cache=True, error_model="numpy")
 def _theta_weight(e, q):
-    """Factor of the angle's weight: less behind the goal when the ball is to pass it at speed."""
+    """Factor of the angle's weight: below 1 behind a goal that the ball passes at speed."""
     return q[_PAST] if e * q[_GOAL_SPEED] > 0.0 else 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(e, q):
-    """Further weight of the speed near the goal, when the ball is to pass it at speed."""
+    """Additional weight of the speed near a goal that the ball passes at speed."""
     return 0.0 if q[_GOAL_SPEED] == 0.0 else q[_ARRIVAL] * math.exp(-0.5 * e * e / (q[_ZONE] * q[_ZONE]))
 
 
@@ -188,7 +206,7 @@ def running(k, s, u, q):
 
 @njit(cache=True, error_model="numpy")
 def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
-    """Gradient (6,), (2,) and Hessians (6, 6), (2, 2) of `running`; state and control do not mix."""
+    """Gradients (6,), (2,) and Hessians (6, 6), (2, 2) of `running`, which has no mixed term of state and control."""
     _state_derivatives(s, q, q[_THETA], q[_SPEED], q[_LEAN], lx, lxx)
     lx[3], lx[5] = q[_RATE] * s[3], q[_RATE] * s[5]
     lxx[3, 3] = lxx[5, 5] = q[_RATE]

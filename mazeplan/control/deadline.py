@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 WHOLE = "-"  # a search that ended before its deadline
-MOST = 1000  # searches kept; far more than one tick makes
+MOST = 1000  # maximum number of searches kept; one tick makes far fewer
 
 
 class Stopwatch(Protocol):
@@ -26,16 +26,18 @@ class Stopwatch(Protocol):
         ...
 
     def end(self) -> float:
-        """End the search; its duration, ms."""
+        """End the search. Returns its duration, ms."""
         ...
 
     def taken(self) -> str | None:
-        """Where deadlines ended the searches since the last call; None if none did."""
+        """The iterations at which deadlines ended searches since the last call; None if no deadline did."""
         ...
 
 
 class Live:
-    """Wall clock. Estimates the next iteration by the longest one so far. clock: s."""
+    """Stopwatch by the wall clock. It expects the next iteration to take as long as the longest one so far.
+
+    clock: function that returns the time in s."""
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self._clock = clock
@@ -64,7 +66,9 @@ class Live:
         return 1e3 * (self._clock() - self._began)
 
     def taken(self) -> str | None:
-        """For each search since the last call the iterations until its deadline, or `-`; None if none was ended."""
+        """One word for each search since the last call; None if no deadline ended any of them.
+
+        The word is the number of iterations until the deadline, or `-` for a search that ended before it."""
         cuts = list(self._cuts)
         self._cuts.clear()
         return " ".join(cuts) if any(cut != WHOLE for cut in cuts) else None
@@ -78,7 +82,7 @@ class Recorded:
         self._cut: int | None = None
 
     def load(self, taken: str | None) -> None:
-        """Set what `Live.taken` gave for the next tick. Raises ValueError for other text."""
+        """Set the text that `Live.taken` returned for the next tick. Raises ValueError for other text."""
         self._cuts = deque(None if cut == WHOLE else int(cut) for cut in (taken or "").split())
 
     def begin(self, deadline_ms: float) -> None:

@@ -3,22 +3,22 @@
     minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
 
 Tassa, Mansard, Todorov, ICRA 2014, with second derivatives of f by a secant update (`ilqg_core`). Each iteration
-linearises along the trajectory, solves a box-limited quadratic problem in each step backwards, and rolls out the new
-policy with shorter and shorter steps alpha until the cost falls enough. The cost never rises. `Plan.reason` says why
-the search stopped:
+linearises along the trajectory and goes backwards through the steps, with a box-limited quadratic problem in each. Then
+it rolls out the new policy with shorter and shorter steps alpha until the cost falls enough. The cost never rises.
+`Plan.reason` says why the search stopped:
 
     1. CONVERGED     regularisation is at most mu_min, and one of these is small enough:
                      - the largest correction of a control: below control_tolerance
                      - the expected or the actual reduction of the cost: below tolerance * (1 + |cost|)
-                     - the reduction by the last PATIENCE iterations together: below the same
+                     - the reduction by the last PATIENCE iterations together: below the same limit
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
     4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
-    5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity along the way; the controls are then level
-                     (the allowed ones nearest zero)
+    5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity; the controls are then level (the allowed
+                     controls nearest zero)
 
-In all cases but the last the plan is usable: controls are inside the limits, and states and gains belong to them (a
-gain is zero in rows where the control is at its limit).
+The plan is usable in all cases but the last. Its controls are inside the limits, and its states and gains belong to
+these controls. A gain is zero in rows where the control is at its limit.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ from mazeplan.core.maths.compiled import address_of
 from mazeplan.core.records import Array, Certificate, Plan, StopReason
 
 PATIENCE = 5  # iterations
-NEARLY = 1.1  # largest ratio to the cost of the last plan
-MUCH = 0.01  # of the cost: least gain for which a warm search goes on
+NEARLY = 1.1  # maximum ratio to the cost of the last plan for an early stop
+MUCH = 0.01  # share of the cost; a warm search goes on while an iteration lowers the cost by more
 
 
 @dataclass(frozen=True)
 class IlqgOptions:
     """Settings of the search. Raises SettingsError.
 
-    horizon            steps
-    max_iterations     of a search from the beginning
-    tolerance          relative, of the cost, at which it stops
+    horizon            number of steps of a plan
+    max_iterations     maximum number of iterations of a search
+    tolerance          a search stops at a smaller relative reduction of the cost
     warm_tolerance     the same for a search from the last tick's plan, which the next tick improves again
-    warm_iterations    after so many, that search may stop early (`enough` of `Planner.solve`)
-    control_tolerance  largest correction of a control at which a search stops, rad
-    min_ratio          least actual reduction of the cost over the expected one
+    warm_iterations    iterations after which a search from the last plan may stop early (`enough` of `Planner.solve`)
+    control_tolerance  a search stops if the largest correction of a control is smaller, rad
+    min_ratio          minimum of the actual reduction of the cost over the expected reduction
     mu                 first regularisation, added to the control Hessian
-    mu_min, mu_max     its bounds
-    mu_factor          changes it; grows while the regularisation goes the same way again and again
-    shorter, tries     factor from one step length to the next that is tried, and how many are
-    deadline_ms        of one search
+    mu_min, mu_max     bounds of the regularisation
+    mu_factor          first factor of a change of the regularisation; repeated changes in one direction get larger
+    shorter, tries     factor from one tried step length to the next, and number of step lengths tried
+    deadline_ms        time limit of one search, ms
     """
 
     horizon: int = 40
@@ -90,11 +90,14 @@ class IlqgOptions:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """f and its derivatives, compiled by numba.njit at module level with cache=True (else every process compiles anew).
+    """f and its derivatives: functions compiled by numba.njit, at module level with cache=True.
 
-    step(s, u, p, out) -> None; linearise(s, u, p, out, A, B) -> None: the step, and its derivatives. s, out (n,),
-    u (2,), A (n, n), B (n, 2), all written whole; parameters p: a float64 vector, which the solver only passes on (its
-    tail may serve as scratch space).
+    Without the cache, each Python process would compile them again.
+
+    step:        step(s, u, p, out) -> None: writes the next state into out (n,), from s (n,) and u (2,)
+    linearise:   linearise(s, u, p, out, A, B) -> None: also writes all of A (n, n) and B (n, 2)
+    parameters:  p, a float64 vector that the solver only passes on; its tail may serve as scratch space
+    n:           number of states
     """
 
     step: Any
@@ -105,10 +108,14 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Cost:
-    """l_k and l_T and their derivatives, compiled likewise; q is the vector handed to `solve`.
+    """l_k and l_T and their derivatives, compiled like `Dynamics`. q: the vector given to `solve`.
 
-    running(k, s, u, q) -> float; running_derivatives(k, s, u, q, lx, lu, lxx, luu); final(s, q) -> float;
-    final_derivatives(s, q, lx, lxx). Hessians positive semidefinite, l_uu positive definite; no mixed term.
+    running:              running(k, s, u, q) -> float
+    running_derivatives:  running_derivatives(k, s, u, q, lx, lu, lxx, luu) -> None
+    final:                final(s, q) -> float
+    final_derivatives:    final_derivatives(s, q, lx, lxx) -> None
+
+    Hessians must be positive semidefinite, l_uu positive definite. The cost must have no mixed term of s and u.
     """
 
     running: Any
@@ -125,7 +132,7 @@ _REASONS = {
 
 
 class Planner:
-    """Solves problems of one dynamics, cost and limits again and again in one workspace; not for two threads."""
+    """Solves problems with the same dynamics, cost and limits in one workspace. Use it from one thread only."""
 
     def __init__(
         self,
@@ -138,7 +145,10 @@ class Planner:
         dt: float = 1.0 / 30.0,
         watch: Stopwatch | None = None,
     ) -> None:
-        """low, high: (2,) control limits; dt: s per step, for the plans; watch: stopwatch for deadlines."""
+        """low, high: control limits (2,).
+
+        dt:     duration of a step, s, for the plans
+        watch:  stopwatch for deadlines"""
         self.options = options or IlqgOptions()
         self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Live()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
@@ -170,12 +180,14 @@ class Planner:
     ) -> Plan:
         """A plan from s0 (n,).
 
-        warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or
-        None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
-        tolerance: of the cost, relative, in place of that of the options; enough: after so many
-        iterations the search stops once one lowers the cost by less than MUCH of it, unless the former plan has become
-        worse than NEARLY times its cost.
-        trace(iteration, cost) gets every cost, the first included.
+        warm:         first guess: a former plan, shifted to t0 and followed with its gains; controls (T, 2); or None
+                      for zeros
+        t0:           rig time of s0, s
+        deadline_ms:  counts from the call, ms; one iteration is always made; None: that of the options
+        tolerance:    relative tolerance of the cost; None: that of the options
+        enough:       after this many iterations, the search stops as soon as an iteration lowers the cost by less than
+                      the share MUCH; it goes on if the former plan now costs more than NEARLY times as much as before
+        trace:        trace(iteration, cost) receives every cost, the first included
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
@@ -183,7 +195,7 @@ class Planner:
         code = workspace.NOT_FINITE
         if warm is not None:
             code = core.begin(w, f, self._p, q, self._guess(warm, t0), self.options.mu)
-        if code != workspace.GO_ON:  # cold, or the guess leads nowhere: start again from level
+        if code != workspace.GO_ON:  # no guess, or its roll-out is not finite: start from level
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
@@ -211,7 +223,7 @@ class Planner:
         enough: int | None,
         trace: Callable[[int, float], None] | None,
     ) -> tuple[StopReason, int]:
-        """Iterate until a stopping rule holds; the reason and the number of iterations."""
+        """Iterate until a stopping rule holds. Returns the reason and the number of iterations."""
         w = self._w
         done, reason = 0, StopReason.MAX_ITERATIONS
         costs = [float(w.numbers[workspace.COST])]
@@ -241,13 +253,13 @@ class Planner:
         return _REASONS.get(code, reason), done
 
     def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:
-        """Whether the last iterations gained almost nothing without regularisation."""
+        """Whether the last PATIENCE iterations gained almost nothing, with regularisation at most mu_min."""
         if len(costs) <= PATIENCE or self._w.numbers[workspace.MU] > rules.mu_min:
             return False
         return costs[-1 - PATIENCE] - costs[-1] < rules.tolerance * (1.0 + abs(costs[-1]))
 
     def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
-        """Put the first guess into the workspace (controls, K); the reference states for K, shape (T+1, n)."""
+        """Put the first guess into the workspace (controls, K). Returns the reference states for K, shape (T+1, n)."""
         w, T = self._w, self.options.horizon
         w.K[:] = 0.0
         w.controls[:] = 0.0

@@ -4,11 +4,13 @@ All kernels work in place on one `Workspace`, so an iteration allocates nothing.
 addresses (`mazeplan.core.maths.compiled`), so one cached compilation serves every model. The method is control-limited
 DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014.
 
-Second derivatives of the dynamics come from the candidates alone. A candidate moves the state by s and changes A by D.
-The matrix M that stands for V f_ss should then satisfy the secant equation M s = V D = y. M stays from one candidate to
-the next and is never negative. If s' y < s' M s, M shrinks to fit. The remaining error r = y - M s enters as
-r r' / r' s (symmetric rank-one update; Nocedal, Wright, "Numerical Optimization", 2006, 6.2), or along s alone
-where that update is ill-conditioned. Without M, most full steps fail on a rough learned model.
+Second derivatives of the dynamics are estimated from the candidates alone. A matrix M stands for V f_ss. Without M,
+most full steps fail on a rough learned model. A candidate moves the state by s and changes A by D. M should then
+satisfy the secant equation M s = V D = y. Each candidate updates M, which stays positive semidefinite:
+
+    1. If s' y < s' M s, M is scaled down to fit.
+    2. The remaining error is r = y - M s. M grows by r r' / r' s (symmetric rank-one update; Nocedal, Wright,
+       "Numerical Optimization", 2006, 6.2). If that update is ill-conditioned, M grows along s alone.
 
 Kernels do not raise; they return one of the codes of `ilqg_workspace`.
 """
@@ -23,7 +25,7 @@ from mazeplan.control import ilqg_workspace as ws
 from mazeplan.control.boxqp import box_qp
 from mazeplan.core.maths.compiled import caller
 
-ILL_CONDITIONED = 0.03  # cosine between the missing part and the move
+ILL_CONDITIONED = 0.03  # maximum cosine between r and s
 _step, _linearise = caller(ws.STEP), caller(ws.LINEARISE)
 _running, _running_derivatives = caller(ws.RUNNING), caller(ws.RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(ws.FINAL), caller(ws.FINAL_DERIVATIVES)
@@ -97,7 +99,7 @@ def derivatives(w, f, p, q):
 
 @njit(cache=True, error_model="numpy")
 def _secant(w):
-    """Note how far the linearised candidate moved, and how much its A changed."""
+    """Record how far the linearised candidate moved, and how much its A changed."""
     for t in range(w.A.shape[0]):
         for i in range(w.V.shape[0]):
             w.moved[t, i] = w.new_states[t, i] - w.states[t, i]
@@ -215,9 +217,9 @@ def _value(w, t, g0, g1, h00, h01, h11):
 def backward(w, mu):
     """k and K along the plan, with mu added to the diagonal of Quu. Returns (code, slope, curvature, largest).
 
-    code: GO_ON, NO_DESCENT when Quu is not positive definite, or NOT_FINITE. Moving by alpha is expected to change
-    the cost by alpha slope + alpha^2 curvature; largest is the largest full correction of a control, 0 at the
-    optimum (a control held at its limit is not corrected).
+    code:              GO_ON, NO_DESCENT if Quu is not positive definite, or NOT_FINITE
+    slope, curvature:  a step of length alpha should change the cost by alpha slope + alpha^2 curvature
+    largest:           largest full correction of a control; 0 at the optimum, as controls held at a limit have none
     """
     T, n = w.controls.shape[0], w.V.shape[0]
     for i in range(n):
@@ -245,7 +247,7 @@ def backward(w, mu):
 
 @njit(cache=True, error_model="numpy")
 def _harder(w, rules):
-    """Raise the regularisation; False above mu_max."""
+    """Raise the regularisation. Returns whether it is still at most mu_max."""
     w.numbers[ws.FACTOR] = max(rules.mu_factor, w.numbers[ws.FACTOR] * rules.mu_factor)
     w.numbers[ws.MU] = max(rules.mu_min, w.numbers[ws.MU] * w.numbers[ws.FACTOR])
     return w.numbers[ws.MU] <= rules.mu_max
@@ -253,7 +255,7 @@ def _harder(w, rules):
 
 @njit(cache=True, error_model="numpy")
 def _softer(w, rules):
-    """Lower the regularisation, to zero below mu_min."""
+    """Lower the regularisation. Below mu_min it becomes zero."""
     w.numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, w.numbers[ws.FACTOR] / rules.mu_factor)
     mu = w.numbers[ws.MU] * w.numbers[ws.FACTOR]
     w.numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
@@ -273,7 +275,7 @@ def policy(w, f, p, q, rules):
 
 @njit(cache=True, error_model="numpy")
 def finish(w, f, p, q, rules):
-    """Gains of the final plan, without the curvature of the secant. Returns a code."""
+    """Compute the gains of the final plan, without the curvature M. Returns a code."""
     if w.numbers[ws.SECANT] == 0.0 and w.numbers[ws.STALE] == ws.FRESH:
         return ws.GO_ON  # no candidate since the last policy
     w.numbers[ws.SECANT] = 0.0
@@ -282,7 +284,7 @@ def finish(w, f, p, q, rules):
 
 @njit(cache=True, error_model="numpy")
 def _try(w, f, p, q, rules, alpha):
-    """Roll a candidate out and take it if its cost is low enough. Returns the reduction, NaN if refused."""
+    """Roll out a candidate and accept it if its cost is low enough. Returns the reduction; NaN if refused."""
     n = w.numbers
     expected = -alpha * (n[ws.SLOPE] + alpha * n[ws.CURVATURE])
     reduction = n[ws.COST] - roll_out(w, f, p, q, w.states, alpha, True)
@@ -301,8 +303,9 @@ def _try(w, f, p, q, rules, alpha):
 def iterate(w, f, p, q, rules):
     """One iteration: policy, then a line search; only a lower cost replaces the plan. Returns a code.
 
-    The roll-out linearises each candidate. A taken candidate needs no second pass. A refused one shows the curvature of
-    the dynamics, and the policy for the shorter step uses it. The first step is twice the last one taken, at most 1."""
+    The roll-out linearises each candidate, so an accepted candidate needs no second pass. A refused candidate shows the
+    curvature of the dynamics, which the policy for the shorter step uses. The first step length is twice the last
+    accepted one, at most 1."""
     n = w.numbers
     small, alpha = rules.tolerance * (1.0 + abs(n[ws.COST])), min(1.0, 2.0 * n[ws.ALPHA])
     for _ in range(rules.tries):
@@ -323,8 +326,8 @@ def iterate(w, f, p, q, rules):
 def certify(w):
     """First-order optimality of the plan, by the adjoint of the stored derivatives.
 
-    numbers[FREE]: largest gradient of the cost by a control inside its limits. numbers[WRONG]: largest gradient by a
-    control at a limit where the cost falls inwards."""
+    numbers[FREE]:   largest gradient of the cost with respect to a control inside its limits
+    numbers[WRONG]:  the same for a control at a limit, if the cost falls inwards"""
     T, n = w.controls.shape[0], w.V.shape[0]
     free = wrong = 0.0
     w.V[:] = w.lx[T]

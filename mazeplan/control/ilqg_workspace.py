@@ -20,7 +20,7 @@ FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_x
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
 COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT, ALPHA = range(13)
 NUMBERS = 13
-FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # derivatives that belong to the trajectory: all, those of dynamics, none
+FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # valid derivatives: all, only those of the dynamics, none
 
 
 class Functions(NamedTuple):
@@ -50,16 +50,21 @@ class Rules(NamedTuple):
 class Workspace(NamedTuple):
     """All arrays of one solver. T steps, n states, 2 controls.
 
-    It is flat: compiled code that reads through nested records takes a quarter longer.
+    The tuple is flat because compiled code that reads through nested records takes a quarter longer.
 
-    states (T+1, n), controls (T, 2), A (T, n, n), B (T, n, 2): the plan, with the derivatives of the dynamics along it;
-    new_states, new_controls, new_a, new_b: the same of the candidate under trial; low, high (2,): limits;
-    lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives of the cost along the plan;
-    k (T, 2), K (T, 2, n): correction and feedback;
-    moved (T, n), turned (T, n, n): states and A of the candidate less those of the plan; curvature (T, n, n): of the
-    dynamics, as candidates have shown it; missing (n,): the part that the last candidate adds;
-    V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the backward pass;
-    numbers: cost, regularisation and so on, at the indices above.
+    states (T+1, n), controls (T, 2)                       the plan
+    new_states, new_controls                               the candidate on trial
+    low, high (2,)                                         control limits
+    A (T, n, n), B (T, n, 2)                               derivatives of the dynamics along the plan
+    new_a, new_b                                           the same along the candidate
+    moved (T, n), turned (T, n, n)                         states and A of the candidate minus those of the plan
+    curvature (T, n, n)                                    M of each step, see `ilqg_core`
+    missing (n,)                                           r, see `ilqg_core`
+    lx (T+1, n), lu (T, 2)                                 gradient of the cost along the plan
+    lxx (T+1, n, n), luu (T, 2, 2)                         Hessian of the cost along the plan
+    k (T, 2), K (T, 2, n)                                  correction and feedback
+    V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n)  arrays of the backward pass
+    numbers                                                cost, regularisation and so on, at the indices above
     """
 
     states: Array
@@ -93,7 +98,7 @@ class Workspace(NamedTuple):
 
 
 def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
-    """Allocate for a horizon (steps), n states and the control limits (2,) each."""
+    """Allocate a workspace for a horizon (steps), n states and the control limits low, high (2,)."""
     T, z = horizon, np.zeros
     return Workspace(
         states=z((T + 1, n)),

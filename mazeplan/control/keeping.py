@@ -1,14 +1,15 @@
-"""Keep a ball in the centre while the plate tilts for another one.
+"""Keep a ball in the centre while the plate tilts for another ball.
 
-A ball in the disc leaves when the plate tilts towards the disc's opening. Every command that is wanted for another ball
-goes through this filter. It predicts each kept ball with the planar model:
+A ball in the disc leaves it when the plate tilts towards the opening of the disc. Therefore every command for another
+ball goes through this filter. It predicts each kept ball with the planar model:
 
-    the command for hold_s, then the rescue for rescue_s: the plate tilts away from the opening, as far as it may
+    the command for hold_s, then the rescue for rescue_s: the plate tilts away from the opening, as far as the limit
 
-If the ball's centre stays within margin_mm of where the wall stops it, from all starts around its estimate, the command
-goes out as it is: one can still rescue the ball afterwards. Else the filter takes the nearest command of a set that
-keeps the ball. Commands of the set have a share of the wanted tilt along the ring of the other ball. Across that ring
-they differ freely, as a wall holds that ball. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
+The predictions start from several states around the ball's estimate. A command is safe if, in all of them, the ball
+goes at most margin_mm further out than where the wall stops it: the rescue can then follow the command. A safe command
+goes out unchanged. Otherwise the filter takes, from a set of commands, the nearest one that keeps the ball. Commands of
+the set have a share of the wanted tilt along the ring of the other ball. Across that ring they differ freely, because a
+wall holds the other ball. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
 """
 
 from __future__ import annotations
@@ -32,9 +33,12 @@ from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, st
 class KeepOptions:
     """Settings of the filter. Raises SettingsError.
 
-    hold_s: how long a command is assumed to act before the rescue; rescue_s: of the rescue; margin_mm: by which the
-    ball may leave its reach at the wall; doubt_mm, doubt_m_s: offsets of the starts around the estimate; across: price
-    of a change across the ring of the other ball, along it 1; leans: commands across the ring that are tried."""
+    hold_s:               time that a command acts before the rescue, s
+    rescue_s:             duration of the rescue, s
+    margin_mm:            how much further out a ball may go than where the wall stops it, mm
+    doubt_mm, doubt_m_s:  offsets of the starts around the estimate, mm and m/s
+    across:               price of a change across the ring of the other ball; a change along the ring has price 1
+    leans:                number of commands tried across the ring, besides the wanted one"""
 
     hold_s: float = 0.067
     rescue_s: float = 0.35
@@ -48,7 +52,7 @@ class KeepOptions:
         check_numbers(self, positive=("hold_s", "rescue_s", "leans"), most={"leans": 50, "rescue_s": 5.0})
 
 
-SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # of the wanted command along the ring of the other ball
+SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # shares of the wanted command along the ring of the other ball
 
 
 class Keeper:
@@ -64,9 +68,10 @@ class Keeper:
         self._steps = np.array([round(o.hold_s / SUBSTEP), round(o.rescue_s / SUBSTEP)])
 
     def command(self, wanted: Command, kept: Sequence[State], led: State) -> Command:
-        """The command wanted for the ball `led`, or the nearest one that keeps the balls `kept`.
+        """The command `wanted` for the ball `led`, or the nearest command that keeps the balls `kept`.
 
-        The states are those when the command acts. If no command keeps them all, the one that lets them least far."""
+        The states are those at the moment when the command acts. If no command keeps all balls, the result is the
+        command under which the farthest ball stays nearest to the centre."""
         if self.farthest(wanted, kept) <= self._limit:
             return wanted
         best, least = wanted, math.inf
@@ -79,7 +84,7 @@ class Keeper:
         return best
 
     def farthest(self, command: Command, kept: Sequence[State]) -> float:
-        """Largest distance, m, of any kept ball from the centre under a command and the rescue behind it."""
+        """Largest distance of any kept ball from the centre, m, under a command and the rescue that follows."""
         return max(self._farthest(command, state) for state in kept)
 
     def _farthest(self, command: Command, state: State) -> float:
@@ -98,7 +103,7 @@ class Keeper:
         return self._plate.command(pull * math.cos(angle), pull * math.sin(angle))
 
     def _candidates(self, wanted: Command, kept: Sequence[State], led: State) -> list[Command]:
-        """Commands, the nearest to the wanted one first."""
+        """Commands to try: the nearest to the wanted one first, then the rescue of each kept ball."""
         plate, o = self._plate, self._options
         ax, ay = GRAVITY * (wanted.u_beta + plate.offset_beta), -GRAVITY * (wanted.u_gamma + plate.offset_gamma)
         c, s = math.cos(led.theta), math.sin(led.theta)
@@ -123,7 +128,9 @@ class Keeper:
 
 
 def _around(state: State, place: float, speed: float, angle: float) -> Array:
-    """States (5, 8) to start from: the estimate, beside it across an opening at `angle`, nearer to it, and faster."""
+    """States (5, 8) to start from.
+
+    They are the estimate; beside it on either side, across an opening at `angle`; nearer to the opening; and faster."""
     z = np.array([state.x, state.y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot])
     starts = np.tile(z, (5, 1))
     c, s = math.cos(angle), math.sin(angle)
@@ -136,7 +143,9 @@ def _around(state: State, place: float, speed: float, angle: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _most(starts, commands, steps, out, scalars, stage, rings, walls, gaps):
-    """Largest distance from the centre, m, over all starts (N, 8), changed in place; commands[i] for steps[i]."""
+    """Largest distance of the ball from the centre, m, over all starts (N, 8), which are changed in place.
+
+    commands[i] acts for steps[i] sub-steps."""
     most = 0.0
     for j in range(starts.shape[0]):
         z = starts[j]

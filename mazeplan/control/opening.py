@@ -28,9 +28,13 @@ if TYPE_CHECKING:
 class OpeningOptions:
     """Settings `gate` of the passage. Raises SettingsError.
 
-    kp 1/s^2 and kd 1/s: PD across the opening; push_deg: tilt towards the other ring; window_mm and window_speed_m_s:
-    inside both, the ball is aligned and may be pushed; lead_s: servo lag to look ahead; entry_s: the next move begins
-    this long before the ball enters the next ring, if a ball entry_doubt_mm to either side enters, too."""
+    kp, kd:                       PD gains across the opening, 1/s^2 and 1/s
+    push_deg:                     tilt towards the other ring, deg
+    window_mm, window_speed_m_s:  offset and speed across the opening, mm and m/s; a ball inside both is aligned and
+                                  may be pushed
+    lead_s:                       lag of the servo to look ahead, s
+    entry_s:                      the next move begins this long before the ball enters the next ring, s
+    entry_doubt_mm:               condition for that: a ball this far to either side would enter, too, mm"""
 
     kp: float = 90.0
     kd: float = 16.0
@@ -67,7 +71,7 @@ def opening_frame(state: State, opening: Opening) -> OpeningFrame:
 
 
 def aligned(state: State, opening: Opening, options: OpeningOptions) -> bool:
-    """Whether the ball is in front of the opening, slow enough to be pushed."""
+    """Whether the ball is in front of the opening and slow enough to be pushed."""
     frame = opening_frame(state, opening)
     return (
         frame.along > 0.0

@@ -1,15 +1,15 @@
 """Faster passage of an opening: simulate each command of a grid on the planar model and send the best one.
 
-The law of `opening` brakes the ball in front of the opening before the ball falls in. A faster ball can let the far
-edge stop it and lose no time. The planar model knows edges and servo, so it can predict the outcome. In each tick every
-command u of a grid is held for n ticks; then the law takes over, until the ball is in the middle of the wall:
+The law of `opening` brakes the ball in front of the opening before the ball falls in. This takes time. The far edge can
+stop a faster ball instead. The planar model knows edges and servo, so it can predict the outcome. Each tick simulates
+every command u of a grid, held for n ticks. Then the law takes over, until the ball is in the middle of the wall:
 
     t(u, n) = mean time to the middle of the wall, over starts around the ball;    t(law): the same without u
 
 The best u goes out if t(u, n) < t(law) - margin, else the command of the law. This is one step of policy iteration
 (roll-out; Bertsekas, Dynamic Programming and Optimal Control, vol. 1, section 6.4): on the model it is never worse than
-the law. The starts differ by the uncertainty of the ball's position and speed across the opening, so that the choice
-does not depend on an exact ball.
+the law. The starts differ by the uncertainty of the ball's position and speed across the opening. So the choice does
+not depend on an exact estimate.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, st
 
 TICK = 1.0 / 30.0  # s; how long one command of the law holds
 SUBSTEPS = round(TICK / SUBSTEP)
-LEFT = 0.1  # m/s; assumed speed behind the horizon
+LEFT = 0.1  # m/s; assumed speed after the horizon
 HELD = (1, 2, 4)  # ticks that a command is held
 
 
@@ -38,10 +38,12 @@ HELD = (1, 2, 4)  # ticks that a command is held
 class RolloutOptions:
     """Settings of the roll-outs. Raises SettingsError.
 
-    grid: commands per axis, between the limits; margin_s: a command must beat the law by this; doubt_mm, doubt_m_s:
-    offsets of the other starts across the opening; horizon_s: of one roll-out; late_s: largest delay of the
-    measurements, s, with which roll-outs are made: beyond it the ball's position is too uncertain; late_body_s: the
-    same where a rigid ball is predicted over the delay, which is surer."""
+    grid:                 commands per axis, between the limits
+    margin_s:             time by which a command must beat the law, s
+    doubt_mm, doubt_m_s:  offsets of the other starts across the opening, mm and m/s
+    horizon_s:            duration of one roll-out, s
+    late_s:               maximum delay of the measurements for roll-outs, s; with more, the position is too uncertain
+    late_body_s:          the same for a ball predicted as a rigid body, s; that prediction is more certain"""
 
     grid: int = 5
     margin_s: float = 0.02
@@ -61,7 +63,7 @@ class RolloutOptions:
 
 
 class OpeningRollout:
-    """Roll-outs through the openings of one maze on one model; commands of at most `plate.limit`, rad."""
+    """Roll-outs through the openings of one maze on one model. Commands are at most `plate.limit`, rad."""
 
     def __init__(
         self, maze: Maze, planar: PlanarModel, plate: Plate, gate: OpeningOptions, options: RolloutOptions
@@ -76,7 +78,7 @@ class OpeningRollout:
     def better(self, state: State, opening: Opening, towards: int) -> Command | None:
         """The command that brings the ball into ring `towards` sooner than the law by the margin, or None.
 
-        state: when the command acts."""
+        state: at the moment when the command acts."""
         o = self._options
         z = np.array([state.x, state.y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot])
         sign = -1.0 if towards == opening.inner else 1.0
@@ -118,8 +120,8 @@ def law_command(z, gap, law, out):
 def passing_time(z, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps):
     """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3].
 
-    The command u (2,) is held for `held` ticks, then the law follows. Behind the horizon: remaining distance over
-    LEFT."""
+    The command u (2,) is held for `held` ticks, then the law follows. A ball that has not arrived by the horizon needs
+    the remaining distance over LEFT in addition."""
     command = u.copy()
     touching = True
     r = math.hypot(z[0], z[1])
@@ -156,7 +158,7 @@ def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, rings, w
 
 @njit(cache=True, error_model="numpy")
 def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, rings, walls, gaps):
-    """Index of the best command; -1: the law."""
+    """Index of the best command in `tried`; -1 if the law is to be used."""
     world = scalars, stage, rings, walls, gaps
     low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, horizon, *world) - margin * starts.shape[0]
     which = -1

@@ -1,13 +1,14 @@
-"""A learned policy: a small network from the ball's state on the way to an opening to the tilt of the plate.
+"""A learned policy: a small network that gives the tilt of the plate for a ball on its way to an opening.
 
-It imitates the planner (`run.campaign.imitation`). What it sees and says is relative to the ball: out from the centre,
-and along the ring. A ring looks the same from everywhere but for the limits of the plate and the servos, which have
-axes; hence the angles among the inputs. The decision is numpy alone:
+It imitates the planner (`run.campaign.imitation`). Inputs and outputs are relative to the ball: outwards from the
+centre, and along the ring. Relative to the ball, a ring looks the same from everywhere. Only the limits of the plate
+and the servos have fixed axes, so there are angles among the inputs. The decision needs numpy alone:
 
     z = (x - mean) / scale,   h = tanh(W h + b) for each hidden layer,   tilt = limit (W h + b)
 
-How far an input is from the training data is the distance of its first KNOWN columns, scaled, to the nearest of some
-hundred centres of that data, over the distance within which 99.9 % of it are: up to 1 it knows such a state.
+`Policy.distance` measures how far an input is from the training data. It uses the first KNOWN columns, scaled, and
+their distance to the nearest of some hundred centres of the training data. The unit is the distance within which 99.9 %
+of the training data lie: up to 1, the policy knows such a state.
 """
 
 from __future__ import annotations
@@ -27,9 +28,11 @@ if TYPE_CHECKING:  # a check of a tree needs no plate
 
 Single = NDArray[np.float32]
 
-# turn: rad to the opening, by the way begun; near: the same, resolved near it; track: m, radius of the middle of the
-# channel; off: m, beyond that middle; speeds: m/s; tilts of the plate: rad, and their rates; inwards: whether the
-# opening leads there; passing: whether the ball was in front of it already; then cosine and sine of angles
+# turn: angle to the opening, in the direction already chosen, rad; near: tanh(turn / NEAR), finer near the opening
+# track: radius of the middle of the channel, m; off: radius of the ball beyond that middle, m
+# speed_*: m/s; tilt_*: tilt of the plate, rad; rate_*: its rate, rad/s
+# inwards: whether the opening leads inwards; passing: whether the ball was already in front of the opening
+# cos_n, sin_n: of n times the angle of the ball
 INPUTS = (
     "turn", "near", "track", "off", "speed_out", "speed_along", "tilt_out", "tilt_along", "rate_out", "rate_along",
     "inwards", "passing", "cos_1", "sin_1", "cos_2", "sin_2", "cos_4", "sin_4",
@@ -40,7 +43,11 @@ COS, SIN = INPUTS.index("cos_1"), INPUTS.index("sin_1")
 
 
 def policy_inputs(state: State, ring: Ring, opening: Opening, turn: float, passing: bool, plate: Plate) -> Array:
-    """INPUTS (18,) for a ball in a channel; state: when the command acts; turn: rad to the opening by the way begun."""
+    """INPUTS (18,) for a ball in a channel.
+
+    state:    at the moment when the command acts
+    turn:     angle to the opening, in the direction already chosen, rad
+    passing:  whether the ball was already in front of the opening"""
     r, theta = max(state.r, 1e-6), state.theta
     c, s = state.x / r, state.y / r
     a, b = state.beta + plate.offset_beta, -(state.gamma + plate.offset_gamma)
@@ -56,9 +63,15 @@ def policy_inputs(state: State, ring: Ring, opening: Opening, turn: float, passi
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """layers: weights (out, in) and bias (out,) of each; mean, scale (18,): of the inputs; centres (K, KNOWN): scaled
-    inputs of the training; reach: scaled distance that counts as 1; limit: rad, tilt that counts as 1; facts: how it
-    was trained; source: its folder, None where no file holds it."""
+    """A learned policy.
+
+    layers:       weights (out, in) and bias (out,) of each layer
+    mean, scale:  of the inputs, (18,)
+    centres:      centres of the scaled training inputs, (K, KNOWN)
+    reach:        scaled distance that counts as 1
+    limit:        tilt that the network calls 1, rad
+    facts:        how the policy was trained
+    source:       folder of the policy; None if no file holds it"""
 
     layers: tuple[tuple[Single, Single], ...]
     mean: Single
@@ -71,11 +84,11 @@ class Policy:
 
     @property
     def size(self) -> int:
-        """How many numbers the network has."""
+        """Number of weights and biases of the network."""
         return sum(weights.size + bias.size for weights, bias in self.layers)
 
     def tilt(self, inputs: Array) -> Array:
-        """Tilt out and along, (2,) or (N, 2), rad, without limits, for inputs (18,) or (N, 18)."""
+        """Tilt outwards and along the ring, (2,) or (N, 2), rad, not limited, for inputs (18,) or (N, 18)."""
         h: Array = (inputs - self.mean) / self.scale
         for weights, bias in self.layers[:-1]:
             h = np.tanh(h @ weights.T + bias)
@@ -89,7 +102,7 @@ class Policy:
         return plate.clip(c * out - s * along - plate.offset_beta, -(s * out + c * along) - plate.offset_gamma)
 
     def distance(self, inputs: Array) -> float:
-        """How far inputs (18,) are from the training data; up to 1 they are known."""
+        """Distance of inputs (18,) from the training data; up to 1, the policy knows such inputs."""
         z = (inputs[:KNOWN] - self.mean[:KNOWN]) / self.scale[:KNOWN]
         gap = self.centres - z
         return math.sqrt(float(np.einsum("ij,ij->i", gap, gap).min())) / self.reach

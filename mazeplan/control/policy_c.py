@@ -1,7 +1,7 @@
 """A policy as plain C: one header, arrays of fixed sizes, single precision, nothing but math.h.
 
-Where constants must be read in a way of their own, as from the flash memory of an AVR, define POLICY_CONST (how an
-array is declared) and POLICY_READ(address) before the header is included.
+Some targets need special code to read constants, such as an AVR from its flash memory. For them, define POLICY_CONST
+(how an array is declared) and POLICY_READ(address) before including the header.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def c_header(policy: Policy) -> str:
 
 
 def _tilt(policy: Policy) -> str:
-    """The function that goes through all layers, with two buffers in turn."""
+    """The C function that evaluates all layers, alternating between two buffers."""
     widest = max(len(INPUTS), *(len(bias) for _, bias in policy.layers))
     buffers, last = ("a", "b"), len(policy.layers) - 1
     calls = [

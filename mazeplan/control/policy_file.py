@@ -8,7 +8,7 @@
     arrays: {file: policy.npz, sha256: ...}
     trained: {rig: toy, map: cme, seed: 0, ...}
 
-Loading executes nothing: the arrays are read without pickle, and only the file with that sha256 is taken.
+Loading executes nothing: the arrays are read without pickle, and only the file with that sha256 is accepted.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def policy_document(policy: Policy) -> dict[str, Any]:
 
 
 def save_policy(policy: Policy, folder: str | Path) -> Path:
-    """Write the folder (created if missing); the path of its policy.yaml. Raises ModelError."""
+    """Write the folder, created if missing. Returns the path of its policy.yaml. Raises ModelError."""
     path, stream = Path(folder) / YAML, io.BytesIO()
     arrays: dict[str, Any] = {"mean": policy.mean, "scale": policy.scale, "centres": policy.centres}
     for k, (weights, bias) in enumerate(policy.layers):
@@ -103,7 +103,7 @@ def load_policy(folder: str | Path) -> Policy:
 
 
 def policy_sha256(folder: str | Path) -> str:
-    """SHA-256 of the policy's policy.yaml, which names that of its arrays; empty where it cannot be read."""
+    """SHA-256 of policy.yaml, which in turn holds the SHA-256 of the arrays; empty if it cannot be read."""
     try:
         return hashlib.sha256((Path(folder) / YAML).read_bytes()).hexdigest()
     except (OSError, ValueError):
@@ -124,7 +124,7 @@ def _mapping(tree: Tree, keys: tuple[str, ...], wrong: Any) -> dict[str, Any]:
 
 
 def _arrays(path: Path, entry: Any, sizes: list[int]) -> dict[str, Single]:
-    """The arrays of the file, of the right shapes. Raises ValueError."""
+    """Read the arrays of the file and check their shapes. Raises ValueError."""
     if not isinstance(entry, dict) or entry.get("file") != ARRAYS:
         raise ValueError(f"expected file: {ARRAYS} and its sha256")
     content = content_of(path.parent, {"file": ARRAYS, "sha256": entry.get("sha256")})

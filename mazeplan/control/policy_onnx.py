@@ -1,6 +1,8 @@
 """A policy as an ONNX graph, for other runtimes. Needs the extra `onnx`.
 
-inputs (N, 18) float -> tilt (N, 2) float, rad, out and along, not limited; distance (N,) float
+inputs    (N, 18)   float
+tilt      (N, 2)    float, output: rad, outwards and along the ring, not limited
+distance  (N,)      float, output: distance from the training data, see `Policy.distance`
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ OPSET, IR_VERSION = 17, 8  # what runtimes since 2022 read
 
 
 def save_onnx(policy: Policy, path: Path) -> None:
-    """Write the graph. Raises InputError where onnx is missing or the file cannot be written."""
+    """Write the graph. Raises InputError if onnx is missing or the file cannot be written."""
     try:
         import onnx  # noqa: F401  only to see whether it loads
     except ImportError as problem:
@@ -63,14 +65,14 @@ def onnx_model(policy: Policy) -> Any:
 
 
 class _Graph:
-    """Nodes and constants of a graph, each with a name of its own."""
+    """Nodes and constants of a graph, each with a unique name."""
 
     def __init__(self) -> None:
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
 
     def node(self, kind: str, *inputs: str, name: str | None = None, **attributes: Any) -> str:
-        """Add a node; the name of its output."""
+        """Add a node. Returns the name of its output."""
         from onnx import helper
 
         output = name or f"{kind.lower()}{len(self.nodes)}"
@@ -78,7 +80,7 @@ class _Graph:
         return output
 
     def constant(self, values: Any) -> str:
-        """Add numbers: floats in single precision, else whole ones; their name."""
+        """Add an array of numbers, as float32 or int64. Returns its name."""
         from onnx import numpy_helper
 
         array = np.asarray(values)

@@ -26,7 +26,7 @@ from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and substeps of the coarse plan
-SHARE = 0.5  # of the deadline that the coarse plan may take
+SHARE = 0.5  # share of the deadline that the coarse plan may take
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
 UNCERTAIN_COST = Cost(
@@ -50,8 +50,11 @@ class RingPlanner:
         process: LearnedPart | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
-        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: Gaussian process on top
-        of the effects; watch: for deadlines."""
+        """parameters: effects and stage of the ring's model.
+
+        tilt_limit:  largest command, rad per axis
+        process:     Gaussian process or networks, added to the effects
+        watch:       stopwatch for deadlines"""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()
 
@@ -76,7 +79,7 @@ class RingPlanner:
 
     @property
     def options(self) -> IlqgOptions:
-        """Of the solver."""
+        """Options of the solver."""
         return self._planner.options
 
     def plan(
@@ -90,10 +93,14 @@ class RingPlanner:
         t0: float = 0.0,
         deadline_ms: float | None = None,
     ) -> Plan:
-        """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
+        """A plan from a planner state (6,) to an angle. It does not raise: see `Plan.reason`.
 
-        lean: wanted outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
-        the last plan, of any turn; t0: rig time of the state, s. Does not raise: see `Plan.reason`.
+        goal_theta:      goal angle on the turn to be taken, rad; theta is not wrapped
+        lean:            wanted outward tilt, rad; negative: against the inner wall
+        goal_theta_dot:  rate on arrival, rad/s
+        warm:            the last plan, of any turn
+        t0:              rig time of the state, s
+        deadline_ms:     time limit, ms; None: that of the options
         """
         if warm is not None:
             warm = self._same_turn(warm, float(state[0]), t0)
@@ -119,7 +126,7 @@ class RingPlanner:
     def _from_effects(
         self, coarse: Planner, state: Array, target: Array, guess: Array, t0: float, deadline_ms: float | None
     ) -> Plan:
-        """A cold start: the coarse plan on the effects, refined on the full model. Sums times and iterations."""
+        """A cold start: the coarse plan on the effects, refined on the full model. Adds up times and iterations."""
         deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
         first = coarse.solve(state, target, guess, t0=t0, deadline_ms=SHARE * deadline)
         warm = first if first.ok else None

@@ -48,7 +48,7 @@ class Plate:
 
 @njit(cache=True)
 def room(start, end, limit):
-    """Share, 0 to 1, of the way from start to end that stays within +-limit; the start does."""
+    """Share, 0 to 1, of the way from start to end that stays within +-limit. start must be within the limit."""
     step = end - start
     if step > 0.0:
         return min(1.0, max(0.0, (limit - start) / step))

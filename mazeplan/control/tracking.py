@@ -4,7 +4,7 @@
     PD:     u = u_k + tilt along theta for  kp (theta_k - theta) + kd (theta_dot_k - theta_dot)
     no plan:      tilt along theta for  kp (goal - theta) - kd theta_dot, and the lean
 
-k is the step of the plan that belongs to the state's own time. All are clipped to the tilt limit.
+k is the step of the plan at the time of the state. All commands are clipped to the tilt limit.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 class TrackingOptions:
     """Settings of the tracking laws. Raises SettingsError.
 
-    kp: 1/s^2 and kd: 1/s of the PD law, as angular acceleration; replan_theta: rad and replan_speed: rad/s, deviations
-    from the plan that call for a new one; replan_every: ticks between plans at most."""
+    kp, kd:                      gains of the PD law, as angular acceleration, 1/s^2 and 1/s
+    replan_theta, replan_speed:  deviations from the plan that call for a new plan, rad and rad/s
+    replan_every:                maximum number of ticks between plans"""
 
     kp: float = 60.0
     kd: float = 12.0
@@ -42,7 +43,7 @@ class TrackingOptions:
 
 
 def plan_step(plan: Plan, t: float) -> int:
-    """The step of the plan that belongs to rig time t; steps past its end give the last."""
+    """The step of the plan at rig time t; after the end of the plan, its last step."""
     return int(min(max(round((t - plan.t0) / plan.dt), 0), len(plan.controls) - 1))
 
 
@@ -52,7 +53,7 @@ def finished(plan: Plan, t: float) -> bool:
 
 
 def deviation(plan: Plan, state: State) -> Array:
-    """Planner state minus planned state at the state's own time, shape (6,); theta by the shorter way round."""
+    """Planner state minus planned state at the time of the state, shape (6,); theta by the shorter way round."""
     planned = plan.states[plan_step(plan, state.t)]
     s = state.planner_vector()
     s[0] = nearest(s[0], planned[0])
@@ -60,7 +61,7 @@ def deviation(plan: Plan, state: State) -> Array:
 
 
 def follow_gains(plan: Plan, state: State, plate: Plate) -> Command:
-    """The plan's command corrected by its own time-varying gains."""
+    """The plan's command, corrected by the time-varying gains of the plan."""
     k = plan_step(plan, state.t)
     u = plan.controls[k] + plan.gains[k] @ deviation(plan, state)
     return plate.clip(float(u[0]), float(u[1]))

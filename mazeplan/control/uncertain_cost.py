@@ -1,14 +1,15 @@
 """Cost of a motion along one ring, with a price on the uncertainty of the learned model.
 
-To the cost of `cost` each step adds
+Each step costs as in `cost`, plus
 
     w v(s)      v: variance of the learned part of theta_dd at s, given the nearest training row
 
-so that plans prefer states that the rig has visited. v is never smaller than the variance given all rows, and needs
-only one pass over them. For networks, v is the spread of the members. The packed vector is that of `cost`, then w, the
-noise variance of a sample, and the learned part of `learned_part.pack`. Numba caches these functions by the date of
-this file: touch it after changes to functions that it calls. int64(): with a bare constant Numba would compile all
-callees once more.
+Therefore plans prefer states that the rig has visited. v is never smaller than the variance given all rows, and needs
+only one pass over the rows. For networks, v is the variance over the members.
+
+The packed vector is that of `cost`, then w, the noise variance of a sample, and the learned part by
+`learned_part.pack`. Numba caches these functions by the date of this file: touch this file after changing functions
+that it calls. int64() is there because with a bare constant Numba would compile all callees once more.
 """
 
 from __future__ import annotations

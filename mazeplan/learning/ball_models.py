@@ -2,15 +2,15 @@
 
 | kind | model |
 |---|---|
-| p | the equation with the given parameters of effects |
-| pi | its terms, each with a weight of its own: Bayesian linear regression |
+| p | the ball's equation with given parameters of the effects |
+| pi | the terms of the equation, each with a fitted weight: Bayesian linear regression |
 | np | Gaussian process on the inputs of the kernel |
-| sp | Gaussian process with a linear kernel on features, too |
+| sp | Gaussian process with an additional linear kernel on features |
 | nn | an ensemble of small networks, trained on accelerations |
 | spnn | effects and networks, trained together on roll-outs |
 | rf | random forest on the nine inputs (scikit-learn) |
 
-np, sp and nn learn the difference to `kinematic_terms`, the motion of the plate, which does not depend on gravity.
+np, sp and nn learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity.
 """
 
 from __future__ import annotations
@@ -65,7 +65,10 @@ class LinearBall:
 
 @dataclass(frozen=True)
 class GaussianBall:
-    """np and sp: `kinematic_terms` plus a Gaussian process; features: in FEATURES, or ""; inputs: in INPUT_SETS."""
+    """np and sp: `kinematic_terms` plus a Gaussian process.
+
+    features:  a name in FEATURES; "" for none
+    inputs:    a name in INPUT_SETS"""
 
     process: GaussianProcess
     features: str = ""
@@ -95,7 +98,7 @@ class NetworkBall:
 
 @dataclass(frozen=True)
 class ForestBall:
-    """rf: the mean of many trees."""
+    """rf: random forest, the mean of many decision trees."""
 
     forest: Any
 
@@ -105,7 +108,10 @@ class ForestBall:
 
 
 def effect_ball(values: Iterable[float], sigma: Iterable[float], asymmetry: float = 0.0) -> BallModel:
-    """A ball with the parameters `EFFECTS` and their standard errors; asymmetry: of dry friction."""
+    """A ball from the values of the parameters `EFFECTS`.
+
+    sigma:      their standard errors
+    asymmetry:  of dry friction"""
     factor, viscous, dry, *offset = (float(value) for value in values)
     effects = (rolling_inertia(factor), viscous_friction(viscous), dry_friction(dry, asymmetry), tilt_offset(*offset))
     stderr: dict[str, dict[str, float]] = {}

@@ -1,11 +1,11 @@
-"""Thousands of plans at once on the model of a ring, by the planner's own compiled step on all cores.
+"""Roll out thousands of plans at once on the model of a ring, by the planner's compiled step, on all cores.
 
-    u_k     = clip(c_k + K_k (s_k - r_k), -limit, limit)        without feedback c_k alone
-    u'_k    = u_0 ... u_k after deadband and play of the servos (see `stage`)
+    u_k     = clip(c_k + K_k (s_k - r_k), -limit, limit)        without feedback: clip(c_k, -limit, limit)
+    u'_k    = what deadband and play of the servos make of u_0 ... u_k (see `stage`)
     s_{k+1} = step(s_k, u'_k), and a push e_k: theta += e_k dt^2 / 2, theta_dot += e_k dt
 
-s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot) at the moment when the command acts: delays are counted before,
-as for plans. step: that of `ring_dynamics` or `gp_dynamics`.
+s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot) is the state at the moment when the command acts. As for plans,
+all delays lie before that moment. step is the function of `ring_dynamics` or `gp_dynamics`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.rig.stage import StageModel
 
-DEVICES = ("auto", "compiled", "cpu", "cuda")  # cpu and cuda ran on torch, which was slower
-PIECES = 4  # of a batch for each thread, to balance their load
+DEVICES = ("auto", "compiled", "cpu", "cuda")  # cpu and cuda are accepted, but run compiled, too: torch was slower
+PIECES = 4  # pieces of a batch for each thread, to balance the load
 STEP = types.void(VECTOR, VECTOR, VECTOR, VECTOR)  # s, u, p, out
 _step = caller(STEP)
 
@@ -40,7 +40,9 @@ _step = caller(STEP)
 class Plans:
     """P plans of T steps. Raises ValueError for shapes that do not fit.
 
-    commands (P, T, 2), rad; for feedback, gains (P, T, 2, 6) and reference states (P, T+1, 6)."""
+    commands (P, T, 2):   rad
+    gains (P, T, 2, 6):   for feedback
+    states (P, T+1, 6):   reference states, for feedback"""
 
     commands: Array
     gains: Array | None = None
@@ -67,8 +69,11 @@ class Plans:
 class RingBatch:
     """The model of one ring for batches. Raises SettingsError, or InputError for an unknown device.
 
-    process: added to the parameters; stage: for deadband and play of the servos; limit: of a command, rad; threads: 0
-    for all cores; device (one of DEVICES) and precision: without effect, every roll-out is compiled, in float64."""
+    process:            Gaussian process or networks, added to the parameters
+    stage:              for deadband and play of the servos
+    limit:              largest command, rad
+    threads:            number of threads; 0: one for each core
+    device, precision:  checked, but without effect: every roll-out is compiled, in float64"""
 
     parameters: RingParameters
     process: LearnedPart | None = None
@@ -90,7 +95,7 @@ class RingBatch:
 
     @classmethod
     def of_model(cls, model: RigModel, ring: int, radius: float, **more: Any) -> RingBatch:
-        """A ring of a rig's model, with its process and play; radius: of the track, m."""
+        """A ring of a rig's model, with its learned part and the play of the stage; radius: of the track, m."""
         parameters = RingParameters.from_model(model, ring, radius)
         return cls(parameters, model.processes.get(ring), model.stage, **more)
 
@@ -99,7 +104,8 @@ class RingBatch:
     ) -> Array:
         """States (B, T+1, 6) from starts (B, 6). Raises ValueError for shapes that do not fit.
 
-        which (B,): index of the plan of each, by default in order; pushes (B, T): rad/s^2."""
+        which (B,):      index of the plan of each start; by default in order
+        pushes (B, T):   additional acceleration, rad/s^2"""
         starts = np.ascontiguousarray(starts, dtype=float)
         count, steps = len(starts), plans.commands.shape[1]
         which = np.arange(count) if which is None else np.asarray(which, dtype=np.int64)
@@ -123,7 +129,7 @@ class RingBatch:
 
         def piece(a: int, b: int) -> None:
             some = pushes[a:b] if len(pushes) else pushes
-            own = packed.copy()  # has scratch space
+            own = packed.copy()  # own scratch space
             _many(address, own, servos, starts[a:b], commands, gains, reference, which[a:b], some, out[a:b])
 
         with ThreadPoolExecutor(threads) as pool:  # compiled code does not hold the interpreter's lock

@@ -4,8 +4,9 @@ With the ball at angle phi of a ring of radius R about C, and the camera's centr
 
     theta = arg(e^(i phi) + x + i y),    d theta/d phi = (1 + x cos phi + y sin phi) / |e^(i phi) + x + i y|^2
 
-Gravity, openings and walls depend on phi, so a model of theta must learn a distortion of each term. The centre
-minimises the residual of a linear model of theta_dd in phi. Models are fitted in phi, errors are those of theta.
+Gravity, openings and walls depend on phi, so a model in theta must learn a distortion of each term. The centre is found
+by minimising the residual of a linear model of the acceleration in phi. Models are fitted in phi. Errors are reported
+in theta.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from mazeplan.learning.features import wall_features
 from mazeplan.learning.samples import RingSamples, delayed, filtered
 from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
 
-FURTHEST = 0.4  # of the radius
-LEVEL = 30.0  # least gain of -2 log L by a centre, minus the penalty
-SAME = 0.02  # of its spread: largest rms difference of an acceleration from that of a smoothing
+FURTHEST = 0.4  # maximum distance of the centre, radii
+LEVEL = 30.0  # minimum gain of -2 log L by a centre, after the penalty
+SAME = 0.02  # maximum rms difference of accelerations that one smoothing made, over their spread
 WINDOWS = (5, 7, 9, 11)  # samples, of a Savitzky-Golay smoothing of order 2
-FEWEST = 100  # rows
-AGREED = 0.15  # radii; largest difference between two halves of the rows
+FEWEST = 100  # minimum number of rows
+AGREED = 0.15  # radii; maximum difference of the centre by half of the rows from that by all rows
 BLOCK_S = 10.0  # s
 TAIL = 0.02  # share of residuals that is clipped at either end, for impacts
 
@@ -71,7 +72,7 @@ def straightened(samples: RingSamples, centre: Centre, rates: str, smoothing: Sm
 
 
 def smoothing_of(samples: RingSamples, rows: IntArray, tried: Smoothing) -> Smoothing | None:
-    """The smoothing that made the accelerations of some rows: `tried` or one of WINDOWS; None for another."""
+    """The smoothing that made the accelerations of some rows: `tried` or one of WINDOWS; None if none of them did."""
     target = samples.theta_ddot[rows]
     for smoothing in (tried, *(replace(Smoothing(), window=window) for window in WINDOWS)):
         own = derivatives(samples.measured, samples.dt, smoothing, segment=samples.segment).acceleration[rows]
@@ -82,10 +83,12 @@ def smoothing_of(samples: RingSamples, rows: IntArray, tried: Smoothing) -> Smoo
 
 
 def find_centre(samples: RingSamples, rows: IntArray, smoothing: Smoothing) -> Centre | None:
-    """The centre by some rows; None if it is that of the camera, or if two halves of the rows disagree on it.
+    """The centre found from some rows; None if the camera counts about it, or if two halves of the rows disagree.
 
-    smoothing: that of the accelerations. The halves consist of blocks; they disagree if another cause looks like a
-    centre in a short record of one part of the ring."""
+    smoothing: the smoothing that made the accelerations.
+
+    The halves consist of blocks. They disagree if another cause looks like a centre, in a short record of one part of
+    the ring."""
     own = derivatives(samples.measured, samples.dt, smoothing, segment=samples.segment).acceleration
     rows = rows[np.isfinite(own[rows])]
     half = (rows // max(1, round(BLOCK_S / samples.dt))) % 2 == 0
@@ -98,7 +101,7 @@ def find_centre(samples: RingSamples, rows: IntArray, smoothing: Smoothing) -> C
 
 
 def _fitted(samples: RingSamples, rows: IntArray, smoothing: Smoothing) -> tuple[Centre, float]:
-    """The centre with the smallest residual of theta_dd, and the gain of -2 log L minus the penalty."""
+    """The centre with the smallest residual of theta_dd, and its gain of -2 log L after the penalty."""
 
     def left(x: Array) -> float:
         """Mean square of the residual of theta_dd."""

@@ -1,8 +1,13 @@
 """Compare kinds of ball models on measured data: the tables of the paper, for any logs.
 
-For each ring: nRMSE of theta_dd on training and test rows; mean absolute error of theta after 20 and 40 samples of
-roll-outs from causal estimates; 95 % intervals by block bootstrap. Models are trained on training rows only. The rate
-of theta (see `samples`) and the family of the kernel are chosen on them, too.
+For each ring:
+
+    nRMSE of theta_dd on training and test rows
+    mean absolute error of theta after 20 and 40 samples of roll-outs from causal estimates
+    95 % intervals by block bootstrap
+
+Models are trained on training rows only. The rate of theta (see `samples`) and the family of the kernel are chosen on
+these rows, too.
 """
 
 from __future__ import annotations
@@ -43,7 +48,7 @@ SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
 SPLITS: dict[str, dict[str, Any]] = {"blocks": SPLIT, "time": {**SPLIT, "test_share": 0.4, "mode": "tail"}}
 LONGEST_LAG = 5.0  # samples
 FEWEST = 50  # training rows; a ring with fewer is left out
-CLEAN = 0.1  # noise of a difference of angles over the spread of rates; below it, rates are taken delayed
+CLEAN = 0.1  # noise of a difference of angles over the spread of rates; below this, delayed rates are used
 
 
 def compare(
@@ -59,8 +64,12 @@ def compare(
 ) -> list[RingScores]:
     """Scores of each ring with enough samples in the logs (and in the test logs, if there are any).
 
-    progress: receives each step in words; advance: the share done; left_out: a sentence for each table or ring that is
-    left out. Raises InputError if no ring remains."""
+    openings_known:  whether the maze has the openings of the rig
+    progress:        receives each step in words
+    advance:         receives the share done
+    left_out:        receives a sentence for each table or ring that is left out
+
+    Raises InputError if no ring remains."""
     options = options or CompareOptions()
     logs, tests = (_with_ring(tables, maze, options.samples, left_out) for tables in (logs, tests))
     delay = options.delay if options.delay is not None else best_lag(logs, maze, options)
@@ -95,12 +104,15 @@ def compare(
 
 
 def carried_over(data: RingData, samples: RingSamples, seed: int = 0) -> dict[str, Any]:
-    """What a split in time shows of a ring: nRMSE of the linear model (pi) on the later rows, the test rows.
+    """nRMSE of the linear model (pi) on a ring for a split in time; its test rows are the later rows.
 
-    time: trained on the earlier rows; own: trained on as many blocks of the later rows themselves, each predicted by
-    the others; blocks: trained and tested on blocks all over the record, the usual split; changed: 95 % interval of
-    time - own. A rig that changed predicts its later rows better from themselves. Rows that are only harder do not.
-    Empty with too few rows."""
+    time:     trained on the earlier rows, tested on the later rows
+    own:      trained on half of the blocks of the later rows, tested on the other half, and the other way round
+    blocks:   trained and tested on blocks all over the record, as usual
+    changed:  95 % interval of time - own
+
+    If the rig changed, `own` is better than `time`. If the later rows are only harder to predict, it is not. The result
+    is empty with too few rows."""
     y, late = samples.theta_ddot, data.test_rows
 
     def error(train: IntArray, test: IntArray) -> Array:
@@ -130,7 +142,7 @@ def rms(values: Array) -> float:
 
 
 def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> Sequence[Table]:
-    """The tables with rows of the ring of the options. Raises InputError if there are none."""
+    """The tables that have rows of `options.ring`; all, if that is None. Raises InputError if there are none."""
     if options.ring is None:
         return tables
     kept, without = [], []
@@ -152,7 +164,7 @@ def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left
 def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> float:
     """Delay of the ball behind the tilt, s: the lag with the smallest residual of the linear model in training rows.
 
-    0 for tables with derivatives of their own: their signals are aligned already."""
+    It is 0 for tables that contain derivatives, because their signals are aligned already."""
     if any("theta_ddot" in table for table in logs) and not options.samples.recompute:
         return 0.0
     dt, lags = logs[0].dt, np.arange(0.0, LONGEST_LAG + 0.25, 0.5)

@@ -1,9 +1,13 @@
-"""Confidence bands around roll-outs: many roll-outs in which everything uncertain is drawn.
+"""Confidence bands by Monte-Carlo roll-outs: each roll-out draws everything that is uncertain.
 
-Drawn are the start (as the filter knows it), the model (`posterior`), an acceleration that no model knows (residuals of
-this model in a whole stretch of its training record, so that impacts stay impacts), and the noise of the camera. The
-measured angle should lie between the quantiles LOW and HIGH in nine of ten cases. The share in which it does is the
-coverage.
+    start         from the filter's estimate and covariance
+    model         from its posterior (`posterior`)
+    acceleration  that no model explains: residuals of this model in a whole stretch of its training record, so that
+                  impacts stay impacts
+    noise         of the camera
+
+The measured angle should lie between the quantiles LOW and HIGH in nine of ten cases. The coverage is the share of
+cases in which it does.
 """
 
 from __future__ import annotations
@@ -21,13 +25,16 @@ from mazeplan.learning.rollout import CHECKED, STEPS, Windows, angle_noise, caus
 from mazeplan.learning.samples import RingSamples
 
 LOW, HIGH = 0.05, 0.95
-DRAWS = 50  # roll-outs of a window; 5 % needs at least 19
-STRETCHES = 200  # of training residuals
+DRAWS = 50  # roll-outs of a window; the 5 % quantile needs at least 19
+STRETCHES = 200  # maximum number of stretches of training residuals
 
 
 @dataclass(frozen=True)
 class ConfidenceOptions:
-    """rollouts: of each kind and ring, 0 for none; device, precision: of the sums over rows (torch)."""
+    """Settings of the confidence bands.
+
+    rollouts:           number of roll-outs of each kind and ring; 0: no bands
+    device, precision:  for the sums over rows, by torch"""
 
     rollouts: int = 2000
     device: str = "cpu"
@@ -36,7 +43,9 @@ class ConfidenceOptions:
 
 @dataclass(frozen=True)
 class Confidence:
-    """Quantiles of the roll-outs and the measured angle of W windows, (W, STEPS + 1), rad; rollouts: of all windows."""
+    """Quantiles of the roll-outs of W windows, and the measured angle, each (W, STEPS + 1), rad.
+
+    rollouts: number of roll-outs of all windows."""
 
     low: Array
     middle: Array
@@ -94,7 +103,9 @@ def confidence(
 ) -> Confidence | None:
     """Bands of a fitted kind over windows of test samples; None without windows.
 
-    rows: training rows of `train`; rates: see `samples`; misfit: see `causal_start`."""
+    rows:    training rows, indices into `train`
+    rates:   see `samples`
+    misfit:  see `causal_start`"""
     o = options or ConfidenceOptions()
     some = windows.start[_spread(len(windows), max(1, o.rollouts // DRAWS))]
     if not len(some) or o.rollouts < DRAWS:
@@ -119,11 +130,11 @@ def confidence(
 def band(drawn: Array) -> Array:
     """Quantiles LOW, 0.5 and HIGH (3, ...) of draws (DRAWS, ...).
 
-    A further draw lies between the outer two with probability HIGH - LOW: it lies below the k-th of n with
-    probability k / (n + 1)."""
+    A further draw lies between the outer two quantiles with probability HIGH - LOW, because it lies below the k-th of n
+    draws with probability k / (n + 1)."""
     return np.quantile(drawn, [LOW, 0.5, HIGH], axis=0, method="weibull")
 
 
 def _spread(n: int, most: int) -> IntArray:
-    """At most so many indices below n, evenly spread."""
+    """At most `most` indices below n, evenly spread."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64)) if n else np.zeros(0, np.int64)

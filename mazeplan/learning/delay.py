@@ -1,9 +1,10 @@
-"""Delay of the camera, by prediction: the delay whose history of the tilt explains best the later position of the ball.
+"""Delay of the camera, by prediction: with the true delay, the tilt predicts the later position of the ball best.
 
-The ball starts in short stretches of a log, with a position and velocity smoothed over START samples. The planar model,
-walls and openings included, predicts it under the tilt measured `delay` earlier. A wrong delay makes the ball turn too
-early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts do not decide.
-A parabola through the best points of a grid refines it; a bootstrap over blocks of the record gives its standard error.
+Predictions start in short stretches of a log, from a position and velocity smoothed over START samples. The planar
+model, walls and openings included, predicts the ball under the tilt measured `delay` earlier. A wrong delay makes the
+ball turn too early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts
+do not decide. A parabola through the best points of a grid refines the delay. A bootstrap over blocks of the record
+gives its standard error.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
 
 GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s
 START = 7  # samples that give position and velocity at their middle
-AHEAD = 8  # samples from there; 0.27 s at 30 Hz
-CAP = 3e-3  # m
+AHEAD = 8  # samples from this middle to the predicted position; 0.27 s at 30 Hz
+CAP = 3e-3  # m; larger errors count as this
 HISTORY = 8  # samples of tilt before a start: more than the longest delay of the grid
 RESAMPLES = 200
 
 
 def usable_starts(table: Table, starts: IntArray) -> IntArray:
-    """Those first samples from which START and AHEAD samples follow without a gap."""
+    """The starts from which START and AHEAD samples follow without a gap."""
     seen, segment = np.isfinite(table["x"]), table.segment
     need = START // 2 + AHEAD
     starts = starts[(starts >= HISTORY) & (starts + START + AHEAD + HISTORY < len(table))]
@@ -58,8 +59,11 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
 def best_delay(
     table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
 ) -> tuple[float, float]:
-    """Delay and its standard error, s. model_at(delay): the planar model fitted with this delay; blocks (K,): block of
-    each start."""
+    """Delay and its standard error, s.
+
+    starts (K,):  first samples of the stretches
+    blocks (K,):  block of each start
+    model_at:     model_at(delay) gives the planar model fitted with this delay"""
     losses = np.array(
         [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in GRID]
     )

@@ -1,7 +1,7 @@
 """npd, the counter-example: Gaussian processes on the discrete map x_k -> x_{k+1}, without an equation of motion.
 
-One process each for sin and cos of the next angle and for the next rate. The map is nearly the identity, and its error
-adds up with each step. A model of the acceleration leaves the integration to arithmetic.
+There is one Gaussian process each for sin and cos of the next angle, and for the next rate. The map is nearly the
+identity, and its error adds up with each step. A model of the acceleration leaves the integration to arithmetic.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mazeplan.physics.formulas.arrays import RingKinematics
 
 @dataclass(frozen=True)
 class DiscreteMap:
-    """Processes for sin theta, cos theta, theta_dot one sample later."""
+    """Gaussian processes for sin theta, cos theta and theta_dot, one sample later."""
 
     sine: GaussianProcess
     cosine: GaussianProcess
@@ -38,7 +38,7 @@ class DiscreteMap:
 
 
 def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> DiscreteMap:
-    """The map, from pairs of neighbouring training rows."""
+    """Fit the map to pairs of neighbouring training rows."""
     following = np.zeros(len(samples), dtype=bool)
     following[:-1] = samples.good[1:] & (samples.segment[1:] == samples.segment[:-1])
     rows = rows[following[rows]]

@@ -1,11 +1,11 @@
 """The mean of a Gaussian process and its derivatives, compiled for control; exact up to TOLERANCE.
 
-Rows are sorted by angle into BINS bins. For each bin of a query, a table lists the ranges of rows that matter. The
-rows left out change the mean by less than TOLERANCE together, by the part of the kernel in sin and cos of theta. A
-process that is rough in theta is fast in this way; low-rank approximations of it fail.
+Rows are sorted by angle into BINS bins. For each bin of a query, a table lists the ranges of rows that matter. The part
+of the kernel in sin and cos of theta decides: all other rows together change the mean by less than TOLERANCE. This is
+fast if the Gaussian process is rough in theta. Low-rank approximations fail there.
 
-One float64 vector holds everything, so that the solver can pass it on. Rows are stored by column, centred and in units
-in which the kernel is a power of two, with -|x|^2 / 2 beside them. So a row costs one multiplication for each column:
+One float64 vector holds everything, so that the solver can pass it on. Rows are stored by column and centred, in units
+in which the kernel is a power of two. Each row also stores -|x|^2 / 2. So a row costs one multiplication per column:
 
     exp(-|d|^2 / 2 l^2) = 2^(-|x - z|^2 / 2),   -|x - z|^2 / 2 = -|x|^2 / 2 + x z - |z|^2 / 2,   x, z in l sqrt(ln 2)
 
@@ -29,14 +29,14 @@ from mazeplan.learning.gaussian_process import GaussianProcess
 
 TOLERANCE = 2e-7  # rad/s^2: bound on the error of culling, of the mean and of scaled derivatives
 BINS = 180  # of 2 degrees
-RANGES = 8  # most ranges of rows for one bin; the nearest ones are joined if there are more
+RANGES = 8  # maximum number of ranges of rows for one bin; if there are more, the closest are joined
 D = 9
 _COUNT, _AMPLITUDE, _SCALES, _CENTRE, _TABLE = 0, 1, 2, 2 + D, 2 + 2 * D
 HEAD = _TABLE + BINS * (1 + 2 * RANGES)
 COLUMNS = D + 2  # of a row: inputs, alpha, -|x|^2 / 2
 SCRATCH = 2 * D
 LN2 = math.log(2.0)
-UNIT = math.sqrt(LN2)  # of the inputs, in length scales
+UNIT = math.sqrt(LN2)  # unit of the inputs, in length scales
 _packed: WeakKeyDictionary[GaussianProcess, Array] = WeakKeyDictionary()  # packing takes .05 s
 
 
@@ -57,7 +57,7 @@ def _pack(gp: GaussianProcess) -> Array:
     term = h.only
     bins = _bin_of(np.arctan2(gp.inputs[:, 3], gp.inputs[:, 4]))
     order = np.argsort(bins, kind="stable")
-    scales = np.full(D, np.inf)  # of inputs that the kernel does not use
+    scales = np.full(D, np.inf)  # infinite for inputs that the kernel does not use
     scales[list(term.columns)] = term.lengthscales * UNIT
     rows, alpha, n = gp.inputs[order] / scales, gp.alpha[order], len(gp)
     starts = np.searchsorted(bins[order], np.arange(BINS + 1)).astype(np.int64)
@@ -86,7 +86,7 @@ def _reach(lengthscales: Array, amplitude: float, weights: Array) -> np.ndarray:
     edge, fine = 2.0 * math.pi / BINS, np.linspace(0.0, 1.0, 5)
     at = -math.pi + edge * (np.arange(BINS)[:, None] + fine)  # (BINS, 5): points across each bin
     points = np.stack([np.sin(at), np.cos(at)], axis=-1) / lengthscales
-    # within a quarter of a bin of one of the points, on either side: so much nearer two rows may be
+    # an angle is at most an eighth of a bin from one of the points: two angles may be nearer than points by twice that
     slack = 2.0 * edge / 8.0 / lengthscales.min()
     flat = points.reshape(-1, 2)
     distance = np.sqrt(np.maximum(((flat[:, None] - flat[None]) ** 2).sum(-1), 0.0))
@@ -178,7 +178,7 @@ def _some_rows(p, at, lo, hi, z, gradient, wanted):
 
 @njit(cache=True, error_model="numpy")
 def _place(p, at, s, z):
-    """Write the scaled inputs of the state s into z (D,); its bin."""
+    """Write the scaled inputs of the state s into z (D,). Returns its bin."""
     st, ct = math.sin(s[0]), math.cos(s[0])
     z[0], z[1], z[2], z[3], z[4] = s[1], s[3], s[5], st, ct
     z[5], z[6], z[7], z[8] = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
@@ -204,7 +204,7 @@ def _sum(p, at, s, z, gradient, wanted):
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _nearest_row(p, base, size, lo, hi, z, best):
-    """The larger of `best` and -|x - z|^2 / 2 of the nearest row of lo:hi; this row, or -1 if `best` is larger."""
+    """The larger of `best` and -|x - z|^2 / 2 of the nearest row of lo:hi; and this row, or -1 if `best` is larger."""
     c = 0.0
     for d in range(D):
         c -= 0.5 * z[d] * z[d]
@@ -237,14 +237,14 @@ def nearest(p, at, s, gap):
 
 @njit(cache=True, error_model="numpy")
 def _scratch(p, at):
-    """Scratch space behind the rows: for scaled inputs, and for sums."""
+    """Scratch space after the rows: for scaled inputs (D,), and for sums (D,)."""
     begin = at + HEAD + int(p[at + _COUNT]) * COLUMNS
     return p[begin : begin + D], p[begin + D : begin + 2 * D]
 
 
 @njit(cache=True, error_model="numpy")
 def mean(p, at, s):
-    """Mean of g at the state s (6,); the process is packed in p from index `at` on."""
+    """Mean of g at the state s (6,); the Gaussian process is packed in p from index `at` on."""
     z, gradient = _scratch(p, at)
     return p[at + _AMPLITUDE] * _sum(p, at, s, z, gradient, False)
 

@@ -63,9 +63,9 @@ def inputs(k: RingKinematics, xp: Any = np) -> Any:
 def local_inputs(k: RingKinematics, xp: Any = np) -> Any:
     """Local inputs of the kernel, (N, 11), in the order of `LOCAL`; xp: numpy or torch.
 
-    Tilt and its rates along and across the ring, outward acceleration (m/s^2), place within a quarter turn, and the
-    earlier tilt across the ring, which decides at which wall the ball is. Without an earlier tilt the present one is
-    used."""
+    They are the tilt and its rates along and across the ring, the outward acceleration (m/s^2), the place within a
+    quarter turn, and the earlier tilt across the ring, which decides at which wall the ball is. If there is no earlier
+    tilt, the present tilt takes its place."""
     s, c = xp.sin(k.theta), xp.cos(k.theta)
     sb, cb, sg = xp.sin(k.beta), xp.cos(k.beta), xp.sin(k.gamma)
     across = sb * c - sg * s
@@ -96,7 +96,7 @@ def paper_features(k: RingKinematics) -> Array:
 def effect_features(k: RingKinematics) -> Array:
     """Derivatives of theta_dd by the parameters of effects, (N, 5), in the order of `EFFECTS`; rad/s^2 per unit.
 
-    The weight of a tilt is that of the table times the rolling factor."""
+    The weight of a tilt feature is the tilt of the table times the rolling factor."""
     by_tilt = gravity_jacobian(k)[:, [2, 4]]
     friction = [-k.theta_dot, -np.tanh(k.theta_dot / DRY_WIDTH)]
     return np.column_stack([gravity_part(k), *friction, by_tilt])

@@ -1,4 +1,4 @@
-"""Fit any kind of ball model to the samples of a ring; with heavy-tailed noise if asked for.
+"""Fit any kind of ball model to the samples of a ring; on request with heavy-tailed noise.
 
 Heavy tails: Student's t noise in place of normal noise.
 
@@ -6,10 +6,11 @@ Heavy tails: Student's t noise in place of normal noise.
     z_i = (y_i - f_i) / spread,        f_i without row i and its neighbours; nu and spread by maximum likelihood
     s_i^2 = s^2 (nu + z_i^2) / (nu + 1)
 
-A ball at the edge of an opening is thrown back or not; no input of a model decides it. The mean of both is best for
-squared errors. Roll-outs are scored by absolute errors and need the typical acceleration: a few impacts must not change
-the prediction for all states nearby. s_i^2 is one step of expectation maximisation (Lange, Little, Taylor, "Robust
-Statistical Modeling Using the t Distribution", JASA 84, 1989); on measured data a second step changed nothing.
+At the edge of an opening, a ball is thrown back or not, and no input of a model tells which. For squared errors, the
+mean of both outcomes is the best prediction. Roll-outs are scored by absolute errors and need the typical acceleration:
+a few impacts must not change the prediction for all states nearby. s_i^2 is one step of expectation maximisation
+(Lange, Little, Taylor, "Robust Statistical Modeling Using the t Distribution", JASA 84, 1989). On measured data, a
+second step changed nothing.
 """
 
 from __future__ import annotations
@@ -52,26 +53,30 @@ from mazeplan.physics.effects.ball import (
 from mazeplan.physics.formulas.arrays import NO_GRAVITY, RingKinematics, kinematic_terms
 
 KINDS = ("rf", "p", "pi", "np", "sp", "nn", "spnn")
-NETWORKS = ("nn", "spnn")  # need all rows: roll-outs have no gaps
-MOST = 5000  # training rows of a process
-EFFECTS = (  # of spnn, at the start of its training
+NETWORKS = ("nn", "spnn")  # these kinds need all rows, because roll-outs have no gaps
+MOST = 5000  # maximum number of training rows of a Gaussian process
+EFFECTS = (  # effects of spnn at the start of its training
     rolling_inertia(WALL_ROLLING), viscous_friction(0.3), dry_friction(0.5), quadratic_drag(), wall_friction(),
     tilt_offset(),
 )  # fmt: skip
-TREES, LEAF = 100, 5  # of the forest; samples in a leaf: a forest with fewer learns the noise
-FEW = 1000  # rows of the process whose residuals are examined
-LAGS, SHORT = 30, 0.1  # rows, and share of the power below which residuals count as uncorrelated
+TREES, LEAF = 100, 5  # number of trees; minimum samples in a leaf, because a forest with fewer learns the noise
+FEW = 1000  # maximum number of rows of the Gaussian process whose residuals are examined
+LAGS, SHORT = 30, 0.1  # maximum lag, rows; share of the power below which residuals count as uncorrelated
 FREEDOM = (1.0, 30.0)  # bounds of nu; measured rings have 2 to 3, simulated ones 5 to 7
-FOLDS, BLOCK = 4, 10  # parts of the rows; rows of a block: smoothing spreads an impact over its neighbours
+FOLDS, BLOCK = 4, 10  # number of folds; rows of a block, because smoothing spreads an impact over its neighbours
 
 
 @dataclass(frozen=True)
 class FitOptions:
     """Settings of a fit.
 
-    most: training rows of a process, evenly spread; inputs: state (for a planner) or local (the best predictor);
-    heavy_tails: fit the robust model, too; training: of the hyperparameters; networks: of their training; rates: of the
-    samples (see there), for training on roll-outs; seed: of forest, starts and networks."""
+    most:         maximum number of training rows of a Gaussian process, evenly spread
+    inputs:       state (for a planner) or local (the best predictor)
+    heavy_tails:  also fit the robust model
+    training:     settings for the hyperparameters
+    networks:     settings for networks
+    rates:        rates of the samples (see `samples`), for training on roll-outs
+    seed:         for forest, starts and networks"""
 
     most: int = MOST
     inputs: str = "state"
@@ -84,7 +89,10 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted model; training: of its hyperparameters, for a process; robust: the model with heavy tails."""
+    """A fitted model.
+
+    training:  of its hyperparameters, for a Gaussian process
+    robust:    the model with heavy tails, if fitted"""
 
     model: AccelerationModel
     training: Training | None = None
@@ -150,9 +158,9 @@ def fit_process(
     odd: Array | None = None,
     advance: Advance = no_advance,
 ) -> tuple[GaussianProcess, Training]:
-    """Train and condition a process on at most `options.most` rows of targets (N,) in states k.
+    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k.
 
-    odd (N, E): further inputs of all terms, behind those of the state, that change their sign in a mirror."""
+    odd (N, E): additional inputs of all terms, after those of the state; a reflection changes their sign."""
     picked = uniform_downsample(len(target), options.most)
     x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
     if odd is not None:
@@ -167,10 +175,10 @@ def fit_process(
 
 
 def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
-    """The hyperparameters with a larger noise, as neighbouring residuals are correlated.
+    """The hyperparameters with a larger noise, because neighbouring residuals are correlated.
 
-    Smoothing spreads noise and impacts over neighbouring rows. As independent, each would count several
-    times. The residuals are those of a process on at most FEW of the rows."""
+    Smoothing spreads noise and impacts over neighbouring rows. If rows counted as independent, each disturbance would
+    count several times. The residuals are those of a Gaussian process on at most FEW of the rows."""
     own = uniform_downsample(len(target), min(FEW, len(target) // 3))
     process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
     left = target - process.mean(x, phi)
@@ -181,7 +189,7 @@ def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyp
 def repetition(left: Array) -> float:
     """How many of the residuals (..., N) count as one independent residual, by their autocorrelation; at least 1.
 
-    NaN: unknown."""
+    NaN marks an unknown residual."""
     power, repeats = float(np.nanmean(left**2)) if left.size else 0.0, 1.0
     for lag in range(1, LAGS):
         share = float(np.nanmean(left[..., lag:] * left[..., :-lag])) / power if power > 0.0 else 0.0
@@ -192,7 +200,7 @@ def repetition(left: Array) -> float:
 
 
 def typical(process: GaussianProcess, y: Array) -> GaussianProcess:
-    """The process conditioned anew with heavy tails on its values y (N,), in order of time; only its mean."""
+    """The Gaussian process conditioned again on its values y (N,), in order of time, with heavy tails. Mean only."""
     noise = row_noise(process.hyper, process.inputs, process.features, y)
     robust = GaussianProcess.condition(process.hyper, process.inputs, process.features, y, noise)
     return replace(robust, factor=np.zeros((0, 0)))  # it would take as much memory as the rest of a comparison
@@ -210,7 +218,7 @@ def row_noise(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
 
 
 def cross_residuals(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
-    """Residual (N,) of each row, in units of y, of a process on at most FEW rows of other blocks."""
+    """Residual (N,) of each row, in units of y, from a Gaussian process on at most FEW rows of the other folds."""
     n = len(y)
     fold = np.arange(n) // max(1, min(BLOCK, n // FOLDS)) % FOLDS
     left = y.copy()

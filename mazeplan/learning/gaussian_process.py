@@ -63,8 +63,11 @@ def add(x, z, scale, rbf, lower, C):
 class KernelTerm:
     """One term of the kernel.
 
-    columns: the inputs it depends on; lengthscales (C,): in their units; amplitude: in units of y; flip (C,) of 1 and
-    -1: makes the term odd under this reflection, a^2 (c(x, x') - c(x, F x')); empty for an ordinary term."""
+    columns:            the C inputs on which the term depends
+    lengthscales (C,):  in the units of these inputs
+    amplitude:          a, in units of y
+    flip (C,):          1 or -1 for each column: makes the term odd under this reflection F,
+                        a^2 (c(x, x') - c(x, F x')); empty for an ordinary term"""
 
     columns: tuple[int, ...]
     lengthscales: Array
@@ -76,7 +79,7 @@ class KernelTerm:
         return "Term", {f.name: getattr(self, f.name) for f in fields(self)}
 
     def scaled(self, a: Array, b: Array) -> tuple[Array, list[tuple[float, Array]]]:
-        """Scaled columns (C, N) of a (N, D); and for b (K, D) pairs of a sign and scaled columns (C, K)."""
+        """Scaled columns (C, N) of a (N, D); and, for b (K, D), pairs of a sign and scaled columns (C, K)."""
         x, z = (np.ascontiguousarray((rows[:, self.columns] / self.lengthscales).T) for rows in (a, b))
         return x, [(1.0, z), *([(-1.0, z * np.array(self.flip)[:, None])] if self.flip else [])]
 
@@ -85,7 +88,10 @@ class KernelTerm:
 class Hyperparameters:
     """Hyperparameters of a Gaussian process. Raises ModelError for numbers that are not positive and finite.
 
-    terms: of the kernel; noise: s, units of y; weight_sigma (M,): square roots of S; family: of all terms."""
+    terms:              terms of the kernel
+    noise:              s, in units of y
+    weight_sigma (M,):  square roots of S
+    family:             correlation function of all terms: rbf or exponential"""
 
     terms: tuple[KernelTerm, ...]
     noise: float
@@ -139,8 +145,11 @@ def prior_variance(inputs: Array, h: Hyperparameters) -> Array:
 class GaussianProcess:
     """A conditioned Gaussian process.
 
-    inputs (N, D), features (N, M): training rows; alpha (N,); weights (M,) and their covariance (M, M); factor (N, N):
-    lower Cholesky factor of C + Phi S Phi', empty if only the mean is available."""
+    inputs (N, D), features (N, M):  training rows
+    alpha (N,):                      see above
+    weights (M,):                    E[w]
+    covariance (M, M):               of the weights
+    factor (N, N):                   lower Cholesky factor of C + Phi S Phi'; empty if only the mean is available"""
 
     hyper: Hyperparameters
     inputs: Array
@@ -155,7 +164,7 @@ class GaussianProcess:
 
     @classmethod
     def mean_only(cls, hyper: Hyperparameters, inputs: Array, alpha: Array) -> GaussianProcess:
-        """A process of which only the mean is available, without features."""
+        """A Gaussian process without features, of which only the mean is available."""
         none = np.zeros((0, 0))
         return cls(hyper, inputs, np.zeros((len(alpha), 0)), alpha, np.zeros(0), none, none)
 
@@ -191,7 +200,7 @@ class GaussianProcess:
         return out if features is None else out + features @ self.weights
 
     def variance(self, inputs: Array, features: Array | None = None) -> Array:
-        """Variance of f (N,), without the noise of a sample. Raises ModelError for a process without its factor."""
+        """Variance of f (N,), without the noise of a sample. Raises ModelError if the factor is missing."""
         if not self.factor.size:
             raise ModelError("this process was loaded for its mean alone")
         S, out = self.hyper.weight_sigma**2, []

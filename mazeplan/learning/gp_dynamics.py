@@ -1,8 +1,9 @@
 """Discrete dynamics of a ring with a learned part: those of `ring_dynamics`, plus a Gaussian process or networks.
 
 The learned part is evaluated once a step, at its beginning, and held over the step like the command. Signatures are
-those of `ring_dynamics`; the parameters are those of `RingParameters.pack`, then the part (`learned_part.pack`). Numba
-caches these functions by the date of this file alone: change it, too, if you change a function that they call.
+those of `ring_dynamics`. The parameters are those of `RingParameters.pack`, then the learned part
+(`learned_part.pack`). Numba caches these functions by the date of this file alone: touch this file, too, if you change
+a function that it calls.
 """
 
 from __future__ import annotations

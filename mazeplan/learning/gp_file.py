@@ -24,13 +24,13 @@ from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters,
 UNITS = {"theta_dot": "rad/s", "beta_dot": "rad/s", "gamma_dot": "rad/s"}  # sin and cos: 1
 MOST_ROWS = 20_000
 MOST_BYTES = 64 << 20
-MOST_NAME = 100  # bytes of the name of a kernel
+MOST_NAME = 100  # maximum bytes of the name of a kernel
 DIGITS = 6  # of the hyperparameters in the YAML
 NAMES = ("inputs", "alpha", "lengthscales", "amplitude", "noise", "family")
 
 
 def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
-    """Write ringN.npz into the folder; its entry for model.yaml.
+    """Write ringN.npz into the folder. Returns its entry for model.yaml.
 
     Inputs are stored in single precision, see `rounded`."""
     h, only, path = process.hyper, process.hyper.only, folder / f"ring{ring}.npz"
@@ -49,14 +49,14 @@ def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str
 
 
 def write_content(path: Path, content: bytes) -> dict[str, Any]:
-    """Write a file of arrays; name and hash for its entry."""
+    """Write a file of arrays. Returns name and hash for its entry."""
     with whole_file(path) as beside:
         beside.write_bytes(content)
     return {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}
 
 
 def rounded(inputs: np.ndarray) -> np.ndarray:
-    """Inputs rounded to single precision. Condition on these: the file then loses nothing."""
+    """Inputs rounded to single precision. Condition on rounded inputs, so that the file loses nothing."""
     return inputs.astype(np.float32).astype(np.float64)
 
 
@@ -77,14 +77,14 @@ def _summary(process: GaussianProcess) -> dict[str, Any]:
 
 
 def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
-    """The process of an entry of model.yaml. Raises ValueError."""
+    """The Gaussian process of an entry of model.yaml. Raises ValueError."""
     process = _process(content_of(folder, entry), str(entry["file"]))
     check_entry(entry, _summary(process))
     return process
 
 
 def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
-    """The content of the file of an entry, which must be the one that was saved. Raises ValueError."""
+    """The content of the file of an entry. Raises ValueError if it is not the file that was saved."""
     name = str(entry["file"])
     path = folder / name
     if Path(name).name != name or path.suffix != ".npz":

@@ -21,15 +21,17 @@ from mazeplan.core.maths.exponential import exp_below
 from mazeplan.core.records import Array
 from mazeplan.learning.gaussian_process import Hyperparameters, add, squares
 
-TINY = 1e-150  # least r that a slope is divided by
+TINY = 1e-150  # minimum divisor r of a slope
 
 
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the log likelihood.
 
-    lengthscales: one array (C,) for each term; variances (T,): by amplitude^2; weights (M,): by the variances of the
-    weights; noise: by the noise variance."""
+    lengthscales:    by the length scales, an array (C,) for each term
+    variances (T,):  by amplitude^2 of each term
+    weights (M,):    by the variances of the weights
+    noise:           by the noise variance"""
 
     lengthscales: tuple[Array, ...]
     variances: Array
@@ -72,7 +74,7 @@ def log_likelihood(h: Hyperparameters, inputs: Array, features: Array, y: Array)
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _weigh(a, W):
-    """From the lower triangle of C^-1 to that of (a a' - C^-1) / 2, counted twice off the diagonal."""
+    """Turn the lower triangle W of C^-1 into that of (a a' - C^-1) / 2, with elements off the diagonal doubled."""
     for i in range(len(a)):
         row = W[i]
         for j in range(i):

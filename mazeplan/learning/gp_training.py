@@ -1,10 +1,10 @@
 """Hyperparameters of a Gaussian process by maximum posterior, with GPyTorch: exact, by Cholesky, seeded.
 
 GPyTorch approximates above 800 rows (conjugate gradients, Lanczos); `exactly` switches that off. Inputs, features and
-target are scaled; priors on log length scales keep undetermined ones bounded. A few starts use `first` rows, the
-refinement of the best uses `rows`, both evenly spread over the record. On a CPU the likelihood and its derivatives come
-from `gp_likelihood`, which is five times as fast as automatic differentiation; kernels, constraints and priors are
-GPyTorch's either way.
+target are scaled. Priors on the log length scales keep undetermined length scales bounded. A few starts use `first`
+rows, and the refinement of the best start uses `rows` rows, both evenly spread over the record. On a CPU the likelihood
+and its derivatives come from `gp_likelihood`, which is five times as fast as automatic differentiation. Kernels,
+constraints and priors are always those of GPyTorch.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from mazeplan.learning.split import uniform_downsample
 if TYPE_CHECKING:
     import torch
 
-NOISE_FLOOR = 0.15  # of the target's spread: less is never left by impacts, and a rough kernel would interpolate
-LOOKS = 1.25  # evaluations of the likelihood in an iteration, at most (of torch)
+NOISE_FLOOR = 0.15  # minimum noise over the target's spread: impacts leave more, and a rough kernel would interpolate
+LOOKS = 1.25  # maximum evaluations of the likelihood per iteration (of torch)
 LOG_SCALE, LOG_WIDTH = 0.7, 1.5  # mean and deviation of the prior on log length scales, in deviations of the input
 
 
@@ -42,9 +42,13 @@ DEVICES = ("cpu", "cuda")
 class TrainingOptions:
     """Settings of the training. Raises SettingsError.
 
-    first, rows: rows for the starts and for the refinement; starts: their number; iterations, refinement: of each
-    start, of the refinement; device: cpu or cuda; family: of the kernel, or auto for the likelier one; terms: columns
-    and flip of each term."""
+    first, rows:             number of rows for a start, and for the refinement
+    starts:                  number of starts
+    iterations, refinement:  number of iterations of a start, and of the refinement
+    device:                  cpu or cuda
+    seed:                    for the first values of the starts
+    family:                  of the kernel; auto: the likelier family
+    terms:                   columns and flip of each term of the kernel"""
 
     first: int = 600
     rows: int = 1000
@@ -74,7 +78,9 @@ class TrainingOptions:
 class Training:
     """Result of the training.
 
-    starts: log posterior per row (of the scaled values) of each start; refined: of the refinement on `rows` rows."""
+    starts:   log posterior per row (of the scaled values) after each start
+    refined:  the same after the refinement
+    rows:     number of rows of the refinement"""
 
     hyper: Hyperparameters
     starts: tuple[float, ...]
@@ -106,7 +112,7 @@ def exactly() -> Iterator[None]:
 
 
 def require_device(device: str) -> None:
-    """Raise InputError for what is no device, and for cuda if torch sees none."""
+    """Raise InputError for an unknown device, and for cuda if torch sees no such device."""
     import torch
 
     if device not in DEVICES:
@@ -126,8 +132,10 @@ def train(
 ) -> Training:
     """Hyperparameters for inputs (N, D), features (N, M) and values y (N,); M may be 0.
 
-    progress: receives each step in words; advance: the share done. Raises InputError if torch or the device is
-    missing, or if a sample is not finite."""
+    progress:  receives each step in words
+    advance:   receives the share done
+
+    Raises InputError if torch or the device is missing, or if a sample is not finite."""
     require_torch()
 
     options = options or TrainingOptions()
@@ -180,12 +188,12 @@ class _Scale:
         return cls(middle, spread, rms, float(safe(np.sqrt(np.mean(y**2)))))
 
     def take(self, inputs: Array, features: Array, y: Array, rows: Any) -> tuple[Array, Array, int]:
-        """Scaled inputs and features side by side, scaled target, number of inputs; of some rows."""
+        """For some rows: scaled inputs and features side by side, scaled target, and the number of inputs."""
         wide = np.hstack([(inputs[rows] - self.middle) / self.spread, features[rows] / self.features])
         return wide, y[rows] / self.y, inputs.shape[1]
 
     def plain(self, h: Hyperparameters) -> Hyperparameters:
-        """Back to the units of the data."""
+        """The hyperparameters in the units of the data."""
         spreads = [self.spread[list(term.columns)] for term in h.terms]
         terms = tuple(
             replace(term, lengthscales=term.lengthscales * spread, amplitude=term.amplitude * self.y)
@@ -249,7 +257,7 @@ def _model(data: tuple[Array, Array, int], options: TrainingOptions, family: str
 
 
 def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
-    """Set the first values of a start: typical ones, or a draw around them."""
+    """Set the first values of a start: typical values for start 0, else a draw around them."""
     import torch
 
     wide = start > 0
@@ -264,7 +272,7 @@ def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
 
 
 def _maximise(model: Any, iterations: int, advance: Advance = no_advance) -> float:
-    """Maximise by L-BFGS; the log posterior per row that was reached."""
+    """Maximise by L-BFGS. Returns the log posterior per row that it reached."""
     import torch
 
     model.train()
@@ -307,7 +315,7 @@ def _compiled_posterior(model: Any) -> Any:
         parameters.append(model.linear.variance)
         gradients.append(slopes.weights)
     total = torch.tensor(value, dtype=torch.float64)
-    for parameter, gradient in zip(parameters, gradients, strict=True):  # of value zero, with this derivative
+    for parameter, gradient in zip(parameters, gradients, strict=True):  # a sum of value zero with this derivative
         by = torch.as_tensor(gradient, dtype=torch.float64).reshape(parameter.shape)
         total = total + torch.sum((parameter - parameter.detach()) * by)
     for _, module, prior, closure, _ in model.named_priors():

@@ -7,12 +7,13 @@ that vanishes with its derivatives at both ends of a short window, integration b
         = k int phi gravity dt + c_v int phi' theta dt - c_d int phi sign(theta_dot) dt
         + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d gravity/d gamma dt
 
-It is linear in the unknowns of each ring (k: rolling factor, c_v: viscous, c_d: dry friction) for a given tilt of the
-table (beta_0, gamma_0), which all rings share: the two are alternated. The tilt is taken at t - delay.
+For a given tilt of the table (beta_0, gamma_0), this equation is linear in the unknowns of each ring: rolling factor k,
+viscous friction c_v, dry friction c_d. All rings share the tilt of the table. The fit alternates between the unknowns
+of the rings and the tilt of the table. The tilt of the plate is taken at t - delay.
 
 The unknowns of a ring have a Gaussian prior around the pooled fit of all rings (PRIOR_SIGMA), so that a ring with few
-windows gets the pooled values. Windows with a missing sample or a change of ring are left out. Those with an impact
-have large residuals and small weights (Huber). Standard errors are robust against correlation within blocks.
+windows gets the pooled values. Windows with a missing sample or a change of ring are left out. Windows with an impact
+have large residuals and therefore small weights (Huber). Standard errors are robust against correlation within blocks.
 """
 
 from __future__ import annotations
@@ -42,18 +43,22 @@ from mazeplan.physics.rig.stage import StageModel
 
 WINDOW = 13  # samples; 0.4 s at 30 Hz
 HOP = 3  # samples between windows
-BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
+BLOCK_S = 5.0  # s; windows within one block count as one observation for standard errors
 PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # of a ring around the pooled fit: factor, viscous 1/s, dry m/s^2
 POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
-LONG_S = 55.0  # s; of a record that is long enough, so that something else is wrong
+LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
 
 @dataclass(frozen=True)
 class WeakWindows:
-    """Windows of one ring: first sample and number of the block of each; radius: m."""
+    """Windows of one ring.
+
+    radius:      of the track, m
+    start (K,):  first sample of each window
+    block (K,):  number of the block of each window"""
 
     ring: int
     radius: float
@@ -73,7 +78,7 @@ class RigFit:
 def weak_function(dt: float, n: int = WINDOW) -> tuple[Array, Array, Array]:
     """phi, phi', phi'' (n,) of (1 - s^2)^5 over a window of n samples, s from -1 to 1.
 
-    By the fifth power, four derivatives vanish at the ends: sums over samples are then as good as integrals."""
+    Because of the fifth power, four derivatives vanish at the ends. Sums over samples are then as good as integrals."""
     half = 0.5 * (n - 1) * dt
     s = np.linspace(-1.0, 1.0, n)
     q = 1.0 - s**2
@@ -137,15 +142,15 @@ def _per_radius(radius: float) -> Array:
 
 
 def _huber(residual: Array, width: float = 2.0) -> Array:
-    """Weights (N,), smaller for large residuals."""
+    """Huber weights (N,) of residuals (N,): below 1 for large residuals."""
     scale = 1.4826 * np.median(np.abs(residual)) + 1e-12
     return np.minimum(1.0, width * scale / np.maximum(np.abs(residual), 1e-12))
 
 
 def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tuple[Array, Array, Array]:
-    """MAP estimate of y = X w with w ~ N(mean, sigma^2), estimating noise and weights: (w, variances, residual).
+    """MAP estimate of w in y = X w, with the prior w ~ N(mean, sigma^2). Returns (w, variances, residual).
 
-    A variance is the larger of the Bayesian and the block-robust one."""
+    It estimates noise and Huber weights, too. Each variance is the larger of the Bayesian and the block-robust one."""
     w, weights = mean.copy(), np.ones(len(y))
     noise, precision = 1.0, np.diag(1.0 / sigma**2)
     information = precision
@@ -167,7 +172,10 @@ def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tup
 
 @dataclass(frozen=True)
 class _BallFit:
-    """weights, sigma: factor, viscous, dry by ring; offset (2,): tilt of the table, rad."""
+    """The ball of all rings.
+
+    weights, sigma:        rolling factor, viscous and dry friction by ring, and their standard errors
+    offset, offset_sigma:  tilt of the table (2,), rad, and its standard errors"""
 
     weights: dict[int, Array]
     sigma: dict[int, Array]
@@ -175,7 +183,7 @@ class _BallFit:
     offset_sigma: Array
 
     def ball(self, ring: int, maze: Maze) -> BallModel:
-        """The ball of a ring; of the nearest ring with data if it has none. In the disc it rolls on the floor alone."""
+        """The ball of a ring, or of the nearest ring with data. In the disc the ball rolls on the floor alone."""
         nearest = min(self.weights, key=lambda number: abs(number - ring))
         values = np.concatenate([self.weights[nearest], self.offset])
         if maze.ring(ring).is_disc:
@@ -221,7 +229,7 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
 
 
 def _check_follows(ring: int, factor: float) -> None:
-    """Raises ValueError for a ball that the tilt does not move as it moves a ball."""
+    """Raise ValueError if the ball does not follow the tilt as a ball should."""
     allowed = rolling_inertia.parameters["factor"]
     if not allowed.low <= factor <= allowed.high:
         raise ValueError(
@@ -257,13 +265,16 @@ def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float
 def fit_rig(
     table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, progress: Words = no_words
 ) -> RigFit:
-    """Fit stage, ball and camera delay. Raises ValueError if the table lacks a column or free motion of the ball,
-    TableError if it has a ring that the map does not have.
+    """Fit stage, ball and camera delay to a table.
 
-    sources: of the table, for the model file; progress: receives each step in words."""
+    sources:   files of the table, for the model file
+    progress:  receives each step in words
+
+    Raises ValueError if the table lacks a column or free motion of the ball. Raises TableError if the table has a ring
+    that the map does not have."""
     for name in ("u_beta", "u_gamma", "r"):
         if name not in table:
-            known = [there for there in table.columns if there != "segment"]  # which the program adds
+            known = [there for there in table.columns if there != "segment"]  # a column that the program adds
             needed = "columns x and y, or theta and r, are" if name == "r" else f"column {name} is"
             raise ValueError(f"{needed} needed to fit a whole rig: got {', '.join(known)}{guess(name, known)}")
     rings_of(table, maze)

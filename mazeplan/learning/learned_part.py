@@ -1,6 +1,7 @@
 """The learned part of a ball model in the planner: a Gaussian process (`fast_gp`) or networks (`networks`).
 
-The first number of a packed part tells which: the rows of a process are counted upwards, networks downwards.
+The first number of a packed part tells which it is: the number of rows of a Gaussian process, or minus the number of
+networks.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def mean_and_gradient(p, at, s, by_state):
 
 @njit(cache=True, error_model="numpy")
 def variance(p, at, s, noise2, gap):
-    """Variance of the part at s, (rad/s^2)^2: see `fast_gp.variance`; for networks the spread of the members."""
+    """Variance of the part at s, (rad/s^2)^2: see `fast_gp.variance`; for networks, the variance over the members."""
     if p[at] < 0.0:
         return network_bend(p, at, s, np.empty(6), np.empty(6))
     return process_variance(p, at, s, noise2, gap)

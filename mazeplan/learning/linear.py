@@ -1,4 +1,4 @@
-"""Bayesian linear regression on physical features, prior and noise by marginal likelihood (evidence).
+"""Bayesian linear regression on physical features; the marginal likelihood (evidence) determines prior and noise.
 
     y = Phi w + e,   w ~ N(0, diag(1 / a)),   e ~ N(0, s^2)
 
@@ -16,14 +16,17 @@ from mazeplan.core.records import Array
 
 ROUNDS = 200
 CLOSE = 1e-6  # relative change of the precisions that ends the rounds
-SMALLEST = 1e-100  # least value of a divisor
-DIGITS = 1e-14  # of the target's square: a smaller rest is rounding
-LARGEST = 1e12  # precision, in units of the feature's own scale, at which a weight is taken as zero
+SMALLEST = 1e-100  # minimum of a divisor
+DIGITS = 1e-14  # share of the target's square; a smaller rest is rounding
+LARGEST = 1e12  # maximum precision, in units of the scaled feature; the weight is then practically zero
 
 
 @dataclass(frozen=True)
 class LinearFit:
-    """weights (M,) with covariance (M, M); noise: standard deviation of a sample."""
+    """A fitted linear model.
+
+    weights (M,), covariance (M, M):  mean and covariance of the weights
+    noise:                            standard deviation of a sample"""
 
     weights: Array
     covariance: Array

@@ -1,4 +1,4 @@
-"""Model folders: `model.yaml`, which a person can read and edit, holds all that a fitted model knows.
+"""Model folders: `model.yaml` holds everything that a fitted model knows. A person can read and edit it.
 
     format: 1
     kind: pi
@@ -14,9 +14,9 @@
     scores: {...}
 
 A plain number may replace {value: number}. Sections and parameters at their defaults are left out (camera, tilt
-sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a process or
-of networks are beside the file (`gp_file`, `network_file`). Loading executes nothing. A log holds a model folder as a
-zip file (`packed_model`).
+sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a Gaussian process
+or of networks are in files beside it (`gp_file`, `network_file`). Loading executes nothing. A log holds a model folder
+as a zip file (`packed_model`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ CAMERA_MORE = {"scale": "1", "distortion": "1/m^2", "distortion_x": "m", "distor
 SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
 BODY_UNITS = {name: PARAMETERS[name].unit for name in KEPT}
 ATTACHED, MEDIA_TYPE = "model.zip", "application/zip"
-LARGEST = 32 * 2**20  # bytes of an unpacked model; packaged ones have one or two MB
+LARGEST = 32 * 2**20  # maximum bytes of an unpacked model; packaged models have one or two MB
 MEMBER = re.compile(r"model\.yaml|ring[0-9]{1,3}\.npz")
 
 
@@ -75,7 +75,7 @@ def model_names() -> tuple[str, ...]:
 
 
 def is_packaged_model(source: str | Path) -> bool:
-    """Whether this means a packaged model: see `resources.is_packaged`."""
+    """Whether `source` means a packaged model: see `resources.is_packaged`."""
     return resources.is_packaged(source, model_names())
 
 
@@ -92,7 +92,7 @@ def model_path(source: str | Path) -> Path:
 
 
 def load_model(source: str | Path) -> RigModel:
-    """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
+    """The model in a folder, or the packaged model of that name. Raises ModelError with file, line and key."""
     path = model_path(source)
     return _Reader(read_yaml(path, error=ModelError, what="a model (model.yaml)"), path).model()
 
@@ -107,7 +107,7 @@ def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
 
 
 def _nothing_learned(kind: str) -> str:
-    """The problem of a file of a learned kind without what was learned."""
+    """The message for a file of a learned kind whose learned parts are missing."""
     what = "neural networks" if kind in NETWORKS else "Gaussian processes"
     make = f"make them with `mazeplan learn --kind {kind}`"
     return f"got {kind}, but there are no {what} (section processes) in this file; expected pi, or {make}"
@@ -138,7 +138,7 @@ class _Reader:
         return node
 
     def number(self, node: Any, *key: str | int, unit: str | None = None) -> tuple[float, float | None]:
-        """(value, standard error) of a number or {value, stderr, unit}; unit: the only one allowed."""
+        """(value, standard error) of a number or of {value, stderr, unit}; unit: the only allowed unit."""
         stderr: float | None = None
         if isinstance(node, dict):
             self.section(node, key, ("value", "stderr", "unit"), ("value",))
@@ -160,7 +160,9 @@ class _Reader:
         units: Mapping[str, str] | None,
         build: Callable[[dict[str, float], dict[str, float]], Part],
     ) -> Part:
-        """A section of numbers, built from values and standard errors; units: by allowed name, None: any name."""
+        """A part built from a section of numbers, with their values and standard errors.
+
+        units: unit of each allowed name; None: any name."""
         self.section(node, key, None if units is None else tuple(units))
         found = {
             name: self.number(v, *key, name, unit=None if units is None else units[name]) for name, v in node.items()
@@ -218,7 +220,7 @@ class _Reader:
         )
 
     def processes(self, node: Any, kind: str) -> dict[int, LearnedPart]:
-        """The processes or networks of a model; their arrays are checked against the file."""
+        """The Gaussian processes or networks of a model; their arrays are checked against the file."""
         read = read_networks if kind in NETWORKS else read_process
         learned, empty = kind in PROCESSES + NETWORKS, node is None or node == {}
         if empty or not learned:
@@ -256,7 +258,7 @@ class _Reader:
         return BallModel(tuple(effects), stderr)
 
     def body(self, node: Any) -> Body:
-        """The body of the ball."""
+        """The ball as a rigid body."""
         of = str(self.section(node, ("body",), ("of", *KEPT, "terms"), ("of",))["of"])
         known = {**LOCAL, **EFFECTS}
         terms = self.section(node.get("terms", {}), ("body", "terms"), tuple(known))
@@ -280,7 +282,7 @@ def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
 def _entries(
     part: StageAxis | Camera | TiltSensor, units: Mapping[str, str], more: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The numbers of a part; those of `more` only if they are not at their default."""
+    """The entries of a part; those of `more` only if they differ from their default."""
     usual = type(part)()
     chosen = {**units, **{name: unit for name, unit in more.items() if getattr(part, name) != getattr(usual, name)}}
     return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
@@ -297,7 +299,7 @@ def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float
 
 
 def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
-    """The content of model.yaml; processes: their entries, from `write_process`."""
+    """The content of model.yaml; processes: entries of the learned parts, from `write_process` or `write_networks`."""
     out: dict[str, Any] = {
         "format": FORMAT,
         "kind": model.kind,
@@ -337,7 +339,7 @@ def _write_part(folder: Path, ring: int, part: LearnedPart) -> dict[str, Any]:
 
 
 def save_model(model: RigModel, folder: str | Path) -> Path:
-    """Write the folder (created if missing); the path of its model.yaml. Raises ModelError."""
+    """Write the folder, created if missing. Returns the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
     if model.kind in PROCESSES + NETWORKS and not model.processes:
         raise ModelError(f"got {model.kind}, but the model has no processes", file=path, key="kind")
@@ -353,7 +355,7 @@ def save_model(model: RigModel, folder: str | Path) -> Path:
 
 
 def packed_model(model: RigModel) -> bytes:
-    """The model folder as a zip file; the same bytes for the same model. Raises ModelError for a too large model."""
+    """The model folder as a zip file; the same bytes for the same model. Raises ModelError if it is too large."""
     out = io.BytesIO()
     with TemporaryDirectory(prefix="mazeplan-model-") as folder:
         save_model(model, folder)

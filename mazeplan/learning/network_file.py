@@ -1,10 +1,10 @@
-"""Networks beside a model file: ringN.npz, read without pickle and checked before use, like a process (`gp_file`).
+"""Networks beside a model file: ringN.npz, read without pickle and checked before use, as in `gp_file`.
 
 | array | what |
 |---|---|
 | format | 1 |
 | `networks.ARRAYS` | weights, for inputs `state` |
-| noise, rows | of a sample, rad/s^2; number of training rows |
+| noise, rows | noise of a sample, rad/s^2; number of training rows |
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SHAPES = {"noise": ((), np.float64), "rows": ((), np.int64), "format": ((), np.i
 
 
 def write_networks(folder: Path, ring: int, networks: Networks) -> dict[str, Any]:
-    """Write ringN.npz into the folder; its entry for model.yaml. Raises ModelError for inputs other than the state."""
+    """Write ringN.npz. Returns its entry for model.yaml. Raises ModelError for inputs other than the state."""
     if networks.inputs != "state":
         raise ModelError(f"got {networks.inputs!r}, expected state", key="inputs")
     stream = io.BytesIO()
@@ -38,7 +38,7 @@ def write_networks(folder: Path, ring: int, networks: Networks) -> dict[str, Any
 
 
 def _summary(networks: Networks) -> dict[str, Any]:
-    """What model.yaml tells of them."""
+    """The entries of model.yaml that describe the networks."""
     members, hidden = networks.last.shape
     noise = {"value": short(networks.noise), "unit": "rad/s^2"}
     return {"rows": networks.rows, "networks": members, "hidden": hidden, "noise": noise}

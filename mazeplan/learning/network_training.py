@@ -1,12 +1,14 @@
 """Train the networks of a ball model with torch, alone or together with the parameters of effects.
 
-One step: the accelerations of single rows, by squares. Several steps (with effects): the angles of roll-outs from the
-measured state along the measured tilt, as `rollout` does them; the derivatives go through the whole roll-out. The loss
+Training begins with single rows: the loss is the mean square error of the acceleration. With effects, roll-outs follow.
+They begin at the measured state and go along the measured tilt, as in `rollout`; derivatives go through the whole
+roll-out. The loss
 
     mean of sqrt(e^2 + d^2) - d over all samples of the windows,    e: error of the angle, d = ROUND
 
-counts large errors once and not by their squares: impacts at edges cannot be predicted. Each member leaves out its own
-fold of the record. The errors on these folds choose the moment to stop and give the noise; no test row takes part.
+counts large errors by their size and not by their squares, because impacts at edges cannot be predicted. Each member
+leaves out a different fold of the record. The errors on these folds choose the moment to stop and give the noise. No
+test row takes part.
 """
 
 from __future__ import annotations
@@ -35,19 +37,24 @@ if TYPE_CHECKING:
 
 ROUND = 0.03  # rad; below it, errors of the angle count by their squares
 FOLD = 150  # rows of a piece of a fold; 5 s, like the blocks of a comparison
-ROWS, WINDOWS = 256, 48  # of a batch, for each member
-LOOK = 20  # looks at the folds left out, in each of the two parts of the training
-WIDE = 10.0  # smallest sizes of a parameter that one unit of its step stands for
+ROWS, WINDOWS = 256, 48  # rows and windows of a batch, for each member
+LOOK = 20  # number of evaluations on the folds left out, in each of the two parts of the training
+WIDE = 10.0  # one unit of the step of a parameter stands for so many of its smallest sizes
 DECAY = 1e-2  # of the weights, relative to the rate of learning
-FEWEST = 10  # windows of a fold that can choose the moment to stop
+FEWEST = 10  # minimum number of windows of a fold to choose the moment to stop
 
 
 @dataclass(frozen=True)
 class NetworkOptions:
     """Settings of the training. Raises SettingsError.
 
-    members: networks, each with its own fold left out; hidden: units of a layer; updates: by single rows; rolled: by
-    roll-outs of `horizon` samples; single: weight of the single rows beside them; rate: of learning."""
+    members:  number of networks; each leaves out a different fold
+    hidden:   number of units of a layer
+    updates:  number of updates by single rows
+    rolled:   number of updates by roll-outs
+    horizon:  samples of a roll-out
+    single:   weight of single rows in the updates by roll-outs
+    rate:     learning rate"""
 
     members: int = 10
     hidden: int = 16
@@ -77,11 +84,14 @@ def train_networks(
     progress: Words = no_words,
     advance: Advance = no_advance,
 ) -> tuple[tuple[Term, ...], Networks]:
-    """The effects and the networks for what they leave of theta_dd in the training rows (indices, in order of time).
+    """The effects, and networks for the part of theta_dd that the effects leave unexplained.
 
-    fitted: train the parameters of the effects, too, and on roll-outs; rates: of the samples, see there; known:
-    standard errors of parameters, {effect: {parameter: value}}. Raises InputError without torch, TableError with too
-    few rows."""
+    rows:    training rows, indices in order of time
+    fitted:  also train the parameters of the effects, and on roll-outs
+    rates:   of the samples, see `samples`
+    known:   standard errors of parameters, {effect: {parameter: value}}
+
+    Raises InputError without torch, TableError with too few rows."""
     require_torch()
     import torch
 
@@ -106,8 +116,9 @@ def train_networks(
 
 
 class _Learner:
-    """Rows, windows, parameters and losses. A loss takes drawn numbers of rows or windows (E, B), or None for those
-    left out, and gives one number for each member (E,)."""
+    """Rows, windows, parameters and losses.
+
+    A loss gives one number for each member, (E,): on drawn rows or windows if `drawn`, else on those left out."""
 
     def __init__(
         self, samples: RingSamples, rows: IntArray, terms: tuple[Term, ...], o: NetworkOptions, inputs: str, rates: str,
@@ -152,7 +163,7 @@ class _Learner:
         self._formulas = ring_functions(along).vectorised(torch)
 
     def _start_windows(self, samples: RingSamples, rows: IntArray, fold: IntArray) -> None:
-        """First rows of windows, by member: those that touch its fold nowhere, and those inside it."""
+        """Find the first rows of windows for each member: of windows outside its fold, and of windows inside it."""
         usable, number = np.zeros(len(samples), bool), np.full(len(samples), -1)
         usable[rows], number[rows] = True, fold
         span = self.o.horizon + 1
@@ -168,7 +179,7 @@ class _Learner:
         self._samples = samples
 
     def numbers(self) -> list[Any]:
-        """The parameters of the effects: tensors inside their bounds, plain numbers where they stay."""
+        """The parameters of the effects: tensors inside their bounds, or plain numbers if they are fixed."""
         bounded = zip(self._start, self._sizes, self._bounds, self.steps, strict=True)
         return [start if size == 0.0 else (start + size * z).clip(*b) for start, size, b, z in bounded]
 
@@ -200,7 +211,7 @@ class _Learner:
         return self._formulas["plate"](0.0, k.plate, p), p
 
     def both(self, drawn: bool) -> torch.Tensor:
-        """Error of roll-outs, rad; while drawing, with a little of the error of single rows."""
+        """Error of roll-outs, rad; on drawn windows, with a small share of the error of single rows."""
         start = _drawn_rows(self._free, WINDOWS) if drawn else self._inside
         error = self.rolled(start)
         loss = ((error**2 + ROUND**2).sqrt() - ROUND).mean((1, 2))
@@ -233,7 +244,7 @@ class _Learner:
         return torch.stack(angles, -1) - k.theta[..., 1:]
 
     def descend(self, loss: Callable[[bool], Any], updates: int, rate: float, advance: Callable[[float], None]) -> None:
-        """Adam with a falling rate; the parameters with the least loss on the rows left out."""
+        """Train by Adam with a falling rate. Keeps the parameters with the smallest loss on the rows left out."""
         import torch
 
         ways = [{"params": self.weights, "weight_decay": DECAY}, {"params": [self.steps], "weight_decay": 0.0}]
@@ -280,7 +291,7 @@ class _Learner:
 
 
 def _heun(accelerate: Any, theta: Any, rate: Any, steps: int, dt: float) -> list[Any]:
-    """Angles after 1 to `steps` samples, as `rollout.roll_out` has them."""
+    """Angles after 1 to `steps` samples, as in `rollout.roll_out`."""
     angles, before = [], accelerate(0, theta, rate)
     for i in range(1, steps + 1):
         after = accelerate(i, theta + dt * rate + 0.5 * dt * dt * before, rate + dt * before)
@@ -292,7 +303,7 @@ def _heun(accelerate: Any, theta: Any, rate: Any, steps: int, dt: float) -> list
 
 
 def _late(accelerate: Any, past: list[Any], rate: Any, steps: int, dt: float) -> list[Any]:
-    """Angles after 1 to `steps` samples, as `rollout.roll_out_delayed` has them; past: LAG + 2 angles, now the last."""
+    """Angles after 1 to `steps` samples, as in `rollout.roll_out_delayed`; past: LAG + 2 angles up to now."""
     angles = list(past)
     for i in range(steps):
         felt = accelerate(i, angles[-1], (angles[-1 - LAG] - angles[-2 - LAG]) / dt)
@@ -327,7 +338,7 @@ def _numbers(fold: IntArray, members: int) -> torch.Tensor:
 
 
 def _drawn_rows(some: list[IntArray], count: int) -> IntArray:
-    """Random ones of each list, (E, count); by torch, so that its seed decides."""
+    """`count` random rows of each of E lists, (E, count); drawn by torch, so that its seed decides."""
     import torch
 
     return np.stack([own[torch.randint(len(own), (count,)).numpy()] for own in some])

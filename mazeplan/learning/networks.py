@@ -1,11 +1,11 @@
-"""An ensemble of small networks for theta_dd, or for what effects leave of it: prediction without torch.
+"""An ensemble of small networks for theta_dd, or for the residual of the effects: prediction without torch.
 
     f_e(x) = w . tanh(W2 tanh(W1 z + b1) + b2) + b      one member, z: `expanded` inputs
-    f(x)   = mean of f_e,    variance = spread of f_e over the members + noise^2
+    f(x)   = mean of f_e,    variance = variance of f_e over the members + noise^2
 
-The inputs are those of a Gaussian process, with waves of the angle up to the eighth: forces at openings are narrow.
-`network_training` trains them; the compiled functions are for control. A packed ensemble begins with a negative number,
-a packed process with a positive one (`learned_part`).
+The inputs come from those of a Gaussian process. The angle enters by sine and cosine of 1, 2, 4 and 8 times the angle,
+because forces at openings are narrow. `network_training` trains the networks; the compiled functions are for control. A
+packed ensemble begins with a negative number, a packed Gaussian process with a positive number (`learned_part`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mazeplan.physics.formulas.functions import tanh
 
 KEPT = {"state": (0, 1, 2, 5, 7), "local": (0, 3, 4, 5, 6, 7, 8)}  # columns, by the name of the inputs
 TURNED = {"state": (3, 4), "local": (1, 2)}  # columns of sine and cosine of the angle
-WAVES = 4  # the angle, doubled three times
+WAVES = 4  # 1, 2, 4 and 8 times the angle
 WIDTH = {name: len(columns) + 2 * WAVES for name, columns in KEPT.items()}
 _MEMBERS, _HIDDEN, _WEIGHTS = 0, 1, 2
 D = WIDTH["state"]
@@ -44,8 +44,12 @@ def expanded(x: Any, inputs: str, xp: Any = np) -> Any:
 class Networks:
     """E networks with H units in each of two layers. Raises ModelError for shapes that do not fit.
 
-    first (E, D, H), first_bias (E, H), second (E, H, H), second_bias (E, H), last (E, H), last_bias (E,): weights, for
-    rad/s^2; noise: standard deviation of a sample, rad/s^2; rows: number of training rows; inputs: in INPUT_SETS."""
+    first (E, D, H), first_bias (E, H):    weights of the first layer
+    second (E, H, H), second_bias (E, H):  weights of the second layer
+    last (E, H), last_bias (E,):           weights of the output, for rad/s^2
+    noise:                                 standard deviation of a sample, rad/s^2
+    rows:                                  number of training rows
+    inputs:                                a name in INPUT_SETS"""
 
     first: Array
     first_bias: Array
@@ -70,7 +74,7 @@ class Networks:
             raise ModelError(f"got {self.noise}, expected a number > 0", key="noise")
 
     def __len__(self) -> int:
-        """Number of training rows, like that of a Gaussian process."""
+        """Number of training rows, as for a Gaussian process."""
         return self.rows
 
     def told_as(self) -> tuple[str, dict[str, Any]]:
@@ -85,11 +89,11 @@ class Networks:
         return np.einsum("enh,eh->en", h, self.last) + self.last_bias[:, None]
 
     def mean(self, x: Array, features: None = None) -> Array:
-        """Mean of the members (N,) at inputs (N, 9 or 11), rad/s^2; features: none, see `GaussianProcess.mean`."""
+        """Mean of the members (N,) at inputs (N, 9 or 11), rad/s^2; features: unused, see `GaussianProcess.mean`."""
         return self.each(x).mean(axis=0)
 
     def variance(self, x: Array) -> Array:
-        """Variance of a sample (N,): spread of the members and noise, (rad/s^2)^2."""
+        """Variance of a sample (N,), (rad/s^2)^2: variance over the members plus noise^2."""
         return self.each(x).var(axis=0) + self.noise**2
 
 
@@ -187,8 +191,9 @@ def mean_and_gradient(p, at, s, by_state, wanted):
 
 @njit(cache=True, error_model="numpy")
 def variance_and_derivatives(p, at, s, by_state, bend):
-    """Spread of the members at the state s (6,), (rad/s^2)^2; its derivatives by s into by_state (6,), the diagonal of
-    its Gauss-Newton Hessian into bend (6,)."""
+    """Variance over the members at the state s (6,), (rad/s^2)^2.
+
+    Writes its derivatives by s into by_state (6,), and the diagonal of its Gauss-Newton Hessian into bend (6,)."""
     count = int(-p[at + _MEMBERS])
     values, slopes = np.empty(count), np.zeros((count, 6))
     members(p, at, s, values, slopes, True)

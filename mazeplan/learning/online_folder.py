@@ -1,9 +1,9 @@
 """The folder of an online model: a model folder, `start/` with the first model, and `learning.npz` with the rows.
 
 learning.npz has the rows and ages of each ring; hyperparameters and effects are those of `start/`. Only these two
-decide. The other files are results, for `--model` and for people; an edit would be lost, so changed files are refused.
-learning.npz lists the SHA-256 of each file: the new one and the one before, since a program may be killed in between.
-Loading executes nothing.
+decide. The other files are results, for `--model` and for people. An edit of these files would be lost, so changed
+files are refused. learning.npz lists two SHA-256 for each file: of the new version and of the version before, because
+a program may be killed in between. Loading executes nothing.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ ADVICE = "give another folder with -o, and this one with --model to begin with w
 
 
 def keep_learner(online: OnlineModel, folder: Path, rig: str) -> None:
-    """Write the folder; rig: on which it learns. Killed at any moment, it can go on. Raises ModelError."""
+    """Write the folder, so that learning can go on even if the program is killed at any moment. Raises ModelError.
+
+    rig: the rig on which the model learns."""
     if not (folder / START).exists():
         save_model(online.start, folder / START)
     try:
@@ -68,7 +70,7 @@ def open_learner(folder: Path, maze: Maze, rig: str, options: OnlineOptions | No
 
 
 def _is_new(path: Path, prints: list[str]) -> bool:
-    """Whether a file is the new one, or (False) the one before, or still missing. Raises ModelError for another."""
+    """True for the new version of a file, False for the version before, file or none. Else raises ModelError."""
     if not path.is_file():
         if len(prints) == 1:  # there was none before
             return False
@@ -84,7 +86,7 @@ def _sha256(path: Path) -> str:
 
 
 def write_online(online: OnlineModel, folder: Path, about: Mapping[str, Any] | None = None) -> Path:
-    """Write learning.npz; its path. about: content of `read_about`. Raises ModelError."""
+    """Write learning.npz. Returns its path. about: content for `read_about`. Raises ModelError."""
     arrays: dict[str, np.ndarray] = {
         "format": np.array(FORMAT),
         "now": np.array(online.now),
@@ -118,7 +120,7 @@ def read_online(folder: Path, maze: Maze, options: OnlineOptions | None = None) 
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Rig, map, map_name and files of an online model; {} from older versions. Raises ModelError."""
+    """Rig, map, map_name and files of an online model; {} for files of older versions. Raises ModelError."""
     arrays = _arrays(folder / ROWS)
     if "about" not in arrays:
         return {}

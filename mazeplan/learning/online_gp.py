@@ -5,11 +5,11 @@
     cov(w(t), w(t'))        = diag(S) m                 w(0) = 0: the walk begins at the fitted model
     y = f(x, t) + e,   e ~ N(0, s^2);      C = cov of all rows + s^2 I = L L'
 
-So old rows count less. Without new rows nothing changes. C does not depend on now, so its
-Cholesky factor is updated from run to run:
+So old rows count less. Without new rows nothing changes. C does not depend on the present time, so its Cholesky factor
+is updated from run to run:
 
     rows added      L21' = L11^-1 C12,  L22 L22' = C22 - L21 L21'
-    rows removed    T: columns of the remaining rows that stay, B: columns that go; the new factor R' has
+    rows removed    In the remaining rows of L, T has the columns that stay and B those that go. The new factor R' has
                     R'R = T T' + B B', by Householder's reflections of [T'; B'] (LAPACK tpqrt)
 
 `novelty` chooses the rows to remove: those whose loss adds least to the variance of f now, at places p of old and new
@@ -17,8 +17,8 @@ rows. Removing row i adds
 
     sum_p (K_pi)^2 / (C^-1)_ii,   K = cov(f(x_p, now), rows) C^-1
 
-Rows are removed one after the other; each changes K and C^-1 by one column. A row that the others predict well is still
-needed: samples are noisy, and many similar ones are needed to estimate friction.
+Rows are removed one after the other; each changes K and C^-1 by one column. A row is still needed if the others predict
+it well: samples are noisy, and an estimate of friction needs many similar samples.
 
 Rasmussen, Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and A.3; novelty: Csato, Opper,
 "Sparse on-line Gaussian processes", Neural Computation 14, 2002; the walk in time: Van Vaerenbergh, Lazaro-Gredilla,
@@ -44,7 +44,10 @@ MORE_JITTER = (1.0, 1e2, 1e4, 1e6)  # times JITTER, tried in turn against negati
 
 @dataclass(frozen=True)
 class Walk:
-    """Random walk in a unit of t. process: q, of the variance of g; weights (M,): standard deviations, roots of S."""
+    """Random walk in a unit of t.
+
+    process:       q, relative growth of the variance of g
+    weights (M,):  standard deviations of the weights, the roots of S"""
 
     process: float
     weights: Array
@@ -52,7 +55,11 @@ class Walk:
 
 @dataclass(frozen=True)
 class OnlineProcess:
-    """Rows and their covariance: inputs (N, D), features (N, M), y (N,), age (N,): t; factor (N, N): L."""
+    """N rows and the Cholesky factor of their covariance.
+
+    inputs (N, D), features (N, M), y (N,):  the rows
+    age (N,):                                t of each row
+    factor (N, N):                           L"""
 
     hyper: Hyperparameters
     walk: Walk
@@ -67,7 +74,7 @@ class OnlineProcess:
 
     @classmethod
     def begin(cls, hyper: Hyperparameters, walk: Walk, inputs: int = 9) -> OnlineProcess:
-        """A process without rows; inputs: D."""
+        """An online Gaussian process without rows; inputs: D."""
         m = len(walk.weights)
         none = np.zeros(0)
         return cls(hyper, walk, np.zeros((0, inputs)), np.zeros((0, m)), none, none, np.zeros((0, 0)))
@@ -75,7 +82,9 @@ class OnlineProcess:
     def between(
         self, inputs: Array, features: Array, age: Array, other: tuple[Array, Array, Array] | None = None
     ) -> Array:
-        """Covariance (K, N) of f at K places with other places (inputs, features, age); None: with the rows."""
+        """Covariance (K, N) of f between K places and other places.
+
+        other: inputs, features and age of N other places; None: the rows."""
         x, phi, t = other or (self.inputs, self.features, self.age)
         shared = np.minimum(age[:, None], t[None])
         out = kernel(inputs, x, self.hyper) * (1.0 + self.walk.process * shared)
@@ -88,7 +97,7 @@ class OnlineProcess:
         return JITTER * most**2 * (1.0 + self.walk.process * age)
 
     def added(self, inputs: Array, features: Array, y: Array, age: Array) -> OnlineProcess:
-        """The process with further rows. Raises ModelError for values that are not finite, or if no jitter helps."""
+        """A copy with additional rows. Raises ModelError for values that are not finite, or if no jitter helps."""
         if not all(np.isfinite(part).all() for part in (inputs, features, y, age)):
             raise ModelError("got a row that is not finite, expected numbers")
         if not len(y):
@@ -107,19 +116,19 @@ class OnlineProcess:
         return OnlineProcess(self.hyper, self.walk, x, phi, both, ages, factor)
 
     def removed(self, rows: IntArray) -> OnlineProcess:
-        """The process without some rows (indices)."""
+        """A copy without some rows (indices)."""
         stay = np.setdiff1d(np.arange(len(self)), rows)
         first = int(np.min(rows, initial=len(self)))
         factor = np.tril(self.factor[np.ix_(stay, stay)])
         tail = factor[first:, first:]
         gone = self.factor[np.ix_(stay[first:], np.setdiff1d(rows, stay))]
-        if len(tail) and gone.shape[1]:  # the part before the first of them stays
+        if len(tail) and gone.shape[1]:  # the part before the first removed row stays
             factor[first:, first:] = _taken_in(tail, gone)
         kept = replace(self, inputs=self.inputs[stay], features=self.features[stay], factor=factor)
         return replace(kept, y=self.y[stay], age=self.age[stay])
 
     def within(self, most: int, now: float, keep: str = "novelty") -> OnlineProcess:
-        """The process with at most so many rows. keep: rule that chooses the rows to remove, a name in `RULES`."""
+        """A copy with at most `most` rows. keep: name in `RULES` of the rule that chooses the rows to remove."""
         return self if len(self) <= most else self.removed(RULES[keep](self, len(self) - most, now))
 
     @property
@@ -143,7 +152,7 @@ class OnlineProcess:
         return back @ self.alpha, np.diag(S * now) - half.T @ half
 
     def process(self, now: float) -> GaussianProcess:
-        """The mean of g now, as a plain process for the planner. Raises ModelError if it is not finite."""
+        """The mean of g now, as a plain Gaussian process for the planner. Raises ModelError if it is not finite."""
         alpha = self.alpha * (1.0 + self.walk.process * np.minimum(self.age, now))
         if not np.isfinite(alpha).all():
             raise ModelError("the process is not finite")
@@ -161,7 +170,7 @@ class OnlineProcess:
         return cross @ self.alpha, np.maximum(prior - np.sum(half**2, axis=0), 0.0)
 
     def evidence(self, inputs: Array, features: Array, y: Array, age: Array) -> float:
-        """Log likelihood of further rows, given the present ones."""
+        """Log likelihood of additional rows, given the present rows."""
         cross, own = self.between(inputs, features, age), self.between(inputs, features, age, (inputs, features, age))
         own[np.diag_indices(len(y))] += self.hyper.noise**2 + self._jitter(age)
         left = y
@@ -191,7 +200,7 @@ def novelty(rows: OnlineProcess, count: int, now: float) -> IntArray:
 
 
 def oldest(rows: OnlineProcess, count: int, now: float) -> IntArray:
-    """The oldest rows; of the same age, the first."""
+    """The `count` oldest rows; among rows of the same age, the first."""
     return np.argsort(rows.age, kind="stable")[:count]
 
 
@@ -209,7 +218,7 @@ def _factor(C: Array, jitter: Array) -> Array:
 
 
 def _taken_in(T: Array, B: Array) -> Array:
-    """The lower factor of T T' + B B', T (N, N) a lower factor, B (N, K)."""
+    """The lower Cholesky factor of T T' + B B', for a lower factor T (N, N) and B (N, K)."""
     n = len(T)
     (tpqrt,) = get_lapack_funcs(("tpqrt",), (T, B))
     upper, _, _, _ = tpqrt(0, min(PANEL, n), np.asfortranarray(T.T), np.asfortranarray(B.T))

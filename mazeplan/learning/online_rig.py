@@ -1,18 +1,23 @@
 """A rig's model that learns between runs: changes of friction and gravity, and the residual of the effects.
 
-Each ring has an `OnlineProcess`. Its first rows are those of the model, of age 0; y is what its effects leave over.
-Later rows are what the effects of the *first* model leave over. So the weights of the features are the changes of the
-effects, and the process takes the rest. A model without processes begins without rows, with typical hyperparameters.
+Each ring has an `OnlineProcess`. Its first rows are those of the model's Gaussian process, with age 0. In all rows, y
+is the acceleration that the effects of the *first* model leave unexplained. So the weights of the features are the
+changes of the effects, and the Gaussian process takes the rest. A model without Gaussian processes begins without rows,
+with typical hyperparameters.
 
-The clock of the ages advances from run to run by one of PACES: the one with the largest likelihood of the new rows of
-all rings, times a prior. So the model of a constant rig keeps its rows; that of a changed rig forgets in a run or two.
+The clock of the ages advances from run to run by one of PACES. It takes the pace that gives the largest likelihood of
+the new rows of all rings, times a prior. So the model of a constant rig keeps its rows. The model of a changed rig
+forgets its rows in a run or two.
 
-A row enters as in `learn`, with three exceptions. A ball at rest has an undetermined friction. At the ends of a
-stretch, which a run has many of, smoothed accelerations scatter three times as much. A row beyond MISFIT standard
-deviations is an impact.
+Rows are made as in `learn`, but three kinds are left out:
 
-Rows are predicted by the first model and by the online model before they are learned. While the online model was
-worse over the last WATCHED runs, the first model is used.
+    rows of a ball at rest                     its friction is undetermined
+    rows at the ends of a stretch              smoothed accelerations scatter three times as much there, and a run has
+                                               many stretches
+    rows beyond MISFIT standard deviations     they are impacts
+
+Before rows are learned, the first model and the online model predict them. If the online model was worse over the last
+WATCHED runs, the first model is used.
 """
 
 from __future__ import annotations
@@ -41,24 +46,28 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import dry_friction, tilt_offset, viscous_friction
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-# medians over rings and packaged models; amplitude and noise times the radius of the track, m/s^2, rate times it, m/s
-LENGTHS = (0.044, 0.37, 0.39, 0.45, 0.24, 0.034, 0.046)  # of PLANNED_TERMS
+# medians over rings and packaged models; AMPLITUDE and NOISE times the radius of the track, m/s^2
+LENGTHS = (0.044, 0.37, 0.39, 0.45, 0.24, 0.034, 0.046)  # of PLANNED_TERMS; the first times the radius, m/s
 AMPLITUDE, NOISE = 0.043, 0.073  # half of the median amplitude: effects explain the rest
 PACES = ((0.05, 0.99), (1.0, 1e-2), (9.0, 1e-5))  # advance of the clock in a run, and its prior probability
 RESTING = 0.15  # rad/s; below it the sign of dry friction is uncertain
-ENDS = 2  # samples at either end of a stretch
-MISFIT = 4.0  # standard deviations
+ENDS = 2  # samples left out at either end of a stretch
+MISFIT = 4.0  # standard deviations beyond which a row is an impact
 WATCHED, WORSE = 5, 1.1  # runs; ratio of mean squared errors of a worse model
-FEWEST = 400  # least budget of rows of a ring
+FEWEST = 400  # minimum budget of rows of a ring
 
 
 @dataclass(frozen=True)
 class OnlineOptions:
     """How fast a rig may change, and how many rows are kept. Raises SettingsError.
 
-    Standard deviations of a step in a unit of the clock: factor, of gravity; viscous, 1/s; dry, m/s^2 along the track;
-    tilt, rad. process: relative variance of the rest. most: rows of each ring, None: as many as the first model has;
-    keep: rule that chooses them, novelty or oldest (removes the oldest first)."""
+    factor:   standard deviation of the change of the rolling factor, in a unit of the clock
+    viscous:  the same for viscous friction, 1/s
+    dry:      the same for dry friction, m/s^2 along the track
+    tilt:     the same for each tilt of the table, rad
+    process:  relative growth of the variance of the rest, in a unit of the clock
+    most:     maximum number of rows of each ring; None: as many as the first model has, at least FEWEST
+    keep:     rule that chooses the rows to keep: novelty, or oldest (removes the oldest rows first)"""
 
     factor: float = 5e-4
     viscous: float = 0.01
@@ -87,9 +96,14 @@ class OnlineOptions:
 class Lesson:
     """Result of one run.
 
-    run: number, from 1; rows: taken, by ring; impacts: rows left out; why: reason that nothing was learned, or "";
-    error, fixed: rms errors of the online and the first model on these rows before learning, m/s^2 along the track;
-    pace: advance of the clock; trusted: whether the next run uses the online model."""
+    run:      number of the run, from 1
+    rows:     number of learned rows, by ring
+    impacts:  number of rows left out as impacts
+    why:      reason that nothing was learned, or ""
+    error:    rms error of the online model on these rows before learning, m/s^2 along the track
+    fixed:    the same for the first model
+    pace:     advance of the clock
+    trusted:  whether the next run uses the online model"""
 
     run: int
     rows: dict[int, int] = field(default_factory=dict)
@@ -102,7 +116,7 @@ class Lesson:
 
 
 class OnlineModel:
-    """A model that learns from runs. start: the first model. Raises InputError for a model that cannot learn."""
+    """A model that learns from run to run. start: the first model. Raises InputError for a model that cannot learn."""
 
     def __init__(self, start: RigModel, maze: Maze, options: OnlineOptions | None = None) -> None:
         if not start.delay_known:
@@ -129,13 +143,13 @@ class OnlineModel:
             return OnlineProcess.begin(usual(radius), walk)
         h, x = process.hyper, process.inputs
         own = process.alpha * (h.noise**2 + JITTER * h.only.amplitude**2)
-        y = kernel(x, x, h) @ process.alpha + own  # its values: C alpha
+        y = kernel(x, x, h) @ process.alpha + own  # the values of its rows: C alpha
         features = _features(x, radius)[:, : len(walk.weights)]
         return OnlineProcess.begin(h, walk).added(x, features, y, np.zeros(len(y)))
 
     @property
     def trusted(self) -> bool:
-        """Whether the online model was not worse than the first one."""
+        """Whether the online model was not worse than the first model over the last WATCHED runs."""
         sums = np.sum(self.watched, axis=0) if self.watched else np.zeros(2)
         return bool(sums[0] <= WORSE * sums[1])
 
@@ -191,9 +205,9 @@ class OnlineModel:
         return Lesson(self.now, why=why, trusted=self.trusted)
 
     def learn(self, table: Table, camera_delay: float | None = None) -> Lesson:
-        """Learn from the record of a run. An unusable record changes nothing.
+        """Learn from the record of a run. Nothing is learned from an unusable record.
 
-        camera_delay: s, if it was measured of the rig."""
+        camera_delay: measured delay of the camera, s; None: that of the first model."""
         delay = self.start.camera_delay if camera_delay is None else camera_delay
         try:
             options = SampleOptions(delay=delay, recompute=True)
@@ -223,7 +237,7 @@ class OnlineModel:
         return sum(self.rings[ring].evidence(*rows.at(self.clock + pace)) for ring, rows in news.items())
 
     def _with(self, news: Mapping[int, _Rows], clock: float) -> dict[int, OnlineProcess]:
-        """The rings with a run's rows, each within its budget. Raises ModelError if one is not finite."""
+        """The rings with the rows of a run, each within its budget. Raises ModelError if a ring is not finite."""
         rings = dict(self.rings)
         for ring, rows in news.items():
             most = self.options.most or max(len(self.start.processes.get(ring, ())), FEWEST)
@@ -255,8 +269,10 @@ class OnlineModel:
 class _Rows:
     """New rows of a ring: inputs (N, D), features (N, M), y (N,).
 
-    errors (N,): of online and first model before learning; deviation (N,): expected one of the former; impacts: number
-    of rows left out; radius: m."""
+    errors (N,):     errors of the online model and of the first model before learning
+    deviation (N,):  standard deviation that the online model expects
+    impacts:         number of rows left out
+    radius:          of the track, m"""
 
     inputs: Array
     features: Array
@@ -272,21 +288,21 @@ class _Rows:
 
 
 def _inside(segment: IntArray) -> np.ndarray:
-    """Which rows (N,) are further than ENDS from either end of their stretch."""
+    """Which rows (N,) have at least ENDS rows of their stretch on either side."""
     rows = np.arange(len(segment))
     begin, end = (np.searchsorted(segment, segment, side) for side in ("left", "right"))
     return np.asarray((rows - begin >= ENDS) & (end - 1 - rows >= ENDS))
 
 
 def usual(radius: float) -> Hyperparameters:
-    """Typical hyperparameters of a ring without a process; radius: of the track, m."""
+    """Typical hyperparameters for a ring without a Gaussian process; radius: of the track, m."""
     lengths = np.array([LENGTHS[0] / radius, *LENGTHS[1:]])
     term = KernelTerm(PLANNED_TERMS[0][0], lengths, AMPLITUDE / radius)
     return Hyperparameters((term,), NOISE / radius, np.zeros(0))
 
 
 def accelerations(model: RigModel, ring: int, k: RingKinematics) -> Array:
-    """theta_dd (N,) of a model with its process."""
+    """theta_dd (N,) of a model, with its learned part."""
     process = model.processes.get(ring)
     base = planned(model.ball(ring), k) if model.by_effects(ring) else kinematic_terms(k)
     return base if process is None else base + process.mean(inputs(k))

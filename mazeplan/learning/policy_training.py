@@ -1,8 +1,9 @@
-"""Fits the network of a policy to the commands of the planner, with PyTorch on one core or a graphics card.
+"""Fit the network of a policy to the commands of the planner, with PyTorch on one core or a graphics card.
 
-The loss is that of commands inside the limits: where the planner tilts as far as it may, more is not wrong. A small
-share of what lies beyond stays in it, so that the network finds its way back. Errors count by their size, not by their
-square: before an opening the planner chooses among commands, and a mean of two of them is none of them.
+The loss compares commands clipped to the limits: where the planner tilts as far as possible, more tilt is not wrong. A
+small share of the part beyond the limits stays in the loss, so that the network finds its way back. Errors count by
+their size, not by their square: in front of an opening the planner chooses among different commands, and the mean of
+two commands is neither of them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
 from mazeplan.learning.gp_training import require_device
 
-BEYOND = 0.05  # share of a command beyond the limits that counts
+BEYOND = 0.05  # share that counts of the part of a command beyond the limits
 WIDTH = 0.1  # of the limit; smaller errors count by their square
 BATCH, RATE = 512, 3e-3
 HELD_OUT = 0.1
@@ -26,8 +27,11 @@ FLOOR = 1e-3  # smallest scale of an input
 
 @dataclass(frozen=True)
 class Fit:
-    """layers: weights and biases, float32; mean, scale: of the inputs; error: mean absolute error of a command on
-    held-out samples, rad."""
+    """A fitted network.
+
+    layers:       weights and biases, float32
+    mean, scale:  of the inputs
+    error:        mean absolute error of a command on held-out samples, rad"""
 
     layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
     mean: NDArray[np.float32]
@@ -40,9 +44,16 @@ def fit_network(
     hidden: tuple[int, ...] = (64, 64), epochs: int = 30, seed: int = 0, device: str = "cpu",
     advance: Advance = no_advance,
 ) -> Fit:  # fmt: skip
-    """Fit to commands (N, 2), rad. inputs (N, M); turned (N, 2): cosine and sine of the ball's angle; limit: of a
-    command, rad; offset (2,): tilt of the table, rad; device: cpu or cuda. The seed draws the same first weights and
-    batches on either device. Raises InputError if the device is missing."""
+    """Fit a network to commands. Raises InputError if the device is missing.
+
+    inputs (N, M):    of the policy
+    commands (N, 2):  rad
+    turned (N, 2):    cosine and sine of the ball's angle
+    limit:            largest command, rad
+    offset (2,):      tilt of the table, rad
+    hidden:           number of units of each hidden layer
+    seed:             draws the same first weights and batches on either device
+    device:           cpu or cuda"""
     import torch
 
     require_device(device)

@@ -1,14 +1,14 @@
 """Draws of ball models from their posterior, each evaluated in many states at once.
 
-A linear model has weights with a covariance. A function of a process f = phi w + g given y is drawn by pathwise
-conditioning: a draw of the prior, plus what the data say of its error,
+A linear model has weights with a covariance. A function f = phi w + g of a Gaussian process given y is drawn by
+pathwise conditioning: a draw from the prior, plus the correction of its error at the data,
 
     f_s(x) = phi(x) w_s + g_s(x) + k_f(x, X) C^-1 (y - Phi w_s - g_s(X) - e_s),   w_s ~ N(0, S), e_s ~ N(0, s^2)
     g_s(x) = a F^-1/2 sum_j  n_j cos(v_j x / l) + m_j sin(v_j x / l),             n_j, m_j ~ N(0, 1)
 
-(Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). v_j is from the spectrum
-of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is (g(x) - g(F x)) / sqrt(2). torch sums
-over the rows, for many states at once.
+(Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). There are F = WAVES
+waves. v_j comes from the spectrum of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is
+(g(x) - g(x')) / sqrt(2), with x' the reflection of x. torch sums over the rows, for many states at once.
 
 A draw of an ensemble of networks is its mean plus n_e / sqrt(E - 1) times the deviation of each member, n_e ~ N(0, 1).
 """
@@ -28,8 +28,8 @@ from mazeplan.learning.features import FEATURES, INPUT_SETS
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-WAVES = 256  # of the prior, for each term
-ELEMENTS = {"cpu": 2**18, "cuda": 2**26}  # of a piece of the kernel
+WAVES = 256  # number of waves of a draw from the prior, for each term
+ELEMENTS = {"cpu": 2**18, "cuda": 2**26}  # maximum elements of a piece of the kernel matrix
 
 Drawn = Callable[[RingKinematics], Array]
 
@@ -76,7 +76,7 @@ class Wave:
 
 
 class ProcessDraws:
-    """S draws of a process given its data, around the mean of a process on the same rows."""
+    """S draws of a Gaussian process given its data, around the mean of a Gaussian process on the same rows."""
 
     def __init__(
         self,
@@ -87,9 +87,11 @@ class ProcessDraws:
         device: str = "cpu",
         precision: str = "float64",
     ) -> None:
-        """process: with its factor; centre: its mean is the mean of the draws; device, precision: of the sum over rows.
+        """process: the Gaussian process, with its factor. Raises ModelError if the factor is missing.
 
-        Raises ModelError for a process without its factor."""
+        centre:             its mean is the mean of the draws
+        count:              number of draws S
+        device, precision:  for the sum over rows"""
         import torch
 
         process.variance(process.inputs[:0], process.features[:0])  # raises without the factor
@@ -117,7 +119,7 @@ class ProcessDraws:
 
 
 class RowSum:
-    """k(x, X) A_s for inputs in S groups."""
+    """Computes k(x, X) A_s for inputs x in S groups; each group s has other weights A_s."""
 
     def __init__(self, hyper: Hyperparameters, rows: Array, weights: Array, device: str, precision: str) -> None:
         """rows X (N, D); weights A (N, S)."""
@@ -172,8 +174,11 @@ def draw_model(
 ) -> Drawn:
     """theta_dd (B,) of `count` draws of a model, for B states in as many groups, one after the other.
 
-    centre: the mean of the draws of a process; repeats: see `fitting.repetition`, scales the covariance of a linear
-    fit. Models of other kinds have no uncertainty."""
+    centre:             its mean is the mean of the draws of a Gaussian process
+    repeats:            scales the covariance of a linear fit, see `fitting.repetition`
+    device, precision:  for the sum over rows
+
+    Models of other kinds have no uncertainty."""
     if isinstance(model, GaussianBall) and isinstance(centre, GaussianBall):
         draws = ProcessDraws(model.process, centre.process, count, rng, device, precision)
         seen, features = INPUT_SETS[model.inputs], FEATURES[model.features] if model.features else None

@@ -5,9 +5,9 @@ weights alpha of the kernel, weights w of seven features of the ball's equation.
 
     y = s K alpha + Phi w + s v alpha        s: standard deviation of y, v: noise variance in units of s^2
 
-The files lack only v. It is the root at which y has the published standard deviation. A second value follows from the
-maximum of the likelihood, y' alpha = s N; the two are compared. Only every 4th, 3rd and 2nd sample of rings 1 to 3 was
-published: `published_samples` recovers the samples between.
+Only v is missing in the files. It is the root at which y has the published standard deviation. The maximum of the
+likelihood, y' alpha = s N, gives a second value; the two are compared. Only every 4th, 3rd and 2nd sample of rings 1 to
+3 was published: `published_samples` recovers the samples between.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ WIDTH = {"inputs": 9, "alpha": 1, "lengths": 9, "kernel_scale": 1, "input_scales
 MAX_ROWS = 50_000  # the kernel takes rows^2 operations; the published models have at most 5820
 MAX_BYTES = 64 << 20  # of one file; the published ones have at most 1.4 MB
 MIN_ROWS = 8  # fewer do not show how the recording was thinned
-MISFIT = 1e-3  # largest relative difference of the weights that follow from alpha; 1e-12 for matching files
+MISFIT = 1e-3  # maximum relative difference from the weights that follow from alpha; matching files have 1e-12
 STRANGERS = "do the files of this ring belong together?"
 BLOCK = 1 << 22  # elements of the kernel matrix computed at a time
 
@@ -60,8 +60,14 @@ BLOCK = 1 << 22  # elements of the kernel matrix computed at a time
 class DualForm:
     """One published model of a ring.
 
-    file: of the inputs; inputs (N, 9): rates, sine and cosine of theta, beta, gamma, in units of input_scales (9,);
-    lengths (9,): of the kernel, in the same units; alpha (N,); weights (7,): of the features; target_scale: rad/s^2."""
+    file:               file of the inputs
+    inputs (N, 9):      rates, then sine and cosine, of theta, beta, gamma, in units of input_scales
+    input_scales (9,):  units of the inputs
+    lengths (9,):       length scales of the kernel, in these units
+    kernel_scale:       factor of the kernel
+    alpha (N,):         weights of the kernel
+    weights (7,):       weights of the features
+    target_scale:       s, rad/s^2"""
 
     ring: int
     file: Path
@@ -76,7 +82,10 @@ class DualForm:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Training data of a model; noise_variance: in units of target_scale^2; checks: values that should be 0."""
+    """Training data of a model.
+
+    noise_variance:  v, in units of target_scale^2
+    checks:          values that should be 0, by name"""
 
     rows: Published
     noise_variance: float
@@ -87,8 +96,13 @@ class TrainingData:
 class ImportedRing:
     """The table of a ring.
 
-    step: samples from one published row to the next; columns (M,): by name, NaN if empty; noise: standard deviation,
-    rad/s^2; checks: values that should be 0."""
+    file:            file of the inputs
+    step:            samples from one published row to the next
+    columns (M,):    by name; NaN if empty
+    segments:        number of uninterrupted segments
+    noise:           standard deviation, rad/s^2
+    noise_variance:  see `TrainingData`
+    checks:          values that should be 0, by name"""
 
     ring: int
     file: Path
@@ -111,7 +125,9 @@ class ImportedRing:
 
 
 def find_models(folder: str | Path) -> dict[int, str]:
-    """Ending of the file names of each ring's model; the longest of several models. Raises ModelError."""
+    """Ending of the file names of each ring's model; of several models, the one with the largest file of inputs.
+
+    Raises ModelError."""
     folder = Path(folder)
     if not folder.is_dir():
         expected = "the folder of the published model files"
@@ -216,7 +232,7 @@ def training_data(model: DualForm) -> TrainingData:
         raise ModelError(f"no noise gives targets of {model.target_scale:g} rad/s^2; {STRANGERS}", file=model.file)
     noise = float(roots.max())  # the only one: known and slope are positively correlated
     again = (model.target_scale * len(known) - known @ model.alpha) / (slope @ model.alpha)
-    prior = features.T @ model.alpha  # the weights are this times their common prior variance
+    prior = features.T @ model.alpha  # the weights are `prior` times their common prior variance
     ratio = (prior @ model.weights) / max(prior @ prior, np.finfo(float).tiny)
     checks = {
         "weights": float(np.max(np.abs(model.weights - ratio * prior)) / max(np.max(np.abs(model.weights)), 1e-300)),

@@ -6,12 +6,12 @@ that was published whole, to 1e-8):
     v[k] = a v[k-1] + b v[k-2] + 30 c (x[k] - x[k-1])    rates of each axis: (a, b, c) = FILTER
     y[k] = 900 sum_j ACCELERATION[j] x[k+j]              acceleration of theta, j = -3 .. 3
 
-Every published row has x and v of each axis, and y of theta. The recovered path x fulfils all identities; of the
-remaining paths it has the smallest third differences. With step 2 it is nearly unique (but for the tilt at the end of
-a segment), with steps 3 and 4 it is not.
+Every published row has x and v of each axis, and y of theta. Among all paths x that fulfil these identities, the
+recovered path has the smallest third differences. With step 2 it is nearly unique, except for the tilt at the end of a
+segment. With steps 3 and 4 it is not unique.
 
-The smallest sum of squares of third differences also measures how unlikely it is that one published row follows another
-within `step` samples. `segment_starts` puts breaks where a break costs less than going on.
+The minimum sum of squares of third differences also measures how unlikely it is that one published row follows another
+after `step` samples. `segment_starts` puts a break where this is cheaper than going on.
 """
 
 from __future__ import annotations
@@ -33,22 +33,25 @@ AXES = ("theta", "beta", "gamma")
 RATE_HZ = 30.0  # of camera and tilt sensor
 ACCELERATION = np.array([5, 0, -3, -4, -3, 0, 5]) / 42.0  # Savitzky-Golay, 7 samples, order 2: per sample^2
 RATE = np.arange(-3, 4) / 28.0  # the same window, first derivative: per sample
-EDGE = 3  # samples on either side that such a window looks at
+EDGE = 3  # samples on either side of the middle of this window
 MAX_STEP = 8  # samples from one published row to the next; 1 to 4 occur
 MEMORY = 6  # earlier published rows that predict a row
-# Cost of a break, against log(1 + surprise) of going on, summed over the axes. On the ring published whole, whose first
-# 70 % have 67 breaks (by the filter), 15 finds 17 false ones, too; 30 to 40 find exactly these.
+# Cost of a break, against log(1 + surprise) of going on, summed over the axes. On the ring published whole, the first
+# 70 % have 67 breaks (by the filter). A cost of 15 finds 17 false breaks, too; costs of 30 to 40 find exactly the 67.
 BREAK_COST = 30.0
 SLACK = 1e-4  # rad of error in the identities counts as much as 1 rad of third difference, in the search for breaks
 LEAST_SURPRISE = 1e-12  # rad^2; a recording smoother than a microradian counts as smooth
-EXACT = 1e-6  # the same, in the recovery itself
+EXACT = 1e-6  # rad; as SLACK, in the recovery itself
 TIE = 1e-8  # weight of first against third differences: a tie-break, in segments of two rows
 
 
 @dataclass(frozen=True)
 class Published:
-    """Published rows in order of time: angles (N, 3), rad, wrapped or not; rates (N, 3), rad/s; theta_ddot (N,),
-    rad/s^2. Axes are theta, beta, gamma."""
+    """Published rows in order of time. Axes are theta, beta, gamma.
+
+    angles (N, 3):    rad, wrapped or not
+    rates (N, 3):     rad/s
+    theta_ddot (N,):  rad/s^2"""
 
     angles: Array
     rates: Array
@@ -68,8 +71,11 @@ class Published:
 
 @dataclass(frozen=True)
 class RecoveredPath:
-    """All samples of a segment: angles (M, 3); squares, counts (2,): sums of squared errors of filter (rad/s) and
-    acceleration (rad/s^2), and their numbers."""
+    """All samples of a segment.
+
+    angles (M, 3):  rad
+    squares (2,):   sums of squared errors of the filter (rad/s) and of the acceleration (rad/s^2)
+    counts (2,):    numbers of these errors"""
 
     angles: Array
     squares: Array
@@ -80,9 +86,10 @@ class RecoveredPath:
 class LeastSquares:
     """Least squares for one axis of m published rows, sparse: `smooth` z small, subject to `exact` z = `given` d.
 
-    z: positions from EDGE samples before to EDGE samples after, then rates from one sample before on. d: published
-    positions, rates and, for theta, accelerations, (m,) each. In rad and samples. The rows of `exact` are those of d,
-    then those of the filter.
+    z: positions from EDGE samples before to EDGE samples after, then rates from one sample before on
+    d: published positions, rates and, for theta, accelerations, (m,) each
+
+    Units are rad and samples. The rows of `exact` are those of d, then those of the filter.
     """
 
     smooth: Any
@@ -173,7 +180,7 @@ def segment_starts(rows: Published, step: int) -> Array:
 
 @lru_cache(maxsize=256)
 def _surprise_factor(m: int, step: int, acceleration: bool) -> Array:
-    """R such that |R d|^2 is the least sum of squares, rad^2, of m rows with the data d (see `LeastSquares`)."""
+    """R such that |R d|^2 is the minimum sum of squares, rad^2, of m rows with the data d (see `LeastSquares`)."""
     system = _system(m, step, acceleration)
     matrix = np.vstack([system.smooth.toarray(), system.exact.toarray() / SLACK])
     right = np.vstack([np.zeros((system.smooth.shape[0], system.given.shape[1])), system.given.toarray() / SLACK])
@@ -183,7 +190,7 @@ def _surprise_factor(m: int, step: int, acceleration: bool) -> Array:
 
 
 def _surprise(rows: Published, step: int, memory: int) -> Array:
-    """Growth of the least sum of squares, (3, memory + 1, N) rad^2, if row k joins the L rows before it."""
+    """Growth of the minimum sum of squares, (3, memory + 1, N), rad^2, if row k joins the L rows before it."""
     known, out = rows.unwrapped(), np.zeros((3, memory + 1, len(rows)))
     for axis in range(3):
         least = []
@@ -198,9 +205,9 @@ def _surprise(rows: Published, step: int, memory: int) -> Array:
 
 
 def _cheapest(cost: Array, break_cost: float) -> Array:
-    """Starts of the segments with the least cost, by dynamic programming over the rows since the last break.
+    """Starts of the segments with the minimum cost, by dynamic programming over the rows since the last break.
 
-    cost (memory + 1, N): of row k as the next after L rows of its segment; L = memory stands for more rows, too.
+    cost (memory + 1, N): cost of row k if L rows of its segment come before it; L = memory also stands for more rows.
     """
     memory, count = cost.shape[0] - 1, cost.shape[1]
     so_far = np.full(memory + 1, np.inf)  # by number of rows in the segment, including the present one

@@ -1,8 +1,9 @@
 """Gaussian processes for a rig: the residual of the effects of a fitted model, ring by ring.
 
-The model comes from `identification` (kind pi). For sp, the linear part of the process corrects the effects, which keep
-their names and units, and the process takes the rest. For np, the process replaces the effects. Rates and accelerations
-are smoothed, since a planner needs the rate of a state; the tilt is delayed like the camera.
+The model comes from `identification` (kind pi). For sp, the linear part of the Gaussian process corrects the effects,
+which keep their names and units; the Gaussian process takes the rest. For np, the Gaussian process replaces the
+effects. Rates and accelerations are smoothed, because a planner needs the rate of a state. The tilt is delayed like the
+camera.
 """
 
 from __future__ import annotations
@@ -32,15 +33,19 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.formulas.arrays import RingKinematics, acceleration, kinematic_terms
 
 MOST_FRICTION = 20.0  # 1/s and rad/s^2; upper bound of the effects
-FEWEST = 300  # samples; a ring with fewer has no process
+FEWEST = 300  # samples; a ring with fewer gets no learned part
 SMOOTHING = Smoothing("rts", model="snap")
-TRAINED = 0.8  # of the duration of a ring: its training
+TRAINED = 0.8  # share of the training in the duration of a ring
 
 
 @dataclass(frozen=True)
 class RingLearning:
-    """Result for one ring: training rows; nRMSE of theta_dd on test blocks by effects alone, and with the learned part;
-    training: of a process."""
+    """Result for one ring.
+
+    rows:      number of training rows
+    before:    nRMSE of theta_dd on test blocks, by the effects alone
+    after:     the same with the learned part
+    training:  of the hyperparameters, for a Gaussian process"""
 
     rows: int
     before: float
@@ -59,9 +64,14 @@ def learn_processes(
     progress: Words = no_words,
     advance: Advance = no_advance,
 ) -> tuple[RigModel, dict[int, RingLearning]]:
-    """The model with processes or networks of a kind for each ring with enough samples, and their scores.
+    """The model with Gaussian processes or networks for each ring with enough samples, and their scores.
 
-    progress: receives each step in words; advance: the share done. Raises TableError if no ring has enough samples."""
+    kind:       np, sp, nn or spnn
+    smoothing:  of the positions and tilts
+    progress:   receives each step in words
+    advance:    receives the share done
+
+    Raises TableError if no ring has enough samples."""
     options = options or FitOptions()
     found = ring_samples(table, maze, smoothing, SampleOptions(delay=model.camera_delay, recompute=True))
     balls, processes, learned = dict(model.balls), {}, {}
@@ -89,7 +99,7 @@ def learn_processes(
 def _learn_ring(
     samples: RingSamples, ball: BallModel, kind: str, options: FitOptions, progress: Words, advance: Advance
 ) -> tuple[BallModel, GaussianProcess, RingLearning]:
-    """Hyperparameters and scores from a split of the record; the process from all of it."""
+    """Learn one ring: hyperparameters and scores from a split of the record, the Gaussian process from all of it."""
     split = block_split(samples.segment, samples.dt, block_s=5.0, test_share=0.25, guard=8)
     rows = np.flatnonzero(split.train & samples.good)
     rows = rows[uniform_downsample(len(rows), options.most)]
@@ -117,8 +127,8 @@ def _learn_ring(
 def effect_sigma(ball: BallModel, unknown: float) -> Array:
     """Standard errors (5,) of the effects in the units of `effect_features`; `unknown` for missing ones.
 
-    Identification integrates the motion over stretches without impacts. The smoothed accelerations of a process contain
-    all impacts: corrections without this prior would overestimate friction by half."""
+    Identification integrates the motion over stretches without impacts. The smoothed accelerations for a Gaussian
+    process contain all impacts: without this prior, the corrections would overestimate friction by half."""
     factor = ball.parameter("rolling_inertia", "factor", 1.0)
     found = [ball.stderr.get(effect, {}).get(name, unknown) for effect, name in (key.split(".") for key in EFFECTS)]
     return np.array(found) * [1.0, 1.0, 1.0, factor, factor]
@@ -127,7 +137,7 @@ def effect_sigma(ball: BallModel, unknown: float) -> Array:
 def _condition(
     k: RingKinematics, target: Array, ball: BallModel, kind: str, h: Hyperparameters
 ) -> tuple[BallModel, GaussianProcess]:
-    """Effects corrected by the linear part, and the process of the rest, on inputs rounded like in the file."""
+    """Effects corrected by the linear part, and the Gaussian process for the rest, on inputs rounded as in the file."""
     x = rounded(inputs(k))
     alone = replace(h, weight_sigma=np.zeros(0))
     none = np.zeros((len(x), 0))
@@ -139,14 +149,14 @@ def _condition(
 
 
 def planned(ball: BallModel, k: RingKinematics) -> Array:
-    """theta_dd (N,) of the effects in the planner: dry friction with tanh for the sign."""
+    """theta_dd (N,) of the effects as in the planner: dry friction has tanh in place of the sign."""
     return acceleration(ball.planned, k, DRY_WIDTH)
 
 
 def corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
     """The ball with its effects changed by weights (5,) of `effect_features`, within physical bounds.
 
-    sigma (5,): standard deviations of the weights. Other effects stay."""
+    sigma (5,): standard deviations of the weights. Other effects stay as they are."""
     factor = float(np.clip(ball.parameter("rolling_inertia", "factor", 1.0) + weights[0], 0.05, 1.5))
     friction = [
         float(np.clip(ball.parameter(name, "coefficient", 0.0) + weight, 0.0, MOST_FRICTION))

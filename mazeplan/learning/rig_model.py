@@ -1,4 +1,4 @@
-"""The model of a rig: all that estimation and planning know of it. Carry a model over to another maze."""
+"""The model of a rig: everything that estimation and planning know of it. `carried_over` adapts it to another maze."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mazeplan.physics.rig.entries import declared_parts
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import StageModel
 
-LATENCY_STDERR = 0.002  # s, of a delay that was measured while the plate swung
-NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to 0.4 deg
+LATENCY_STDERR = 0.002  # s; standard error of a delay that was measured while the plate swung
+NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to a tilt of 0.4 deg
 ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
 
 
@@ -27,10 +27,16 @@ ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
 class RigModel:
     """The model of a rig.
 
-    stage: both axes; balls: by ring; camera_delay: of the ball's position behind the tilt sensor, s; kind: one of
-    `modelfile.KINDS`; rate_hz: of the samples; data, scores: source and quality, like the file; processes: by ring,
-    processes or networks, added to the effects (sp, spnn) or in place of them (np, nn); camera, tilt_sensor: their
-    errors; body: of a rigid ball, if identified."""
+    stage:                both axes of the plate, with their servos
+    balls:                ball model by ring
+    camera_delay:         delay of the ball's position behind the tilt sensor, s
+    camera_delay_stderr:  its standard error, s; None if unknown
+    kind:                 one of `modelfile.KINDS`
+    rate_hz:              rate of the samples, Hz
+    data, scores:         source and quality, as in the model file
+    processes:            learned parts by ring; they add to the effects (sp, spnn) or replace them (np, nn)
+    camera, tilt_sensor:  their errors
+    body:                 the ball as a rigid body, if identified"""
 
     stage: StageModel
     balls: dict[int, BallModel]
@@ -51,7 +57,7 @@ class RigModel:
         return self.balls[nearest]
 
     def by_effects(self, ring: int) -> bool:
-        """Whether effects describe the ball in a ring, and not a learned part in their place (kinds np and nn)."""
+        """Whether effects describe the ball in a ring; False if a learned part replaces them (kinds np and nn)."""
         return not (self.kind in ("np", "nn") and ring in self.processes)
 
     @property
@@ -61,7 +67,7 @@ class RigModel:
 
     @property
     def late_s(self) -> float:
-        """Time between a picture and the earliest effect of a command, s; infinite if unknown."""
+        """Time from a picture to the earliest effect of a command, s; infinite if unknown."""
         dead_time = max(self.stage.beta.dead_time, self.stage.gamma.dead_time)
         return self.camera_delay + dead_time if self.delay_known else math.inf
 
@@ -74,7 +80,7 @@ class RigModel:
     def declared(self, ring: int) -> dict[str, dict[str, float]]:
         """Effects of a ring and of the rig's parts, as {effect: {parameter: value}}.
 
-        Without the camera's offset, which is subtracted from the measured positions."""
+        The camera's offset is missing, because it is subtracted from the measured positions."""
         known = {effect.name: effect.values() for effect in self.ball(ring).effects}
         return known | declared_parts(self)
 
@@ -113,9 +119,9 @@ def same_rings(a: Maze, b: Maze) -> bool:
 def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
     """The physics of a model of the maze `home`, for `maze`; the model itself if both have the same rings.
 
-    Stage, delays, sensors and the tilt of the table are the rig's and stay. A ring takes the effects of the ring of
-    `home` with the nearest radius (a disc those of the disc), scaled by their power of the radius. Effects of a place
-    and learned parts are left out."""
+    Stage, delays, sensors and the tilt of the table belong to the rig and stay. A ring takes the effects of the ring of
+    `home` with the nearest radius, scaled by their power of the radius; a disc takes those of the disc. Effects at
+    certain places and learned parts are left out."""
     if same_rings(home, maze):
         return model
     balls = {}

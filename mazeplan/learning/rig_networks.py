@@ -19,8 +19,8 @@ def learn_networks(
 ) -> tuple[BallModel, Networks, tuple[float, float]]:
     """The ball with its effects trained (spnn), the networks, and nRMSE of theta_dd by effects alone and with networks.
 
-    A member predicts the blocks that it has left out. Effects stay within about the standard errors of their
-    identification, which knows nothing of impacts."""
+    For the score, each member predicts the blocks that it has left out. The effects stay within about the standard
+    errors of their identification, which contains no impacts."""
     rows = np.flatnonzero(samples.good)
     trained = tuple(term for term in ball.planned if term.effect.acts != OPENING) if kind == "spnn" else (NO_GRAVITY,)
     found, networks = train_networks(

@@ -1,11 +1,11 @@
-"""The parameters of a ball with a body (a rigid ball on the plate): names, units and bounds.
+"""The parameters of a ball modelled as a rigid body: names, units and bounds.
 
-A parameter with a counterpart in the registry of effects takes its words, unit and bounds from there, converted to the
-ball itself: rad/s^2 on a ring become m/s^2 on the floor, a factor of gravity becomes an inertia, a gain of the tilt
-sensor becomes its inverse.
+A parameter with a counterpart in the registry of effects takes its description, unit and bounds from there. They are
+converted to the ball itself: rad/s^2 on a ring become m/s^2 on the floor, a factor of gravity becomes an inertia, and a
+gain of the tilt sensor becomes its inverse.
 
-A rig's model may hold a body (section `body` of model.yaml), identified in a record of all rings at once. It belongs to
-the effects that the rings had then: a model with other effects has no body.
+A rig's model may hold a rigid body (section `body` of model.yaml), identified from a record of all rings at once. It
+belongs to the effects that the rings had at that time, and counts as missing in a model with other effects.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter, Term
 from mazeplan.physics.registry import PACKAGED
 
-REACH = 0.1  # m; radius at which bounds in rad are converted
-LEAST_INERTIA = 0.05  # a ball with less has no spin
+REACH = 0.1  # m; radius for the conversion of bounds in rad
+LEAST_INERTIA = 0.05  # minimum; a ball with less has no spin
 ALONG = {("rad/s^2", -1): "m/s^2", ("1/rad", 1): "1/m"}  # unit along the track, by unit and power of the radius
 SAME, SCALE, INERTIA = "same", "scale", "inertia"  # conversion from the registry: x, 1 / x, 1 / x - 1
 
@@ -30,8 +30,12 @@ SAME, SCALE, INERTIA = "same", "scale", "inertia"  # conversion from the registr
 class Number:
     """One parameter of `BodyModel`, at `part` and `field`.
 
-    low, high: bounds; step: of finite differences; log: search by the logarithm, with a relative step; words: its name
-    in reports; effect: its counterpart EFFECT.PARAMETER in the registry, or ""; how: conversion from there."""
+    low, high:  bounds
+    step:       step of finite differences
+    log:        whether a search uses the logarithm, with a relative step
+    words:      its name in reports
+    effect:     its counterpart EFFECT.PARAMETER in the registry, or ""
+    how:        conversion from the counterpart: SAME, SCALE or INERTIA"""
 
     part: str
     field: str
@@ -61,7 +65,7 @@ def _named(part: str, field: str, effect: str, step: float, words: str = "", how
 
 
 def brought(value: float, how: str, power: int, radius: float) -> float:
-    """A value of the registry converted to the body."""
+    """A value of the registry, converted to the rigid body."""
     if how == SAME:
         return value / radius**power
     return 1.0 / value - (1.0 if how == INERTIA else 0.0)
@@ -70,7 +74,7 @@ def brought(value: float, how: str, power: int, radius: float) -> float:
 def _own(
     part: str, field: str, unit: str, bounds: tuple[float, float], step: float, words: str, log: bool = False
 ) -> Number:
-    """A parameter of the body alone."""
+    """A parameter without a counterpart in the registry."""
     return Number(part, field, unit, *bounds, step, log, words)
 
 
@@ -112,10 +116,12 @@ KEPT = (
 
 @dataclass(frozen=True)
 class Body:
-    """The body of a model. Raises ValueError for a value out of bounds.
+    """The rigid body of a model. Raises ValueError for a value out of bounds.
 
-    values: by name, of KEPT; of: `stamp` of the rings with which it was identified; stderr: if known; terms: further
-    effects on it (`effects.local_forces`, or a user's)."""
+    values:  by name, a name in KEPT
+    of:      `stamp` of the rings with which the body was identified
+    stderr:  standard errors by name, if known
+    terms:   further effects on the body (`effects.local_forces`, or a user's)"""
 
     values: dict[str, float]
     of: str

@@ -1,8 +1,8 @@
 """Scores of all kinds of ball models on one ring, and the map of their residuals.
 
-A process predicts accelerations by its mean, since their errors are squared. It is rolled out with heavy tails (see
-`fitting`), since those errors are absolute. In the map of residuals, impacts at the edges of openings show as stripes
-at fixed angles, friction as rows of one colour.
+A Gaussian process predicts accelerations by its mean, because their errors are squared. Roll-outs use the fit with
+heavy tails (see `fitting`), because their errors are absolute. In the map of residuals, impacts at the edges of
+openings show as stripes at fixed angles, friction as rows of one colour.
 """
 
 from __future__ import annotations
@@ -27,25 +27,31 @@ from mazeplan.learning.samples import RingSamples, SampleOptions
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_bootstrap, uniform_downsample
 
-PREDICTED = ("rf", "p", "pi", "np", "sp")  # unless others are asked for
-ROLLED = ("pi", "np", "npd", "sp")  # and networks
-MISFIT = 0.5  # of the spread of theta_dd: error of the model that the filter of a roll-out's start assumes
+PREDICTED = ("rf", "p", "pi", "np", "sp")  # default
+ROLLED = ("pi", "np", "npd", "sp")  # kinds with roll-outs, besides networks
+MISFIT = 0.5  # error of the model over the spread of theta_dd, as assumed by the filter before a roll-out
 THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
 COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "nn": 3.0, "spnn": 30.0, "roll": 0.5}  # relative duration
 CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
 ANGLES = 36  # cells of the residual map around the ring
-SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed between its cells, for either direction
-FEWEST = 3  # samples in a cell with a value
+SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed at the edges of its cells, for either direction
+FEWEST = 3  # minimum number of samples in a cell with a value
 
 
 @dataclass(frozen=True)
 class CompareOptions:
     """Settings of a comparison.
 
-    smoothing: of positions, if the table brings no derivatives; delay: of the ball behind the tilt, s, None: estimate
-    it, see `best_lag`; samples: of the samples; rates: or "auto", by the noise of the angle; fit: of the models; curve:
-    with learning curves; bands: of confidence; kinds: in `fitting.KINDS`; split: in `comparison.SPLITS`; seed: of all
-    random draws."""
+    smoothing:  of positions, if the table contains no derivatives
+    delay:      delay of the ball behind the tilt, s; None: estimated by `best_lag`
+    samples:    settings of the samples
+    rates:      rates of the samples; "auto": chosen by the noise of the angle
+    fit:        settings of the fits
+    curve:      whether to make learning curves
+    bands:      settings of the confidence bands
+    kinds:      names in `fitting.KINDS`
+    split:      a name in `comparison.SPLITS`
+    seed:       for all random draws"""
 
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
     delay: float | None = None
@@ -61,10 +67,10 @@ class CompareOptions:
 
 @dataclass(frozen=True)
 class RingData:
-    """Training and test samples of one ring (the same samples if a record is split), and which rows are whose.
+    """Training and test samples of one ring (the same samples if a record is split), with the rows of each set.
 
-    centre: of the rings, if the camera counts the angle about another point. Models are then fitted in the ball's own
-    angle; `seen` has the training and test samples as measured, for the scores."""
+    centre:  of the rings, if the camera counts the angle about another point; models are then fitted in the true angle
+    seen:    with a centre, the training and test samples as measured, for the scores"""
 
     train: RingSamples
     test: RingSamples
@@ -103,10 +109,11 @@ class RingData:
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Residuals of theta_dd in cells of rate (R) and angle (ANGLES).
+    """Residuals of theta_dd in cells of rate (R) and angle (ANGLES). Column j begins at theta = 2 pi j / ANGLES.
 
-    rate (R + 1,): edges of the cells, rad/s; count: samples in a cell; mean, rms: by kind, measured minus predicted,
-    rad/s^2, NaN in a cell with fewer than FEWEST samples. Column j begins at theta = 2 pi j / ANGLES."""
+    rate (R + 1,):  edges of the cells, rad/s
+    count:          number of samples in each cell
+    mean, rms:      by kind, of measured minus predicted, rad/s^2; NaN in a cell with fewer than FEWEST samples"""
 
     rate: Array
     count: IntArray
@@ -148,8 +155,11 @@ def residual_map(theta: Array, theta_dot: Array, residuals: Mapping[str, Array])
 
 @dataclass(frozen=True)
 class Best:
-    """The kind with the least roll-out error at the last of CHECKED, and the next one. less: by how much its error is
-    less on average, rad; interval: its 95 % interval, of the same windows in pairs, by blocks of time."""
+    """The kind with the smallest roll-out error at the last of CHECKED.
+
+    next:      the kind with the next larger error
+    less:      mean difference between the two errors, rad
+    interval:  95 % interval of this difference, from the same windows in pairs, by blocks of time"""
 
     kind: str
     next: str
@@ -158,7 +168,7 @@ class Best:
 
     @classmethod
     def of(cls, errors: Mapping[str, Array], block: IntArray, rng: np.random.Generator) -> Best | None:
-        """errors: of each window (N,), rad, by kind; block: of each window. None for fewer than two kinds."""
+        """errors: error of each window (N,), rad, by kind; block: of each window. None for fewer than two kinds."""
         if len(errors) < 2:
             return None
         best, following = sorted(errors, key=lambda kind: float(np.mean(errors[kind])))[:2]
@@ -171,9 +181,16 @@ class Best:
 class RingScores:
     """Scores of one ring; `document` is their JSON.
 
-    delay: s; signs: of beta and gamma; centre: m; rollout, interval, bands: of roll-outs, by kind and sample;
-    confidence: `Confidence.document` by kind; blocks: of time with test rows, and with windows; best: None with fewer
-    than two kinds of roll-outs; carried: see `comparison.carried_over`."""
+    delay:             of the ball behind the tilt, s
+    signs:             of beta and gamma, see `samples.orientation`
+    centre:            of the rings, m
+    rollout:           mean absolute error of theta, rad, by kind and sample
+    interval, bands:   95 % intervals of the scores, and bands of the roll-out errors
+    curve:             learning curve by kind: rows and test nRMSE
+    confidence:        `Confidence.document` by kind
+    blocks:            number of blocks of time with test rows, and with windows
+    best:              None with fewer than two kinds of roll-outs
+    carried:           see `comparison.carried_over`"""
 
     ring: int
     n_train: int
@@ -230,7 +247,7 @@ def score(
     progress: Words,
     advance: Advance,
 ) -> RingScores:
-    """Fit each kind and score it. openings: angles of the openings, rad, if known."""
+    """Fit each kind of model and score it. openings: angles of the openings, rad, if known."""
     rng = np.random.default_rng([options.seed, ring])
     windows = choose_windows(data.test, data.test_mask, openings)
     train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
@@ -266,7 +283,7 @@ def score(
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
-            if kind != "npd":  # rolled out by no equation of motion
+            if kind != "npd":  # npd has no equation of motion
                 same = np.random.default_rng([options.seed, ring, 1])  # the same draws for each kind
                 parts = data.train, data.train_rows, data.test, windows, rates, misfit, same, options.bands
                 found = confidence(fitted, *parts)
@@ -316,7 +333,7 @@ def nrmse(truth: Array, predicted: Array) -> float:
 def _curve(
     data: RingData, rows: IntArray, options: CompareOptions, progress: Words, advance: Advance
 ) -> dict[str, list[tuple[int, float]]]:
-    """Test nRMSE by number of training rows, which are the first of the record: more rows mean a longer record."""
+    """Test nRMSE by number of training rows, the first rows of the record: more rows mean a longer record."""
     fit = replace(options.fit, heavy_tails=False)  # no roll-outs here
     curve: dict[str, list[tuple[int, float]]] = {kind: [] for kind in options.kinds if kind != "p"}
     for share in CURVE[:-1]:

@@ -1,8 +1,8 @@
 """Roll-outs of a ball model from causal estimates along the measured tilt, scored by the error of theta.
 
-A window begins with the angle and the rate that a filter knew at its first sample. From there the model alone goes on.
-Windows end in front of an opening if the openings are known, where a good prediction counts most. Otherwise they are
-evenly spread.
+A window begins with the angle and the rate that a filter knew at its first sample. From there the model runs alone. If
+the openings are known, windows end in front of an opening, because a good prediction counts most there. Otherwise they
+are evenly spread.
 
 The filter is an extended Kalman filter over the last PAST samples, for all windows side by side: the model gives the
 acceleration, the camera the position.
@@ -21,14 +21,14 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.samples import LAG, RingSamples, pick
 from mazeplan.physics.formulas.arrays import RingKinematics
 
-STEPS = 40
-CHECKED = (20, 40)
-MOST = 400  # windows of a ring
+STEPS = 40  # samples of a roll-out
+CHECKED = (20, 40)  # samples after which errors are reported
+MOST = 400  # maximum number of windows of a ring
 FEWEST = 10  # windows in front of openings; with fewer, evenly spread windows are used
-NEAR = np.radians(12.0)  # rad between the end of a window and the opening in front of it
+NEAR = np.radians(12.0)  # rad; maximum angle from the end of a window to the opening in front of the ball
 FASTEST = 30.0  # rad/s; bounds a roll-out that diverges
 PAST = 45  # samples of the filter; 1.5 s at 30 Hz
-FIRST = 4  # samples apart, whose difference is the first guess of the rate
+FIRST = 4  # the difference of two angles so many samples apart gives the first guess of the rate
 MEMORY = 0.1  # s; correlation time of the errors of a model
 
 Accelerate = Callable[[RingKinematics], Array]
@@ -47,7 +47,10 @@ class Windows:
 
 @dataclass(frozen=True)
 class Rollout:
-    """angle (W, STEPS + 1): predicted, rad; error (W, STEPS + 1): absolute, against the measured angle, rad."""
+    """Roll-outs of W windows.
+
+    angle (W, STEPS + 1):  predicted, rad
+    error (W, STEPS + 1):  absolute error against the measured angle, rad"""
 
     angle: Array
     error: Array
@@ -91,7 +94,7 @@ def choose_windows(samples: RingSamples, allowed: np.ndarray, openings: Array | 
 
 
 def _thinned(first: IntArray, apart: int) -> IntArray:
-    """At most MOST of them, at least `apart` rows from one to the next."""
+    """At most MOST of these rows, at least `apart` rows from one to the next."""
     kept: list[int] = []
     for row in first.tolist():
         if not kept or row - kept[-1] >= apart:
@@ -132,9 +135,10 @@ def roll_out_delayed(
     theta_dot: Array,
     push: Array | None = None,
 ) -> Rollout:
-    """`roll_out` for a model of the rate LAG samples ago, taken from the angles rolled out, before from those measured.
+    """`roll_out` for a model whose input is the rate LAG samples ago.
 
-    Angles go by differences, theta_{k+1} = theta_k + dt v_{k+1/2}."""
+    This rate comes from the rolled-out angles, at the beginning from the measured angles. Angles advance by
+    theta_{k+1} = theta_k + dt v_{k+1/2}."""
     dt, n = samples.dt, len(start)
     push = np.zeros((1, STEPS + 1)) if push is None else push
     past = samples.measured[start[:, None] + np.arange(-LAG - 1, 0)]
@@ -150,7 +154,7 @@ def roll_out_delayed(
 
 
 def way_of(rates: str) -> Callable[..., Rollout]:
-    """The roll-out for models of this kind of rates, see `samples`."""
+    """The roll-out function for models with these rates, see `samples`."""
     return roll_out_delayed if rates == "delayed" else roll_out
 
 
@@ -170,7 +174,8 @@ def causal_start(
 ) -> tuple[Array, Array, Array]:
     """Filtered angle (W,), rate (W,) and their covariance (W, 2, 2) at rows `start`.
 
-    noise: of a measured angle, rad; misfit: rms error of the model, rad/s^2."""
+    noise:   standard deviation of a measured angle, rad
+    misfit:  rms error of the model, rad/s^2"""
     dt, R = samples.dt, max(noise, 1e-5) ** 2
     first = np.maximum(start - PAST, np.searchsorted(samples.segment, samples.segment[start]))
     ahead = np.minimum(first + FIRST, start)

@@ -1,10 +1,10 @@
 """Samples of each ring from a table: uninterrupted stretches with theta unwrapped, rates and accelerations.
 
 A stretch ends if the ball changes its ring or is not seen, or if the record is interrupted. Rates and accelerations of
-the table are used unchanged. Missing ones come from a smoothing, which is acausal: for training and scores only. The
-tilt is taken `delay` earlier than the ball, since the camera is late.
+the table are used unchanged. If they are missing, they come from a smoothing, which is acausal: for training and scores
+only. The tilt is taken `delay` earlier than the ball, because the camera is late.
 
-A model may take one of three rates of theta, even for a smoothed target:
+A model may use one of three rates of theta, even for a smoothed target:
 
     smoothed    acausal, of the same moment: the rate of a state
     delayed     (theta_{k-2} - theta_{k-3}) / dt: causal, before the samples that the target averages. At an impact on
@@ -30,12 +30,12 @@ from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivati
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.formulas.arrays import RingKinematics
 
-SLACK = 2e-3  # m; noise of the camera may move the ball so far into a wall
+SLACK = 2e-3  # m; the camera's noise may move the ball this far into a wall
 SHORTEST = 8  # samples; a shorter stretch has no derivatives
 RATE_RULES = ("smoothed", "delayed", "filtered")
-LAG = 2  # samples of the delayed rate
+LAG = 2  # delay of the delayed rate, samples
 FILTER = (1.21647638, -0.42187148, 0.2053951)  # v_k = a v_{k-1} + b v_{k-2} + c (x_k - x_{k-1}) / dt; the rig's own
-PAST = np.arange(-9, -2)  # earlier samples: their mean tilt moved the ball across the ring
+PAST = np.arange(-9, -2)  # lags of the earlier samples whose mean tilt moved the ball across the ring
 SETTLING = 20  # samples until the filter has forgotten its start to 1e-4
 
 
@@ -43,9 +43,13 @@ SETTLING = 20  # samples until the filter has forgotten its start to 1e-4
 class RingSamples:
     """Samples of one ring in order of time, arrays of shape (N,).
 
-    dt: s; k: state, rates and accelerations of the tilt; theta_ddot: target of the models, rad/s^2; measured: theta as
-    measured, unwrapped in its stretch; segment: number of the stretch; row: place in the record; good: rows without a
-    missing value. Other rows stay in place, so that neighbours are neighbours."""
+    dt:          time from sample to sample, s
+    k:           state, with rates and accelerations of the tilt
+    theta_ddot:  target of the models, rad/s^2
+    measured:    theta as measured, unwrapped in its stretch, rad
+    segment:     number of the stretch
+    row:         row in the record
+    good:        whether no value is missing; other rows stay in place, so that neighbours remain neighbours"""
 
     ring: int
     dt: float
@@ -66,7 +70,7 @@ class RingSamples:
 
 @dataclass(frozen=True)
 class MatchedKinematics(RingKinematics):
-    """States with the earlier tilt, means over PAST, rad. With delayed rates, the tilt itself is averaged, too."""
+    """States with the earlier tilt, a mean over PAST, rad. With delayed rates, the tilt itself is averaged, too."""
 
     beta_past: Array
     gamma_past: Array
@@ -84,10 +88,13 @@ def pick(k: RingKinematics, rows: Array | IntArray | np.ndarray) -> RingKinemati
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """Information beside the table. Raises SettingsError.
+    """Information in addition to the table. Raises SettingsError.
 
-    delay: of the ball behind the tilt, s; ring: the only one to use, or that of all rows of a table without rings
-    (`tells_rings`); radius: m, in place of the map's; recompute: ignore derivatives of the table; rates: see above."""
+    delay:      delay of the ball behind the tilt, s
+    ring:       the only ring to use; in a table without rings (`tells_rings`), the ring of all rows
+    radius:     in place of the map's radius, m
+    recompute:  whether to ignore derivatives of the table
+    rates:      see above"""
 
     delay: float = 0.0
     ring: int | None = None
@@ -108,7 +115,7 @@ def ring_samples(
     smoothing: Smoothing | None = None,
     options: SampleOptions | None = None,
 ) -> dict[int, RingSamples]:
-    """Samples by ring, for rings with samples. Raises TableError if there are none, or if their ring is unknown."""
+    """Samples by ring, for rings with samples. Raises TableError if there are none, or if the rings are unknown."""
     smoothing, options = smoothing or Smoothing(), options or SampleOptions()
     numbers = rings_wanted(table, maze, options)
     signals = _signals(table, smoothing, options)
@@ -138,7 +145,7 @@ def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float
 
 
 def tells_rings(table: Table, maze: Maze | None, options: SampleOptions) -> bool:
-    """Whether a table has the ring of each row: in a column, or by r and the map (not with a radius of the options)."""
+    """Whether a table has the ring of each row: in a column, or by r and the map (unless the options have a radius)."""
     return "ring" in table or ("r" in table and maze is not None and options.radius is None)
 
 
@@ -157,8 +164,8 @@ def rings_wanted(table: Table, maze: Maze | None, options: SampleOptions) -> Int
 def rings_of(table: Table, maze: Maze | None) -> IntArray:
     """Ring of each row (N,), 0 for none: by column, or by radius and map.
 
-    With radius and map, the ball must be in the channel: half in an opening, it moves differently. A disc has no
-    channel. Raises TableError for a ring that the map does not have, and without any of those columns."""
+    With radius and map, the ball must be in the channel, because it moves differently when it is half in an opening. A
+    disc has no channel. Raises TableError for a ring that the map does not have, or if those columns are missing."""
     highest = int(table["ring"].max(initial=0)) if "ring" in table and maze is not None else 0
     if maze is not None and highest > len(maze.rings):
         problem = f"ring: got {highest}, expected 1 to {len(maze.rings)}: the rings of the map {maze.name}"
@@ -215,7 +222,7 @@ def _signals(table: Table, smoothing: Smoothing, options: SampleOptions) -> dict
 
 
 def _averaged(values: Array, segment: Array, lags: IntArray, weights: Array) -> Array:
-    """Weighted mean (N,) over rows at these lags (negative: earlier), of those in the same segment."""
+    """Weighted mean (N,) over the rows of the same segment at these lags (negative: earlier)."""
     total, sum_of_weights, n = np.zeros(len(values)), np.zeros(len(values)), len(values)
     for lag, weight in zip(lags.tolist(), weights.tolist(), strict=True):
         at = np.clip(np.arange(n) + lag, 0, n - 1)
@@ -244,7 +251,7 @@ def _collect(
     smoothing: Smoothing,
     options: SampleOptions,
 ) -> RingSamples:
-    """The samples of one ring: `rows` of the table, `run` the stretch of each."""
+    """The samples of one ring; rows: rows of the table; run: stretch of each row."""
     dt, measured = table.dt, unwrapped(table["theta"][rows], run)
     if not options.recompute and "theta_dot" in table and "theta_ddot" in table:
         theta, rate, target = measured, table["theta_dot"][rows], table["theta_ddot"][rows]
@@ -286,8 +293,8 @@ def filtered(angle: Array, run: Array | IntArray, dt: float) -> Array:
 def orientation(found: dict[int, RingSamples]) -> tuple[int, int]:
     """Sign of beta and gamma relative to the ball's equation, each 1 or -1.
 
-    Gravity pulls the ball downhill. If the weight of a tilt's gravity term is negative by more than 8 standard errors
-    (of independent rows), this tilt is counted the other way round."""
+    Gravity pulls the ball downhill. If the weight of an axis' gravity term is negative by more than 8 standard errors
+    (of independent rows), the tilt of this axis has the opposite sign."""
     X, y = [], []
     for samples in found.values():
         k = samples.at(samples.good)
@@ -304,7 +311,7 @@ def orientation(found: dict[int, RingSamples]) -> tuple[int, int]:
 
 
 def oriented(samples: RingSamples, signs: tuple[int, int]) -> RingSamples:
-    """The samples with the signs of beta and gamma of the ball's equation."""
+    """The samples with beta and gamma multiplied by these signs, as in the ball's equation."""
     changed = {
         name: sign * getattr(samples.k, name)
         for axis, sign in zip(("beta", "gamma"), signs, strict=True)

@@ -3,14 +3,14 @@
 savgol  Savitzky and Golay (1964): derivatives at the middle of a polynomial fitted to a window of samples. Its effect
         on a signal is the same everywhere (`acceleration_kernel`); it gives nothing at the edges.
 rts     Rauch, Tung and Striebel (1965): the third derivative of the signal (model "jerk"), or the fourth ("snap"), is
-        white noise of density q, the samples have white noise of standard deviation sigma. A Kalman filter and a
+        white noise of density q, and the samples have white noise of standard deviation sigma. A Kalman filter and a
         smoother give the mean of the signal given all samples, also at edges and in gaps, with an unknown start.
-        Unknown q and sigma maximise the likelihood of the samples,
+        If q or sigma is unknown, it maximises the likelihood of the samples,
 
             -2 log L = sum_k [ log S_k + e_k^2 / S_k ],    e_k, S_k: innovation of the filter and its variance.
 
-        Only q / sigma^2 decides the smoothing; one of the two follows from the other in closed form. So the search is
-        over one number. The backward pass is that of Bryson and Frazier (1963), which needs no inverse.
+        Only q / sigma^2 decides the smoothing; given this ratio, sigma follows in closed form. So the search is over
+        one number. The backward pass is that of Bryson and Frazier (1963), which needs no inverse.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RATIOS = (-12.0, 4.0)
 GRID = 17  # ratios tried before the best is refined
 DIFFUSE = 1e7  # prior variance of the states over that of a sample and of a step; a larger one would lose digits
 SETTLED = 1e-12  # relative change per step below which the filter's covariance counts as constant
-TINY = 1e-200  # least variance, so that a constant signal has a likelihood
+TINY = 1e-200  # minimum variance, so that a constant signal has a likelihood
 
 
 def smoothed(signal: Array, window: int, *, deriv: int = 0, dt: float = 1.0) -> Array:
@@ -85,7 +85,7 @@ class Smoothing:
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Smoothed signal (N,), its first and second derivative per s and s^2; NaN: unknown."""
+    """Smoothed signal (N,), and its first and second derivative, per s and s^2; NaN: unknown."""
 
     value: Array
     rate: Array
@@ -105,9 +105,11 @@ def derivatives(
 ) -> Derivatives:
     """Signal (N,), rate and acceleration from samples `dt` s apart, NaN: missing. Raises ValueError for shapes and dt.
 
-    segment (N,): number of the uninterrupted stretch of each row; None: one stretch. An angle must be continuous
-    within a stretch (`unwrapped`). rts has one noise for all stretches. The result is NaN where the window does not
-    fit or meets a missing sample (savgol), outside a stretch and in long gaps (rts), and in short stretches.
+    segment (N,): number of the uninterrupted stretch of each row; None: one stretch.
+
+    An angle must be continuous within a stretch (`unwrapped`). rts has one noise for all stretches. The result is NaN
+    in short stretches; for savgol, where the window does not fit or meets a missing sample; for rts, outside a stretch
+    and in long gaps.
     """
     smoothing = smoothing or Smoothing()
     signal, number = _checked(signal, dt, segment)
@@ -129,7 +131,7 @@ def derivatives(
 
 
 def noise_of(signal: Array, dt: float, smoothing: Smoothing, *, segment: Array | IntArray | None = None) -> Noise:
-    """The noise of `derivatives` by rts. Raises ValueError, also if all stretches are short."""
+    """The noise that `derivatives` uses for rts. Raises ValueError as it does, and if all stretches are short."""
     signal, number = _checked(signal, dt, segment)
     pieces = _pieces(signal, number, smoothing)
     if not pieces:
@@ -190,7 +192,7 @@ def _savgol(signal: Array, dt: float, smoothing: Smoothing) -> Array:
 
 
 def _numbers(segment: Array | IntArray) -> IntArray:
-    """0, 1, ... (N,): counts the changes of segment, also those that rows without a sample hide."""
+    """Number of changes of segment up to each row, (N,), including changes at rows without a sample."""
     return np.cumsum(np.diff(np.asarray(segment, dtype=np.float64), prepend=segment[:1]) != 0.0)
 
 
@@ -224,7 +226,7 @@ def _chain(n: int) -> tuple[Array, Array]:
 
 
 def _most_likely(signal: Array, pieces: list[tuple[int, int]], dt: float, smoothing: Smoothing) -> Noise:
-    """Given process and noise; missing ones by maximum likelihood over all stretches."""
+    """The noise: given values, and missing ones by maximum likelihood over all stretches."""
     step, disturbance = _chain(smoothing.states)
     scale = dt ** (2 * smoothing.states - 1)  # q in units of one step
     q = None if smoothing.process is None else smoothing.process * scale
@@ -256,9 +258,10 @@ def _most_likely(signal: Array, pieces: list[tuple[int, int]], dt: float, smooth
 
 @njit(cache=True)
 def _innovations(y: Array, step: Array, disturbance: Array) -> tuple[float, float, int]:
-    """Sums of log S and e^2 / S over the samples of y (N,) but the first n, and their number.
+    """Sums of log S and e^2 / S over the samples of y (N,) except the first n, and the number of these samples.
 
-    The first n find the unknown start. S is in units of the noise of a sample: 1 plus the variance of the prediction.
+    The first n samples determine the unknown start. S is in units of the noise of a sample: 1 plus the variance of the
+    prediction.
     """
     n = len(step)
     nothing = np.empty((0, n))
@@ -334,7 +337,9 @@ def _forward(
 def _predict_covariance(
     P: Array, gain: Array, S: float, step: Array, disturbance: Array, after: Array, next_P: Array
 ) -> bool:
-    """Update P in place by a sample with this gain and one step; whether it is settled. after, next_P: workspace."""
+    """Update P in place by a sample with this gain and one step. Returns whether P is settled.
+
+    after, next_P: scratch space."""
     n = len(step)
     for i in range(n):
         for j in range(n):

@@ -18,14 +18,17 @@ from mazeplan.core.errors import SettingsError, TableError
 from mazeplan.core.records import Array, IntArray
 
 DRAWS = 1000  # of a bootstrap: the ends of a 95 % interval are then within about 2 % of its width
-WINDOWS = 10  # least windows for a share, which goes in steps of 1 / WINDOWS
-BLOCKS = 5  # least blocks for an interval: they give 126 different draws, 4 blocks only 35
+WINDOWS = 10  # minimum number of windows for a share, which has steps of 1 / windows
+BLOCKS = 5  # minimum number of blocks for an interval: 5 give 126 different draws, 4 only 35
 TOO_FEW = "too few"
 
 
 @dataclass(frozen=True)
 class Split:
-    """train, test (N,) bool: never both; block (N,): number of the block of each row."""
+    """A split of N rows.
+
+    train, test (N,):  whether a row is for training, or for testing; never both
+    block (N,):        number of the block of each row"""
 
     train: np.ndarray
     test: np.ndarray
@@ -69,7 +72,7 @@ def block_split(
     block = np.arange(n) // length
     if mode == "tail":
         wanted = np.arange(n) >= n - round(test_share * n)
-    else:  # a block is test when the share of the blocks so far passes a whole number (1e-9: rounding)
+    else:  # a block is test when test_share times the number of blocks so far passes a whole number (1e-9: rounding)
         due = np.floor((block + 1) * test_share + 1e-9) - np.floor(block * test_share + 1e-9)
         wanted = due > 0.5
     kept = ~near_border(wanted, segment, guard)
@@ -81,7 +84,7 @@ def block_split(
 
 
 def near_border(wanted: np.ndarray, segment: Array, guard: int) -> np.ndarray:
-    """Rows (N,) with a row of the other set within `guard` rows in their own segment."""
+    """Rows (N,) that have a row of the other set within `guard` rows, in the same segment."""
     borders = np.flatnonzero((np.diff(wanted) != 0) & (np.diff(segment) == 0.0)) + 1
     number = np.cumsum(np.diff(segment, prepend=segment[:1]) != 0.0)
     near = np.zeros(len(wanted), dtype=bool)
@@ -111,9 +114,9 @@ def block_bootstrap(
 ) -> tuple[float, float]:
     """(low, high): interval of `statistic` with probability `level`, drawing whole blocks with replacement.
 
-    values:    (N,) or (N, k), a row each
+    values:    (N,) or (N, k), one row for each observation
     blocks:    (N,) number of the block of each row
-    statistic: of an array like values
+    statistic: function of an array like values
 
     With fewer than some 20 blocks, or blocks shorter than the memory of the record, the interval is too narrow.
     (nan, nan) with fewer than two blocks.

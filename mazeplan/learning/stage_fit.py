@@ -20,19 +20,22 @@ from mazeplan.physics.rig.stage import StageAxis, simulate_axis
 GRID = (  # starts: natural frequencies in rad/s, dampings, dead times in s
     (2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (0.2, 0.5, 1.0, 2.0), (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1, 0.15, 0.2, 0.3),
 )  # fmt: skip
-LOOKED_AT = 3000  # samples that choose among them
-STARTS = 3  # fits: a fast axis with a dead time is much like a slow one without
-FEWEST = 60  # samples
-LEAST_RANGE = 1e-3  # rad, of commands
+LOOKED_AT = 3000  # maximum number of samples for the choice among these
+STARTS = 3  # number of starts: a fast axis with a dead time resembles a slow axis without
+FEWEST = 60  # minimum number of samples
+LEAST_RANGE = 1e-3  # rad; minimum range of the commands
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
-SETTLE_S = 0.5  # s at the beginning of a stretch that are left out: the motion before it is unknown ...
-SETTLE_TIMES = 3.5  # ... and as many time constants of the slowest pole (3 % left), up to a third of the stretch
+SETTLE_S = 0.5  # minimum s left out at the beginning of a stretch, because the motion before it is unknown
+SETTLE_TIMES = 3.5  # time constants of the slowest pole left out there (3 % remain), up to a third of the stretch
 
 
 @dataclass(frozen=True)
 class StageFit:
-    """An axis fitted to a log. rms: rad, of measured minus simulated angle; samples used."""
+    """An axis fitted to a log.
+
+    rms:      of measured minus simulated angle, rad
+    samples:  number of samples used"""
 
     axis: StageAxis
     rms: float
@@ -42,8 +45,10 @@ class StageFit:
 def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None) -> StageFit:
     """Fit one axis to commands u (N,) and measured angles (N,), sampled every dt s.
 
-    breaks: True where a new record begins; near: a similar axis to start from, which saves the grid. Raises ValueError
-    for fewer than FEWEST samples or a constant command."""
+    breaks:  True where a new record begins
+    near:    a similar axis to start from, in place of the grid
+
+    Raises ValueError for fewer than FEWEST samples or a constant command."""
     if len(u) < FEWEST:
         raise ValueError(f"got {len(u)} samples, expected at least {FEWEST}: record for longer")
     if np.ptp(u) < LEAST_RANGE:
@@ -66,7 +71,7 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
     best = min((least_squares(error, _point(start), **how) for start in starts), key=lambda found: found.cost)
     n = len(best.fun)
     variance = 2.0 * best.cost / max(n - 5, 1)
-    # pinv would drop directions without information and so call them certain
+    # pinv would drop directions without information, so that they would seem certain
     _, sizes, turn = np.linalg.svd(best.jac, full_matrices=False)
     sigma = np.sqrt(variance) * np.linalg.norm(turn.T / np.maximum(sizes, 1e-12 * sizes[0]), axis=1)
     wn, zeta = math.exp(best.x[1]), math.exp(best.x[2])

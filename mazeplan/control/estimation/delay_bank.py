@@ -1,9 +1,9 @@
 """Online identification of the camera's delay, for a rig whose model has none.
 
 A bank of estimators, one per candidate delay, gets the same samples and commands. While the tilt changes, a wrong delay
-gives wrong predictions: one frame of error is millimetres of innovation within a few tenths of a second. The bank uses
-the estimator with the smallest innovations, and switches only to one that is clearly better. (Bank of models with hard
-switching; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, chapter 11.)
+gives wrong predictions: one frame of error causes millimetres of innovation within a few tenths of a second. The bank
+uses the estimator with the smallest innovations. It switches only to a clearly better estimator. (Bank of models with
+hard switching; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, ch. 11.)
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from mazeplan.core.records import Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 
-FRAMES = (0.0, 1.0, 2.0, 3.0, 4.0)  # samples of delay tried
-MEMORY = 0.98  # of a score, per sample: 50 samples
+FRAMES = (0.0, 1.0, 2.0, 3.0, 4.0)  # delays tried, samples
+MEMORY = 0.98  # share of a score kept per sample: a memory of 50 samples
 MOVING = 0.03  # m/s; a slower ball shows friction rather than delay
 LEAST = 1e-8  # m^2; limits the ratio of scores for a camera without noise
 MOST = 0.01  # m; limit of one innovation, so that an outlier does not decide
-CLEARLY = 12.0  # of -2 log likelihood, with the variance of the innovations unknown
+CLEARLY = 12.0  # minimum gain of -2 log likelihood for a switch, with the variance of the innovations unknown
 
 
 class DelayBank:
@@ -72,12 +72,12 @@ class DelayBank:
         self._bank[0].warm_up()
 
     def sent(self, command: Command, t: float) -> None:
-        """Note a command given to the rig at time t."""
+        """Record a command given to the rig at time t, s."""
         for estimator in self._bank:
             estimator.sent(command, t)
 
     def update(self, observation: Observation) -> State:
-        """Take in one sample; the state at the moment when a command sent now will act."""
+        """Take in one sample. Returns the state at the moment when a command sent now will act."""
         states = [estimator.update(observation) for estimator in self._bank]
         moving = self.filtered is not None and math.hypot(self.filtered.vx, self.filtered.vy) > MOVING
         if observation.seen and moving:
@@ -98,7 +98,7 @@ class DelayBank:
 def estimator_for(
     maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
 ) -> Estimator | DelayBank:
-    """The estimator for a model: for a rigid body if the model has one; a `DelayBank` if the delay is unknown."""
+    """The estimator for a model: a `DelayBank` if the delay is unknown, else for a rigid body if the model has one."""
     body = body_of(model)
     if body is not None and model.delay_known:
         return BodyEstimator(maze, model, body, options, rate_hz)

@@ -9,10 +9,10 @@ The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`.
 3. the planar model predicts on to now under the known tilt, and to the moment when the next command acts under the
    queued commands. This state is returned: it has no lag.
 
-The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree, it
-restarts there. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of the last sample. Without
-samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with hysteresis, when the
-predicted ball is past the middle of the wall by a margin.
+The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree,
+the filter restarts at their position. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of
+the last sample. Without samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with
+hysteresis, when the predicted ball is past the middle of the wall by a margin.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 
-APART = math.radians(1.5)  # rad; larger differences from the tilt by the commands alone ...
-APART_SAMPLES = 5  # ... in so many samples in a row mean that the plate does not follow
+APART = math.radians(1.5)  # rad; allowed difference between the tilt and the tilt predicted from the commands alone
+APART_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
 Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
-SPIN, SIZE = 8, 9  # of a state z: that of `planar`, and behind it the spin of a ball that has one, m/s
+SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
 HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
 HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
 
@@ -43,10 +43,13 @@ HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
 class EstimatorOptions:
     """Settings of the estimator.
 
-    camera_sigma: m, 1 sigma of one sample; acceleration_sigma: m/s^2 that the planar model does not explain;
-    outlier_sigmas: innovation beyond which a sample is an outlier; outliers_to_restart: so many agreeing outliers in a
-    row restart the filter; lost_after: s without a sample; ring_margin: m past the middle of a wall before the ring
-    changes; plate: noise of the tilt filter.
+    camera_sigma:         1 sigma of one sample, m
+    acceleration_sigma:   acceleration that the planar model does not explain, 1 sigma, m/s^2
+    outlier_sigmas:       a sample with a larger innovation is an outlier, sigmas
+    outliers_to_restart:  number of agreeing outliers in a row that restart the filter
+    lost_after:           time without a sample after which the ball is lost, s
+    ring_margin:          distance past the middle of a wall at which the ring changes, m
+    plate:                noise of the tilt filter
     """
 
     camera_sigma: float = 0.5e-3
@@ -110,13 +113,13 @@ class Estimator:
         return Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
 
     def sent(self, command: Command, t: float) -> None:
-        """Note a command given to the rig at time t."""
+        """Record a command given to the rig at time t, s."""
         self._commands.append((t + self.dead_time, command.u_beta, command.u_gamma))
         while len(self._commands) > 2 and self._commands[1][0] < t - HISTORY_S:
             self._commands.popleft()
 
     def update(self, observation: Observation) -> State:
-        """Take in one sample; the state at the moment when a command sent now will act."""
+        """Take in one sample. Returns the state at the moment when a command sent now will act."""
         self.begin(observation)
         self.correct(observation)
         return self.finish(observation, self.predicted(observation.t))
@@ -142,7 +145,7 @@ class Estimator:
         z = self.ball()
         if self._z is not None:
             self.advance(z, self._measured_at, t)
-        self.lay(z)
+        self.set_tilt(z)
         self.foresee(z, t, t + self.dead_time)
         return z
 
@@ -170,14 +173,14 @@ class Estimator:
         """The last measured moment, s; None before the first sample."""
         return None if self._z is None else self._measured_at
 
-    def lay(self, z: Array) -> None:
+    def set_tilt(self, z: Array) -> None:
         """Write the filtered tilt of now into z (9,)."""
         z[4:6], z[6:8] = self._axes[0].mean, self._axes[1].mean
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
-        """The state returned by `update`, predicted `seconds` on with the last command held.
+        """The state returned by `update`, predicted `seconds` further with the last command held.
 
-        beside: offset of the start, x and y in m."""
+        beside: offset of the start in x and y, m."""
         if self._acting_z is None or self._ring is None:
             raise RuntimeError("no observation yet")
         z, t = self._acting_z.copy(), self._acts_at
@@ -229,13 +232,13 @@ class Estimator:
         return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
 
     def advance(self, z: Array, start: float, end: float) -> None:
-        """Advance the ball in z from start to end, which is past, under the filtered tilt."""
+        """Advance the ball in z from start to end, in the past, under the filtered tilt."""
         times, tilts = self._tilt_history()
         p = self._planar
         predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
     def foresee(self, z: Array, start: float, end: float) -> None:
-        """Advance ball and plate in z from start to end, which is to come, under the commands given so far."""
+        """Advance ball and plate in z from start to end, in the future, under the commands given so far."""
         if end <= start:
             return
         queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
@@ -292,11 +295,11 @@ class Estimator:
         self._correct(innovation)
 
     def _variance(self) -> float:
-        """Of an innovation, m^2, along either axis."""
+        """Variance of an innovation along either axis, m^2."""
         return float(self._covariance[0, 0]) + self._options.camera_sigma**2
 
     def _correct(self, innovation: Array) -> None:
-        """Correct with a sample that is no outlier."""
+        """Correct the state by the innovation of a sample that is no outlier."""
         assert self._z is not None
         z, gain = self._z, self._covariance[:, 0] / self._variance()
         z[:2] += gain[0] * innovation

@@ -20,7 +20,10 @@ AGREE = 4  # outliers in a row that agree
 
 @dataclass(frozen=True)
 class PlateNoise:
-    """1-sigma figures: `sensor` rad per sample, `acceleration` rad/s^2 that the servo model does not explain."""
+    """1-sigma figures of the noise.
+
+    sensor:        noise of one sample, rad
+    acceleration:  acceleration that the servo model does not explain, rad/s^2"""
 
     sensor: float = 1.0e-3  # rad; 0.05 deg of the toy's diode, a little wider
     acceleration: float = 4.0  # rad/s^2; 1/10 of what the servo does at a full step
@@ -36,7 +39,7 @@ class AxisFilter:
     covariance: Array = field(default_factory=lambda: np.diag([1e-4, 1e-2]))
 
     def predict(self, command: float, dt: float) -> None:
-        """Advance by dt with `command` acting all the time."""
+        """Advance by dt, s, with `command` acting all the time."""
         transition = servo_transition(self.axis.natural_frequency, self.axis.damping, dt)
         self.mean = servo_step(self.axis, self.mean, command, dt)
         q = self.noise.acceleration**2

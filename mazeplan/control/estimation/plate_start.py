@@ -1,7 +1,8 @@
 """Initial motion of the plate in each stretch of a record.
 
-A simulated stage starts at rest, the real one in motion. Both obey the same linear equation, so they differ by a free
-motion, angle'' = -wn^2 angle - 2 zeta wn angle'. Least squares on the first tilt samples gives its start (angle, rate).
+A simulated stage starts at rest, the real stage in motion. Both obey the same linear equation, so they differ by a free
+motion, angle'' = -wn^2 angle - 2 zeta wn angle'. A least-squares fit to the first tilt samples gives the start (angle,
+rate) of this free motion.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ def with_true_starts(
 ) -> PlateMotion:
     """The simulated motion plus the free motion of each stretch.
 
-    tilts (N, 2): measured beta, gamma, rad; first (N,): whether a stretch begins; dt: s; axes: of beta, gamma. The grid
-    of `plate` begins with the first row."""
+    plate:         simulated motion; its grid begins with the first row
+    tilts (N, 2):  measured beta and gamma, rad
+    first (N,):    whether a stretch begins
+    dt:            time from row to row, s
+    axes:          axes of beta and gamma"""
     per, motion = round(dt / plate.step), plate.motion.copy()
     rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
     for a, b in pairwise([*np.flatnonzero(first).tolist(), len(tilts)]):

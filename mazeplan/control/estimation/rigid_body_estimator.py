@@ -1,7 +1,7 @@
-"""The estimator of a ball that is a rigid body: it knows spin, place in the channel and walls.
+"""Estimator for a ball modelled as a rigid body: it knows the spin, the place in the channel and the walls.
 
-It is an `Estimator` in which the ball moves by `physics.rigid_body` between pictures and up to now, with the filter of
-`rigid_body_filter`. Plate, outliers, lost pictures and the way to the next command are those of `Estimator`.
+It is an `Estimator` whose ball moves by `physics.rigid_body`. Pictures correct the ball by the filter of
+`rigid_body_filter`. `Estimator` handles the plate, outliers, lost pictures and the steps up to the next command.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.dynamics.walls import pack_walls
 
-BALL = [0, 1, 2, 3, SPIN]  # where the ball's state is in z
+BALL = [0, 1, 2, 3, SPIN]  # indices of the ball's state in z
 BEFORE = 1e-9  # s
 SUBSTEP = 1.0 / 150.0  # s, at most
-UNSURE = 3e-4  # m^2/s^3; of white acceleration, for what is not known of the tilt in a run: sensor and commands alone
-LONGEST = 0.5  # s that the ball is followed without a picture; beyond, it stays where it was
+UNSURE = 3e-4  # m^2/s^3; minimum white acceleration: a run knows the tilt only from sensor and commands
+LONGEST = 0.5  # s; maximum prediction without a picture; after it the ball stays in place
 
 
 @njit(cache=True, error_model="numpy")
 def _carry(ball, walls, effects, lens, rows, h, mean, P, room):
-    """Carry mean (5,) and P (5, 5) over all rows, with the noise of the way; room (15, 5)."""
+    """Predict mean (5,) and covariance P (5, 5) over all rows, with process noise; room (15, 5): scratch space."""
     core = body_core(ball, walls, effects)
     hit = predict_body(core, rows, 0, len(rows), h, mean, P, room[10:], room[:10])
     wandered(P, lens, h * len(rows), hit)
@@ -50,13 +50,14 @@ def _carry(ball, walls, effects, lens, rows, h, mean, P, room):
 
 @njit(cache=True, error_model="numpy")
 def _taken(lens, mean, P, gain, a, b):
-    """Update mean and P by an innovation; gain (5, 2): room."""
+    """Correct mean and P by the innovation (a, b); gain (5, 2): scratch space."""
     correct(mean, P, gain, 1.0, a, b, P[0, 0] + lens.variance, P[1, 1] + lens.variance, P[0, 1])
 
 
 class BodyEstimator(Estimator):
-    """Filter and predictor for one run, as `Estimator`. body: the ball, and the delay of the camera; the model has the
-    camera's other numbers."""
+    """Filter and predictor for one run, like `Estimator`.
+
+    body: the ball and the delay of the camera; the other numbers of the camera are in the model."""
 
     def __init__(
         self, maze: Maze, model: RigModel, body: BodyModel, options: EstimatorOptions | None = None,
@@ -69,7 +70,7 @@ class BodyEstimator(Estimator):
         self._lens = lens_of(CameraView(noise=body.view.noise), wander)
         self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
         self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
-        self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) then
+        self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) at t
 
     def _twin(self) -> Estimator:
         return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
@@ -96,8 +97,10 @@ class BodyEstimator(Estimator):
         return tuple(row)
 
     def _moved(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
-        """The motion at the end of each piece, from that of `plate` on. In between the acceleration goes from one to
-        the other: a servo's set point runs to its command, it does not jump there."""
+        """The plate's motion at the end of each piece; plate: angle and rate of each axis at the beginning.
+
+        In between, the acceleration changes gradually, because a servo's set point runs to its command without a jump.
+        """
         rows = []
         for start, end, u in pieces:
             plate = [
@@ -108,7 +111,7 @@ class BodyEstimator(Estimator):
         return rows
 
     def _rows(self, motions: Sequence[tuple[float, ...]], start: float, end: float) -> tuple[Array, float]:
-        """Rows of `physics.plate` from start to end, and the sub-step; motions: t, and the plate's motion (6) then."""
+        """Rows of `physics.plate` from start to end, and the sub-step; motions: t, and the plate's motion (6) at t."""
         count = max(1, math.ceil((end - start) / SUBSTEP - 1e-6))
         h = (end - start) / count
         history = np.array(motions)
@@ -132,7 +135,7 @@ class BodyEstimator(Estimator):
         z[4:6], z[6:8] = motions[-1][1:3], motions[-1][4:6]
 
     def _roll(self, z: Array, motions: Sequence[tuple[float, ...]], start: float, end: float) -> None:
-        """Advance the ball in z on a plate that moves so."""
+        """Advance the ball in z from start to end, on a plate with these motions."""
         if end <= start + 1e-9:
             return
         rows, h = self._rows(motions, start, min(end, start + LONGEST))

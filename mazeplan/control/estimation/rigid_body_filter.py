@@ -1,14 +1,14 @@
-"""Cubature Kalman filter of a ball that is a rigid body: (x, y, vx, vy, w) of `physics.rigid_body`, picture by picture.
+"""Cubature Kalman filter for a ball modelled as a rigid body: state (x, y, vx, vy, w) of `physics.rigid_body`.
 
-    points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten, all of the same weight
+    points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten points of equal weight
     motion     each point through `physics.rigid_body.step` at the moments that the camera shows: t - delay
     picture    y = scale Rot(angle) (x, y) + offset + noise; linear, so the update is exact
-    noise      white accelerations in x, y and w; a contact with a wall adds an error of the velocities, a share of the
-               change that it made
+    noise      white accelerations in x, y and w; a contact with a wall adds an error of the velocities, which is a
+               share of the change that the contact made
 
-(the third-degree cubature rule; Arasaratnam and Haykin, IEEE Trans. Automatic Control 54, 2009). Without a picture the
-prediction goes on for up to `BRIDGED` s. A picture that is far off moves nothing and counts as one at the limit.
-Several of them in a row start the filter again.
+This is the third-degree cubature rule (Arasaratnam and Haykin, IEEE Trans. Automatic Control 54, 2009). Without a
+picture the prediction goes on for up to `BRIDGED` s. A picture that is far off does not correct the state, and counts
+in the likelihood like a picture at the limit. Several such pictures in a row restart the filter.
 
     -2 log L = sum over pictures of nu' S^-1 nu + log det S
 """
@@ -31,24 +31,28 @@ from mazeplan.physics.dynamics.rigid_body_effects import effects_of, idle
 from mazeplan.physics.dynamics.walls import Walls
 from mazeplan.physics.effect import Term
 
-SUBSTEPS = 5  # a picture: 1/150 s; with ten or twenty the likelihood is the same but for its roughness
+SUBSTEPS = 5  # per picture, 1/150 s each; ten or twenty change only the roughness of the likelihood
 POINTS = 2 * STATE
 BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that do not count
-EARLY = 24  # pictures of a stretch that do not count: more than those whose moment lies before it
-FAR = 36.0  # of nu' S^-1 nu; a picture beyond is not believed
-TWICE = 3  # pictures in a row that are not believed: the filter starts again
+EARLY = 24  # first pictures of a stretch that do not count; more than those that show the time before it
+FAR = 36.0  # limit of nu' S^-1 nu; a picture beyond it is rejected
+TWICE = 3  # number of rejected pictures in a row that restart the filter
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
-STRAIGHTENED = 4  # rounds of the fixed point that takes off the lens
-LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
+STRAIGHTENED = 4  # fixed-point iterations that remove the distortion of the lens
+LEAST = 1e-18  # minimum variance, so that a Cholesky factor exists
 REMEMBERED = 1.2e8  # bytes of innovations that a filter keeps
-ALIKE = 12  # significant digits in which the numbers of two models agree, if they are the same model
+ALIKE = 12  # two models are the same if their numbers agree in this many significant digits
 
 
 class CameraView(NamedTuple):
-    """The camera: offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma; bend: of the lens, 1/m^2.
+    """The camera: seen = offset + d (1 + bend |d|^2), d = scale Rot(angle) (x, y).
 
-    seen = offset + d (1 + bend |d|^2), d = scale Rot(angle) (x, y)."""
+    offset_x, offset_y:  m
+    angle, scale:        rotation, rad, and scale
+    delay:               s
+    noise:               one sigma, m
+    bend:                distortion of the lens, 1/m^2"""
 
     offset_x: float = 0.0
     offset_y: float = 0.0
@@ -60,8 +64,10 @@ class CameraView(NamedTuple):
 
 
 class Wander(NamedTuple):
-    """Unexplained motion. plane, spin: intensity of white accelerations in the plane and of the spin, m^2/s^3; strike:
-    standard deviation of the velocity behind a contact, over the speed that the wall took away."""
+    """Unexplained motion.
+
+    plane, spin:  intensity of white accelerations in the plane and of the spin, m^2/s^3
+    strike:       standard deviation of the velocity after a contact, over the speed that the wall took away"""
 
     plane: float = 1e-4
     spin: float = 1e-8
@@ -70,8 +76,12 @@ class Wander(NamedTuple):
 
 @dataclass(frozen=True)
 class BallPictures:
-    """The ball in the pictures of a record. y (N, 2): m, NaN if lost; first (N,): a stretch begins; t (N,), dt: s, by
-    counting pictures; clock (N,): true time, s, for effects that change with time, None if it equals t."""
+    """The ball in the pictures of a record.
+
+    t (N,), dt:  time by counting pictures, s
+    y (N, 2):    measured position, m; NaN if lost
+    first (N,):  whether a stretch begins
+    clock (N,):  true time, s, for effects that change with time; None if it equals t"""
 
     t: Array
     dt: float
@@ -95,9 +105,13 @@ class BodyModel(NamedTuple):
 
 @dataclass(frozen=True)
 class Filtered:
-    """nu (N, 2): innovations in m, in the plate's axes, NaN where nothing counts; S (N, 3): their variances and the
-    covariance between (xx, yy, xy); state (N, 5), cov (N, 5, 5): behind each picture; starts: how often the filter
-    started; left_out: pictures that it did not believe; minus2: -2 log L."""
+    """Result of the filter.
+
+    nu (N, 2):                    innovations in the plate's axes, m; NaN where nothing counts
+    S (N, 3):                     their variances and covariance: xx, yy, xy
+    state (N, 5), cov (N, 5, 5):  mean and covariance after each picture
+    starts, left_out:             number of starts of the filter, and of rejected pictures
+    minus2:                       -2 log L"""
 
     nu: Array
     S: Array
@@ -108,7 +122,7 @@ class Filtered:
     minus2: float
 
     def whitened(self) -> Array:
-        """Innovations (K, 2) of those that count, each pair turned into two independent numbers of variance 1."""
+        """The K innovations that count, each pair transformed into two independent numbers of variance 1: (K, 2)."""
         keep = np.isfinite(self.nu[:, 0])
         (a, b), (xx, yy, xy) = self.nu[keep].T, self.S[keep].T
         first = a / np.sqrt(xx)
@@ -158,15 +172,16 @@ def _cholesky(P, L):
 
 @njit(cache=True, error_model="numpy")
 def predict_body(core, rows, first, count, h, mean, P, L, points):
-    """Carry mean (5,) and P (5, 5) through `count` sub-steps whose rows begin at row `first`; points (10, 5), L: room
-    to work in. How much walls changed the speed, m/s, on average over the points."""
+    """Predict mean (5,) and P (5, 5) through `count` sub-steps from row `first` on; points (10, 5), L: scratch space.
+
+    Returns how much walls changed the speed, m/s, on average over the points."""
     _cholesky(P, L)
     spread, width, hits = math.sqrt(float(STATE)), rows.shape[1], 0.0
     for n in range(POINTS):
         sign, column = (spread, n) if n < STATE else (-spread, n - STATE)
         for i in range(STATE):
             points[n, i] = mean[i] + sign * L[i, column]
-    for j in range(first, first + count):  # points one after the other: the processor works on several of them at once
+    for j in range(first, first + count):  # all points in each sub-step: the processor works on several points at once
         row = pointer_to(rows, j * width)
         begin_step(core, row)
         for n in range(POINTS):
@@ -192,7 +207,7 @@ def predict_body(core, rows, first, count, h, mean, P, L, points):
 
 @njit(cache=True, error_model="numpy")
 def wandered(P, lens, dt, hit):
-    """White accelerations over dt s, and the noise of contacts that took `hit` m/s away, added to P (5, 5)."""
+    """Add to P (5, 5) the white accelerations over dt s, and the noise of contacts that took `hit` m/s away."""
     for i in range(2):
         P[i, i] += lens.plane * dt * dt * dt / 3.0
         P[i, i + 2] += lens.plane * dt * dt / 2.0
@@ -207,8 +222,9 @@ def wandered(P, lens, dt, hit):
 
 @njit(cache=True, error_model="numpy")
 def correct(mean, P, gain, scale, a, b, xx, yy, xy):
-    """Update mean (5,) and P (5, 5) by innovations (a, b) with variances (xx, yy) and covariance xy; gain (5, 2): room
-    to work in."""
+    """Correct mean (5,) and P (5, 5) by innovations (a, b) with variances xx, yy and covariance xy.
+
+    gain (5, 2): scratch space."""
     det = xx * yy - xy * xy
     for i in range(STATE):
         c, d = scale * P[i, 0], scale * P[i, 1]
@@ -227,7 +243,7 @@ def correct(mean, P, gain, scale, a, b, xx, yy, xy):
 
 @njit(cache=True, error_model="numpy")
 def begin(mean, P, lens, a, b):
-    """Start at the place (a, b), in the plate's axes times the scale."""
+    """Start the filter at the place (a, b), which is in the plate's axes times the scale."""
     mean[:], P[:] = 0.0, 0.0
     mean[0], mean[1] = a / lens.scale, b / lens.scale
     P[0, 0] = P[1, 1] = lens.variance / (lens.scale * lens.scale)
@@ -237,8 +253,8 @@ def begin(mean, P, lens, a, b):
 
 @njit(cache=True, error_model="numpy")
 def _straightened(lens, u, v):
-    """The picture's place from the camera's middle as without the bend of the lens, and by how much the lens widens
-    things there (the mean of along and across)."""
+    """The place (u, v), counted from the camera's middle, without the distortion of the lens; and the magnification of
+    the lens there (mean of the radial and the tangential one)."""
     if lens.bend == 0.0:
         return u, v, 1.0
     a, b = u, v
@@ -250,8 +266,7 @@ def _straightened(lens, u, v):
 
 @njit(cache=True, error_model="numpy")
 def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state, cov):
-    """Filter pictures y (N, 2); results as in `Filtered` into nu, S, state, cov; (starts, pictures left out, -2 log
-    L)."""
+    """Filter pictures y (N, 2). Writes nu, S, state and cov as in `Filtered`. Returns (starts, left_out, minus2)."""
     core = body_core(ball, walls, effects)
     mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
     points, gain = np.empty((POINTS, STATE)), np.empty((STATE, 2))
@@ -311,7 +326,7 @@ class BodyFilter:
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
     def part(self, rows: np.ndarray) -> BodyFilter:
-        """The filter of some pictures (N,) alone; where one before is left out, a stretch begins."""
+        """A filter for some of the pictures, a mask (N,). A new stretch begins after each gap."""
         p = self.pictures
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
@@ -335,7 +350,7 @@ class BodyFilter:
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
         lens = lens_of(view, model.wander)
         rows = self.rows(model.tilting, view.delay)
-        late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
+        late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
         numbers = Ball(*map(float, model.ball))
         found = _run(
             numbers, self.walls, effects_of(model.terms), lens, self._y, self._first, rows, self.pictures.dt,
@@ -344,8 +359,9 @@ class BodyFilter:
         return Filtered(nu, S, state, cov, *found)
 
     def innovations(self, model: BodyModel) -> Innovations:
-        """The innovations of all pictures. Those of recent models are remembered: a search comes back to a point again
-        and again. Raises ValueError as `run` does."""
+        """The innovations of all pictures. Raises ValueError as `run` does.
+
+        Results of recent models are kept, because a search returns to the same points."""
         key = _key(model)
         if key in self._known:
             self._known.move_to_end(key)
@@ -357,8 +373,9 @@ class BodyFilter:
         return self._known[key]
 
     def rolled_out(self, model: BodyModel, states: Array, starts: IntArray, steps: int) -> Array:
-        """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
-        `starts` (W,) on, by the model alone, along the plate's motion."""
+        """Roll-outs as the camera would see the ball, (W, steps + 1, 2), m, along the plate's motion.
+
+        They begin at the pictures `starts` (W,), with the states (N, 5) of all pictures."""
         rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
         ball, effects, out = Ball(*map(float, model.ball)), effects_of(model.terms), np.empty((steps * per, STATE))
         places = np.empty((len(starts), steps + 1, 2))
@@ -373,8 +390,8 @@ class BodyFilter:
 
 
 def _key(model: BodyModel) -> tuple[object, ...]:
-    """The same for models that filter alike: a search that takes a logarithm and its inverse changes the last digits of
-    a number."""
+    """Key of a model for its results. It leaves out the last digits of a number: a search that takes a logarithm and
+    its inverse changes them."""
     numbers = (*model.ball, *model.tilting, *model.view, *model.wander)
     terms = [term for term in model.terms if not idle(term)]
     sizes = (number for term in terms for number in term.numbers)

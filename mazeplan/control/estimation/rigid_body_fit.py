@@ -9,9 +9,9 @@ nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt (a
 with g_k half of the gradient of picture k. The same steps find noise and physics. Standard errors hold for residuals
 that are not quite white (the sandwich; White, Econometrica 50, 1982).
 
--2 log L is rough: it jumps by about 10 between near points, since a ball that just misses an edge goes another way than
-one that just hits it. Derivatives are central differences over about one standard error, which smooth that. A gain
-below 10 means nothing, and values from different starts differ by more than their standard error.
+-2 log L is rough: it jumps by about 10 between near points, because a ball that just misses an edge takes another way
+than a ball that just hits it. Derivatives are central differences over about one standard error, which smooths the
+jumps. A gain below 10 means nothing. Values from different starts differ by more than their standard error.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel,
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.records import Array
 
-STEPS, ENOUGH = 20, 1.0  # scoring steps; of -2 log L, that a further one must bring
+STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 DAMPING = (1e-4, 1e6)
-BLOCK_S = 10.0  # s; blocks as long as this are independent of one another
-FLOOR = 1e-12  # of a variance in the information, so that a parameter that changes nothing does no harm
+BLOCK_S = 10.0  # s; blocks of this length are independent of one another
+FLOOR = 1e-12  # minimum diagonal element of the information, so that a parameter without influence does no harm
 
 
 ORDINARY = (
@@ -43,8 +43,13 @@ ORDINARY = (
 class BodyFit:
     """The result of a fit.
 
-    model: with the likeliest values; stderr: of the free ones, in their units; free: their names; cov (J, J): in the
-    coordinates of the search; minus2: -2 log L; filtered: by that model; passes: of the filter."""
+    model:       the model with the likeliest values
+    stderr:      standard errors of the free parameters, by name, in their units
+    free:        names of the free parameters
+    cov (J, J):  their covariance, in the coordinates of the search
+    minus2:      -2 log L
+    filtered:    result of the filter with this model
+    passes:      number of passes of the filter"""
 
     model: BodyModel
     stderr: dict[str, float]
@@ -60,7 +65,7 @@ class BodyFit:
 
 
 def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
-    """Of the whitened innovations at lags 1 to `lags`, (lags,); those of pictures next to one another only."""
+    """Autocorrelation of the whitened innovations at lags of 1 to `lags` pictures, (lags,)."""
     e = np.full(filtered.nu.shape, np.nan)
     e[np.isfinite(filtered.nu[:, 0])] = filtered.whitened()
     power = float(np.nanmean(e * e))
@@ -68,13 +73,16 @@ def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
 
 
 class Gradient(NamedTuple):
-    """each (N, J): half of the gradient of -2 log L, picture by picture; information (J, J): Fisher's."""
+    """Half of the gradient of -2 log L.
+
+    each (N, J):         its part from each picture
+    information (J, J):  Fisher information"""
 
     each: Array
     information: Array
 
     def between_blocks(self, rows: int) -> Array:
-        """How much the gradient varies from one block of so many pictures to the next, added up, (J, J)."""
+        """Sum of s s' over blocks of `rows` pictures, (J, J); s: gradient of a block."""
         sums = np.add.reduceat(self.each, np.arange(0, len(self.each), rows), axis=0)
         return sums.T @ sums
 
@@ -105,7 +113,7 @@ class _Search:
         return self.body.innovations(self.model_at(x))
 
     def scores(self, x: Array, here: Innovations) -> Gradient:
-        """Scores at x, where the filter gives `here`."""
+        """Gradient and information at x; here: the innovations at x."""
         keep, moved = np.isfinite(here.nu[:, 0]), []
         for j, step in enumerate(self.step):
             up, down = (np.clip(x[j] + sign * step, self.low[j], self.high[j]) for sign in (1.0, -1.0))
@@ -139,7 +147,7 @@ def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def score_search(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> Gradient:
-    """The gradient by some parameters, in the coordinates of a search. Raises KeyError for an unknown name."""
+    """Gradient with respect to some parameters, in the coordinates of a search. Raises KeyError for an unknown name."""
     search = _Search(body, model, free)
     x = search.point()
     return search.scores(x, search.run(x))
@@ -148,10 +156,11 @@ def score_search(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> Gra
 def fit_body(
     body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS, enough: float = ENOUGH
 ) -> BodyFit:
-    """The likeliest values of the `free` parameters.
+    """The likeliest values of the `free` parameters. Raises KeyError for an unknown name.
 
-    model: where the fit begins; steps: at most; enough: of -2 log L, that a further step must bring. Raises KeyError
-    for an unknown name."""
+    model:   start of the fit
+    steps:   maximum number of scoring steps
+    enough:  minimum gain of -2 log L for a further step"""
     search = _Search(body, model, free)
     x, damping = search.point(), 1e-2
     best = search.run(x)
@@ -190,7 +199,7 @@ def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Arr
 
 
 def _inverse(information: Array) -> Array:
-    """The covariance: the inverse of the information, infinite where it says nothing."""
+    """The covariance: the inverse of the information, very large in directions without information."""
     scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
     sizes, axes = np.linalg.eigh(information / np.outer(scale, scale))
     return (axes / np.maximum(sizes, 1e-12)) @ axes.T / np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""The numbers of a `BodyModel` by name (`learning.rigid_body_entries`), parameters of its terms as EFFECT.PARAMETER."""
+"""The numbers of a `BodyModel` by name: see `learning.rigid_body_entries`; those of its terms as EFFECT.PARAMETER."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from mazeplan.physics.effect import BALL
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.physics.rig.entries import part_stderr, part_values
 
-LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, that the stage as fitted does not have already
-FRICTION = ("rolling", "viscous", "quadratic")  # of a bead they are as they come to the motion, f times as large
+LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, only what the fitted stage does not have already
+FRICTION = ("rolling", "viscous", "quadratic")  # a bead has f times these values; f: rolling_inertia.factor
 
 
 def number_of(model: BodyModel, name: str) -> Number:
-    """Unit, bounds and words of a number. Raises KeyError for an unknown name."""
+    """Unit, bounds and description of a number. Raises KeyError for an unknown name."""
     if name in PARAMETERS:
         return PARAMETERS[name]
     i, key = _term(model, name)
@@ -29,7 +29,7 @@ def number_of(model: BodyModel, name: str) -> Number:
 
 
 def _term(model: BodyModel, name: str) -> tuple[int, str]:
-    """Which term, and which of its parameters."""
+    """Index of the term, and name of its parameter, for a name EFFECT.PARAMETER. Raises KeyError."""
     effect, _, key = name.partition(".")
     for i, term in enumerate(model.terms):
         if term.name == effect and key in term.effect.parameters:
@@ -62,8 +62,10 @@ def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
 
 
 def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
-    """Values of a number in a model of beads, in the unit of the rigid ball: one for each ring with the effect, one for
-    a number of the rig, none if the model does not have it."""
+    """Values of a number in a model of beads, in the unit of the rigid ball.
+
+    There is one value for each ring with the effect, one for a number of the whole rig, none if the model does not
+    have the number."""
     where = PARAMETERS[name]
     effect, _, key = where.effect.partition(".")
     if not effect or name in LEFT_OVER:
@@ -104,7 +106,7 @@ def stderr_by(rig: RigModel, maze: Maze) -> dict[str, float]:
 
 
 def body_of(rig: RigModel) -> BodyModel | None:
-    """The rigid ball of a rig's model, if it was found with the rings of the model."""
+    """The rigid ball of a rig's model; None if there is none, or if it was identified with other effects."""
     if rig.body is None or rig.body.of != stamp(rig.balls):
         return None
     values = dict(rig.body.values)
@@ -113,7 +115,7 @@ def body_of(rig: RigModel) -> BodyModel | None:
 
 
 def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
-    """The rig's model with this rigid ball, and with those of its terms that a run can predict with."""
+    """The rig's model with this rigid ball. It keeps only the terms that a run can use for prediction."""
     terms = tuple(term for term in model.terms if term.effect.planned and not idle(term))
     values = {name: value_of(model, name) for name in KEPT}
     values["delay"] -= rig.camera_delay

@@ -1,8 +1,8 @@
 """Whether the ball has left the maze: it is measured beyond the outermost wall.
 
-The estimator cannot tell: its model knows walls, and leaves every ball inside the rim. So this goes by what the camera
-measured. The centre of a ball in ring 1 is a ball's radius from the rim; one that is measured past the middle of that
-wall (as between two rings), and further by more than the camera's noise, is no ball in ring 1.
+The estimator cannot detect this, because its model keeps every ball inside the rim. Therefore this watch uses the
+positions that the camera measured. The centre of a ball in ring 1 is at least a ball's radius away from the rim. A ball
+counts as outside if it is measured past the middle of the outermost wall, by more than the noise of the camera.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from dataclasses import dataclass
 
 from mazeplan.maze.geometry import Maze
 
-SIGMAS = 4.0  # of one sample of the camera, past the middle of the outermost wall
-SAMPLES, AGREEING = 3, 2  # of so many samples so many more say it than say the opposite
+SIGMAS = 4.0  # margin past the middle of the outermost wall, in sigmas of one sample of the camera
+SAMPLES, AGREEING = 3, 2  # number of last samples that vote; surplus of votes needed for a decision
 
 
 @dataclass(frozen=True, slots=True)
 class Out:
-    """A ball that has left the maze. since: rig time of the first sample that saw it outside, s; x, y: where it was
-    seen there last, m; beyond: by how much past the middle of the outermost wall, m."""
+    """A ball that has left the maze.
+
+    since:   rig time of the first sample outside, s
+    x, y:    last position seen outside, m
+    beyond:  its distance past the middle of the outermost wall, m"""
 
     since: float
     x: float
@@ -29,7 +32,7 @@ class Out:
 
     @property
     def told(self) -> str:
-        """What happened, in a line for people."""
+        """What happened, in one line for people."""
         return f"the ball has left the maze: it is {1e3 * self.beyond:.0f} mm beyond the rim"
 
 
@@ -40,19 +43,24 @@ def rim_of(maze: Maze) -> float:
 
 
 class RimWatch:
-    """Watches one ball. camera_sigma: m, 1 sigma of one sample. `out`: how far it is out, None: it is not."""
+    """Watches one ball. `out`: where the ball is outside; None while it is inside.
+
+    camera_sigma: 1 sigma of one sample, m."""
 
     def __init__(self, maze: Maze, camera_sigma: float) -> None:
         self._rim, self._margin = rim_of(maze), SIGMAS * camera_sigma
         self._last: deque[tuple[float, int]] = deque(maxlen=SAMPLES)  # t, and 1 outside, -1 inside, 0 not seen
-        self._outside = (math.nan, math.nan, math.nan)  # x, y and by how much it is beyond, where it was outside last
+        self._outside = (math.nan, math.nan, math.nan)  # x, y and `Out.beyond` of the last sample outside
         self.out: Out | None = None
 
     def take(self, t: float, place: tuple[float, float] | None) -> Out | None:
-        """Take in where the ball was measured, x and y in m, None: it was not seen; rig time in s. Returns `out`.
+        """Take in one sample. Returns `out`.
 
-        The last SAMPLES decide, either way: AGREEING of them, none against. So one wrong position is no ball outside,
-        and a ball that flies out of the picture is."""
+        t:      rig time, s
+        place:  measured x and y, m; None if the ball was not seen
+
+        The last SAMPLES decide: AGREEING of them must agree, and none may say the opposite. So one wrong position does
+        not count as a ball outside, but a ball that flies out of the picture does."""
         beyond = math.nan if place is None else math.hypot(*place) - self._rim
         self._last.append((t, 0 if place is None else 1 if beyond > self._margin else -1))
         votes, out = sum(vote for _, vote in self._last), self.out

@@ -31,26 +31,28 @@ FIELDS = [field for field in fields(Observation) if field.name != "others"]
 
 
 def _near(ball: Observation) -> Observation:
-    """The sample of another ball, which is not seen where its position is not finite or metres away."""
+    """The sample of another ball; it counts as not seen if its position is not finite or metres away."""
     far = ball.x is not None and ball.y is not None and not math.hypot(ball.x, ball.y) <= FAR_M
     return replace(ball, x=None, y=None) if far else ball
 
 
 class Scrutiny:
-    """Check of the samples of one run. `found`: words of `records.Doubt` for the last sample; `doubts`: all that have
-    begun, in order."""
+    """Check of the samples of one run.
+
+    found:   doubts about the last sample, as words of `records.Doubt`
+    doubts:  all doubts that have begun, in order"""
 
     def __init__(self, rate_hz: float) -> None:
         self._dt, self._most = 1.0 / rate_hz, max(2, round(LASTING_S * rate_hz))
         self._last: float | None = None
-        self._steps: list[float] = []  # s, between samples since the rate was judged last
-        self._off = False  # whether they did not come as the rig says
+        self._steps: list[float] = []  # s, between samples since the last check of the rate
+        self._off = False  # whether the rate differs from the rig's
         self.found: set[str] = set()
-        self._since: dict[str, int] = {}  # for how many samples in a row
+        self._since: dict[str, int] = {}  # number of samples in a row, by doubt
         self.doubts: list[Doubt] = []
 
     def admit(self, observation: Observation) -> Observation | None:
-        """The usable part of a sample; None: nothing. Raises RigError if the clock stands still for LASTING_S."""
+        """The usable part of a sample, or None. Raises RigError if the clock stands still for LASTING_S."""
         if not isinstance(observation, Observation):
             got = type(observation).__name__
             raise RigError(f"observe() of the rig returned {got}, expected Observation(t, x, y, beta, gamma)")
@@ -90,7 +92,7 @@ class Scrutiny:
                 raise RigError(f"observe() of the rig: {field.name}: got {value!r}, expected {expected}")
 
     def judge(self, doubts: set[str], t: float) -> list[Doubt]:
-        """Add the estimator's doubts about the last sample; returns those that begin with it.
+        """Add the estimator's doubts about the last sample. Returns the doubts that begin with this sample.
 
         Raises RigError when the tilt was implausible for LASTING_S."""
         self.found |= doubts
@@ -98,7 +100,7 @@ class Scrutiny:
         return self._note(self.found, t)
 
     def _note(self, found: set[str], t: float) -> list[Doubt]:
-        """Count one more sample of these doubts."""
+        """Count one more sample with these doubts. Returns the doubts that begin."""
         begun = [Doubt(what, t) for what in sorted(found) if what not in self._since]
         self.doubts += begun
         for what in found:

@@ -35,9 +35,7 @@ SIGNATURES = {
         REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER
     ),  # angle, rate, speed, direction, t, w, p, out
     "moment": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
-    "plane_at": VOID(
-        REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER, POINTER
-    ),  # as plane, with c before out
+    "plane_at": VOID(REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER, POINTER),  # as plane, with c before out
     "term": REAL(REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, t, w, p
 }
 SIGNATURES["plate_partials"] = SIGNATURES["plate"]
