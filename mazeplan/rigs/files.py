@@ -58,7 +58,7 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
 
 
 def placed(problem: SettingsError, settings: Mapping[str, Any]) -> SettingsError:
-    """The same error with file and line, if the settings come from a file and the error does not name one."""
+    """The error with file and line added, if the settings come from a file and the error names no file."""
     if problem.file is not None or not isinstance(settings, FileSettings):
         return problem
     line = None if problem.key is None else settings.tree.line(_parsed_key(problem.key))

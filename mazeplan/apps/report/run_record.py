@@ -154,8 +154,8 @@ def planned_before(plans: Sequence[LoggedPlan], t: Array, ahead: float = AHEAD) 
 def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Array]]:
     """For each visit of a ring except the disc: the visit, times (N,), s, measured theta (N,), and planned theta (N,).
 
-    The plan is at least AHEAD s old. Angles are in degrees, NaN where unknown. They begin between 0 and 360 and continue from
-    ring to ring, also beyond whole turns."""
+    The plan is at least AHEAD s old. Angles are in degrees, NaN where unknown. They begin between 0 and 360 and
+    continue from ring to ring, also beyond whole turns."""
     found, before = list[tuple[Visit, Array, Array, Array]](), math.pi
     x, y, t = trail(log).T
     plans = followed_plans(log)
