@@ -1,4 +1,4 @@
-"""The interface of every rig. The rig alone tells the time; the rest of the program reads no wall clock."""
+"""The interface of every rig. A rig owns the clock: no other part of the program reads wall time."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class DiagnosisDocument(Document):
 
 
 class RingDocument(DiagnosisDocument):
-    """A diagnosis of one ring, or of a system without a maze.
+    """A diagnosis of one ring of a maze, or of another system.
 
     held_out: share of the samples that were held out.
     noise_floor: error by the noise of the sensors alone.
@@ -108,7 +108,7 @@ class RingDocument(DiagnosisDocument):
 class RigDocument(DiagnosisDocument):
     """A diagnosis of a whole rig.
 
-    remaining: residual over the noise of the camera."""
+    remaining: residual divided by the noise of the camera."""
 
     sentence: StrictStr
     reference: StrictStr
@@ -243,7 +243,7 @@ class RigEvidenceDocument(PredictionErrors):
     marks: places that were found.
     correlation: autocorrelation of the residual.
     spectrum: spectrum of the residual.
-    remaining: residual over the noise; `then`: the same when the model was right, 0 if not known."""
+    remaining: residual divided by the noise; `then`: its value when the model was right, 0 if not known."""
 
     title: StrictStr
     map: StrictStr

@@ -26,7 +26,7 @@ MOST = 200 * 2**20  # bytes, largest document
 
 @dataclass(frozen=True)
 class Input:
-    """One input of a report. Raises InputError for a document or evidence that the commands would not print so.
+    """One input of a report. Raises InputError for a document or evidence that differs from what the commands print.
 
     kind: run, table, model, evaluation, comparison or diagnosis.
     path: its file or folder.

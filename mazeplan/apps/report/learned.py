@@ -41,7 +41,7 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-MISFIT = 0.5  # misfit of any model, over the spread of theta_dd, for the filter that finds the start of a roll-out
+MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
 FEWEST = 50  # minimum number of samples of a ring
 Predict = Callable[[RingKinematics], Array]
 

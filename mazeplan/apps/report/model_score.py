@@ -22,7 +22,7 @@ from mazeplan.learning.rollout import STEPS, Rollout, angle_noise
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.formulas.arrays import RingKinematics
 
-GOOD, FAIR = 0.25, 0.5  # largest error over the error without a model, for the verdicts good and fair
+GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
 NOISES = 3.0  # an error below this many times the noise is good: the noise hides any better model
 FEWEST_WINDOWS = 5  # minimum number of windows for a verdict
 

@@ -1,4 +1,4 @@
-"""Writes a page: sections of tables and pictures as one HTML file without scripts and without links to other files.
+"""Writes a page: sections of tables and pictures as one HTML file that loads no other file and runs no script.
 
 Pictures are SVG, which is as sharp as text in print. A PNG replaces an SVG larger than SVG_MOST. The template (Jinja2)
 escapes all text, and a Content-Security-Policy forbids loading from elsewhere.

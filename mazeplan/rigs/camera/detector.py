@@ -88,7 +88,7 @@ class DetectorSettings:
     tolerance_m: allowed error of the places of walls and ball, m.
     rival: an outline with more than this share of the best outline's strength x agreement may be a second ball.
     edge: minimum step of light at the outline, as a share of the floor's light.
-    filled: minimum score of a candidate over the area of its disc.
+    filled: minimum score of a candidate, divided by the area of its disc.
     candidates: largest number of candidates.
     rival_score: minimum score of a candidate, as a share of the best score."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 Colour = tuple[int, int, int]
 SPRITE = 96  # px, side of the ball's own picture
-EDGE = 0.05  # width of the ball's soft edge, of its radius
+EDGE = 0.05  # width of the ball's soft edge, as a share of its radius
 SHADE = 0.55  # share of the light in the ball's shadow
 GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii of the ball
 

@@ -39,7 +39,7 @@ class FaultKind:
     size: default range of the size, in `unit`; None: the kind has no size.
     allowed: range of sizes that a schedule may use.
     because: why a run cannot recover from the fault; empty if it can.
-    ends: reasons with which a run may end that does not reach its goal.
+    ends: reasons with which a run may end if it does not reach its goal.
     change: changes a sample.
     machine: kind of `sim.settings.Fault`; empty for a fault that does not act in the machine.
     machine_size: key of `sim.settings.Fault` that takes the size."""

@@ -270,7 +270,7 @@ def _fit_axis(
         if not out or good.sum() - 1 < LEAST or good.sum() - 1 < 0.6 * len(y):
             break
         good[worst] = False
-    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # take back readings that the first step lost wrongly
+    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # take back readings that were excluded wrongly
     k, rms, _ = _leave_one_out(design(sets[chosen], v, centre, scale), y, good)
     said = design(sets[chosen], v, centre, scale) @ k
     left = (y - said)[good]

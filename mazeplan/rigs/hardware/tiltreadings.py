@@ -20,7 +20,7 @@ from mazeplan.rigs.link.board import Board
 
 AGAIN_S = 0.05  # s between commands
 SETTLE_S, AVERAGE_S = 0.8, 0.4  # s: wait for the plate to settle; average of the voltages
-REACH = 1.15  # largest tilt of the grid over the tilt limit: a polynomial is worst at the end of its range
+REACH = 1.15  # the grid goes to this many times the tilt limit: a polynomial is worst at the end of its range
 Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
 
 

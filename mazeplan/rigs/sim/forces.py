@@ -9,7 +9,7 @@ drag      the ball slows down by (drag_per_s + drag_growth_per_s2 t + drag_per_m
 pushes    accelerations along the ring, + counter-clockwise: a steady one, A sin(n (theta - crest)) of a wavy floor, and
           A sin(rolled + phase) of a ball with an eccentric mass. A torque adds the spin that belongs to the added
           speed. In the disc in the middle there are no pushes, because it has no direction along a ring
-wind      a steady force in the frame of the room, given over the ball's mass; it does not tilt with the plate
+wind      a steady force in the frame of the room, divided by the ball's mass; it does not tilt with the plate
 rocking   gravity leans as on a table tilted by beta, gamma = amplitude sin(2 pi f t + phase)
 """
 
@@ -98,7 +98,7 @@ class BallForces:
         return any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
 
     def turns_per_turn(self, motion: Motion) -> float:
-        """Rolling angle of the ball over its angle along the ring; 0 in the disc."""
+        """Rolling angle of the ball for each radian along the ring; 0 in the disc."""
         ring = self._maze.ring(self._maze.ring_at(motion.radius))
         return 0.0 if ring.is_disc else ring.track_radius / self._radius
 
@@ -127,7 +127,7 @@ class BallForces:
         return s.ring_push_m_s2 + ripple + s.imbalance_m_s2 * math.sin(rolled + math.radians(s.imbalance_phase_deg))
 
     def _spin_of_rolling(self, motion: Motion, along: Array) -> Array:
-        """Spin (3,) over speed of a ball that rolls along the ring, 1/m.
+        """Spin (3,) of a ball that rolls along the ring, divided by its speed, 1/m.
 
         The floor turns the ball about the ring's radius, a wall turns it about the vertical."""
         speed, most = float(motion.velocity @ along), 1.0 / self._radius

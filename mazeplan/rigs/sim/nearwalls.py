@@ -29,7 +29,7 @@ from mazeplan.rigs.sim.settings import SimulatedSettings
 CELL = 0.004  # m, side of a cell
 FREE = 0.003  # m, minimum distance that the ball may go before a new model is chosen
 FASTEST = 2.0  # m/s, largest speed of a ball; gravity alone gives 0.6
-TILT = 1.5  # largest swing of the plate over the tilt limit
+TILT = 1.5  # the plate swings to at most this many times the tilt limit
 # maximum number of kept models, for one rig and for a fleet. A model has 0.23 MB and takes 0.8 ms to make. The maze cme
 # has 2,800 cells; a run needs about 60
 MOST_MODELS, MOST_OF_FLEET = 128, 4000

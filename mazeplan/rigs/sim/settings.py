@@ -46,7 +46,7 @@ class Fault(RigSection):
     Kinds that act on the servo of `axis`:
       dead_axis: it follows no command.
       slow_axis: it follows at `slew_deg_s` at most.
-      offset_axis: it stands `offset_deg` off.
+      offset_axis: it stands `offset_deg` beside its set point.
       brown_out: it has no current, and a spring moves it to its middle.
     Other kinds:
       blackout: the camera sees nothing.

@@ -34,7 +34,7 @@ class RigInRing:
 
     @property
     def rolling(self) -> float:
-        """Acceleration of a ball that rolls on the floor, over that of a ball that slides without friction."""
+        """Acceleration of a ball that rolls on the floor, divided by that of a ball that slides without friction."""
         return 1.0 / (1.0 + self.settings.ball_inertia)
 
 
@@ -60,7 +60,7 @@ def _dry_friction(a: RigInRing) -> Values:
 
 
 def _wall_friction(a: RigInRing) -> Values:
-    """The wall presses on the ball with (1 + k) v^2 / R over its mass.
+    """The force of the wall on the ball, divided by the ball's mass, is (1 + k) v^2 / R.
 
     On a curve the floor turns the direction of the ball's spin, and so pushes the ball outwards; this adds the k."""
     k = a.settings.ball_inertia
