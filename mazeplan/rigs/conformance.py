@@ -1,7 +1,7 @@
 """A conformance suite for any rig: `check_rig(rig, maze)` or `mazeplan rig check`.
 
 Each check resets the rig, drives it for a second or two, and reports in one sentence. On hardware a person places the
-ball at each reset. `repeatable=False` leaves out the checks that only a simulation can pass.
+ball at each reset. `repeatable=False` skips the checks that only a simulation can pass.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.interface import Rig, traits
 
-TILT = math.radians(3.0)  # rad, of the test commands
-SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
-SETTLE_S = 0.8  # s: twice what a slow servo takes
-RAISED = "raised "  # start of the detail of a check that raised
+TILT = math.radians(3.0)  # rad, tilt of the test commands
+SETTLED = math.radians(0.7)  # rad, allowed error of a tilt: servo, sensor noise and play together
+SETTLE_S = 0.8  # s, twice the settling time of a slow servo
+RAISED = "raised "  # begins the detail of a check in which the rig raised an error
 CLOCK = 0.02  # largest relative error of a clock's period
-LEAP = 4.5  # periods between two samples: more means a clock that jumps, or lost samples
-PLACED = 0.5  # rad, largest error of the ball's place: a person places it by eye
+LEAP = 4.5  # periods; a longer step between two samples means that the clock jumps or samples are lost
+PLACED = 0.5  # rad, largest error of the ball's angle: a person places the ball by eye
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check: its name, whether it passed, and a sentence."""
+    """Result of one check: its name, whether it passed, and a sentence."""
 
     name: str
     passed: bool
@@ -48,14 +48,14 @@ class RigTrial:
     def __init__(self, rig: Rig, maze: Maze, seed: int) -> None:
         self.rig, self.maze, self.seed = rig, maze, seed
         self.dt = 1.0 / rig.rate_hz
-        self.leap: tuple[float, float] | None = None  # times of the first two samples with a jump between, s
+        self.leap: tuple[float, float] | None = None  # times before and after the clock's first jump, s
 
     def reset(self, ring: int = 1, theta: float = 0.0) -> None:
         """Reset with the same random numbers each time."""
         self.rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(self.seed))
 
     def observe(self) -> Observation:
-        """A sample. Raises UnfitError for another object, or other values than numbers."""
+        """The next sample. Raises UnfitError if it is no Observation, or if its values are not numbers."""
         sample = self.rig.observe()
         if not isinstance(sample, Observation):
             got = type(sample).__name__
@@ -84,7 +84,7 @@ class RigTrial:
 def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -> list[CheckResult]:
     """Run all checks; then level and close the rig.
 
-    A rig that raises in a check fails that check. The others run as well."""
+    A rig that raises an error in a check fails that check. The other checks run as well."""
     trial = RigTrial(rig, maze, seed)
     checks: list[tuple[str, Callable[[RigTrial], str | None]]] = [
         ("clock", _clock),
@@ -141,7 +141,7 @@ def _observation(trial: RigTrial) -> str | None:
 
 
 def _misplaced(maze: Maze, number: int, theta: float, samples: list[Observation]) -> str | None:
-    """A sentence if the ball on the level plate is not at the place of the reset."""
+    """A sentence if the ball on the level plate is not where `reset` placed it, else None."""
     seen = [(o.x, o.y) for o in samples if o.x is not None and o.y is not None]
     if not seen:
         return "the ball was never seen"
@@ -191,7 +191,7 @@ def _follows(trial: RigTrial, axis: str) -> str | None:
 
 
 def _moved(trial: RigTrial, theta: float, u_beta: float, u_gamma: float) -> float:
-    """Turn of the ball about the centre within a second, rad; NaN if it was never seen."""
+    """Angle that the ball turns about the centre within a second, rad; NaN if the ball was never seen."""
     trial.reset(theta=theta)
     samples = trial.run(1.0, u_beta, u_gamma)
     seen = [math.atan2(o.y, o.x) for o in samples if o.x is not None and o.y is not None]
@@ -261,5 +261,5 @@ def _repeatable(trial: RigTrial) -> str | None:
 def _close(trial: RigTrial) -> str | None:
     trial.rig.level()
     trial.rig.close()
-    trial.rig.close()  # an error here is reported by the caller
+    trial.rig.close()  # the caller reports an error here
     return None

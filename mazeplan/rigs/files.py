@@ -16,8 +16,8 @@ from mazeplan.core.field_checks import unit_hint, unit_of
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
-FORMAT = 1  # of a file without `format`, too
-OURS = "mazeplan."  # classes of the package, whose settings are ours
+FORMAT = 1  # also the format of a file without the key `format`
+OURS = "mazeplan."  # a class whose name begins so is one of this package
 MAPPING = "settings as `key: value`"
 EXPECTED = {  # pydantic's kind of error: what to expect, in the words of a YAML file
     "model_type": MAPPING, "model_attributes_type": MAPPING, "dict_type": MAPPING, "tuple_type": "a list",
@@ -32,7 +32,7 @@ class RigSection(BaseModel):
 
 
 class FileSettings(dict[str, Any]):
-    """Settings from a file; `file` and `tree` name the place of every key."""
+    """Settings from a file; `file` and `tree` give the line of every key."""
 
     def __init__(self, data: Mapping[str, Any], file: Path, tree: Tree) -> None:
         super().__init__(data)
@@ -48,7 +48,7 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
     kind = data.pop("class", None)
     if kind is not None and not isinstance(kind, str):
         raise placed(SettingsError(f"got {shown(kind)}, expected module:Class", key="class"), data)
-    if kind is None or kind.startswith(OURS):  # another class may have a setting of this name
+    if kind is None or kind.startswith(OURS):  # a user's class may have a setting named `format`
         other = file_kinds.by_keys(tree.data)
         if other in ("a map", "a model (model.yaml)"):  # a schedule of faults may be the file of an ideal rig
             raise SettingsError(f"got {other}, expected the file of a rig", file=path, line=1)
@@ -58,7 +58,7 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
 
 
 def placed(problem: SettingsError, settings: Mapping[str, Any]) -> SettingsError:
-    """The same error with file and line, if the settings come from a file and the error does not name one."""
+    """The error with file and line added, if the settings come from a file and the error names no file."""
     if problem.file is not None or not isinstance(settings, FileSettings):
         return problem
     line = None if problem.key is None else settings.tree.line(_parsed_key(problem.key))
@@ -71,9 +71,12 @@ M = TypeVar("M", bound=BaseModel)
 def validated(
     kind: type[M], data: Mapping[str, Any], *, within: Key = (), source: Mapping[str, Any] | None = None
 ) -> M:
-    """The section of that kind. Raises SettingsError with the key, and with file and line if `source` is from a file.
+    """`data` as a section of the class `kind`.
 
-    within: key of the section in its file; source: the settings of the whole file, by default `data`."""
+    within: key of the section in its file.
+    source: the settings of the whole file, by default `data`.
+
+    Raises SettingsError with the key, and with file and line if `source` is from a file."""
     try:
         return kind.model_validate(as_tuples(data))
     except ValidationError as problem:
@@ -91,7 +94,7 @@ def mistake(kind: type[BaseModel], error: Any, within: Key = ()) -> SettingsErro
 
 
 def as_tuples(value: Any) -> Any:
-    """The same with tuples for lists, as strict validation expects."""
+    """The value with tuples in place of lists, as strict validation expects."""
     if isinstance(value, Mapping):
         return {key: as_tuples(item) for key, item in value.items()}
     return tuple(as_tuples(item) for item in value) if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The interface of every rig. A rig owns the clock: nothing else reads wall time."""
+"""The interface of every rig. A rig owns the clock: no other part of the program reads wall time."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Rig(Protocol):
     Signs: positive beta lowers the +x side and pushes a ball at theta = 90 deg towards theta = 0. Positive gamma lifts
     the +y side and pushes a ball at theta = 0 towards negative theta.
 
-    mazeplan makes a rig as `Class(maze, settings)`: a Maze, and the keys of the rig's file as a mapping. That call
-    keeps the settings and opens nothing. A watchdog expects samples and commands in time (`watchdog`).
-    `RigTraits` lists what a rig may have besides."""
+    mazeplan makes a rig as `Class(maze, settings)`: a Maze, and the keys of the rig's file as a mapping. The
+    constructor keeps the settings and opens nothing. A watchdog expects samples and commands in time (`watchdog`).
+    `RigTraits` lists the optional attributes and methods of a rig."""
 
     rate_hz: float
 
@@ -29,15 +29,15 @@ class Rig(Protocol):
         ...
 
     def observe(self) -> Observation:
-        """Block until the next sample, 1 / rate_hz after the last one, and return it."""
+        """Block until the next sample, 1 / rate_hz after the last one, and return the sample."""
         ...
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Command a tilt in rad. The rig holds it until the next command."""
+        """Command a tilt in rad. The rig holds this tilt until the next command."""
         ...
 
     def level(self) -> None:
-        """Safe state: plate level, now."""
+        """Level the plate now: the safe state."""
         ...
 
     def close(self) -> None:
@@ -47,15 +47,20 @@ class Rig(Protocol):
 
 @dataclass(frozen=True)
 class RigTraits:
-    """Optional attributes and methods of a rig, each with the value for a rig without it.
+    """Optional attributes and methods of a rig. A rig that lacks one gets the default here.
 
-    realtime: False for a simulation, which needs no watchdog; latency: a measured one replaces the model's; unseen_s: a
-    run ends after so many seconds without the ball; out_s: and after so many with the ball out of the maze (None: as
-    `Setup` has it); ready(): raises SettingsError if the rig cannot be driven yet;
-    balls: how many roll on it; the first is that of `reset`, the others are in `Observation.others`;
-    begin_run(n): announces run n of a campaign, from 1 on; stop(): levels the plate until the next reset, from any
-    thread; inject(fault): makes the machine fail; cannot: kinds of faults that `inject` refuses; truth(), pictured():
-    state and picture of a simulation; surprise: what a simulated rig hides from the planner."""
+    realtime: False for a simulation, which needs no watchdog.
+    latency: measured delays; they replace the delays of the model.
+    unseen_s: a run ends after so many seconds without a sight of the ball.
+    out_s: a run ends after so many seconds with the ball out of the maze; None: the value of `Setup`.
+    balls: number of balls; `reset` places the first, and `Observation.others` has the others.
+    ready(): raises SettingsError if the rig cannot be driven yet.
+    begin_run(n): announces run n of a campaign, from 1 on.
+    stop(): levels the plate until the next reset; any thread may call it.
+    inject(fault): makes the machine fail.
+    cannot: kinds of faults that `inject` refuses.
+    truth(), pictured(): true state, and the scene in the last picture, of a simulation.
+    surprise: the effect that a simulated rig hides from the planner."""
 
     realtime: bool = True
     latency: Latency | None = None
@@ -85,7 +90,7 @@ def check_ready(rig: Rig) -> None:
 
 
 class RigWrapper:
-    """A rig around another one, `inside`. Passes every call and attribute on; subclasses replace some."""
+    """A rig around another rig, `inside`. Passes every call and attribute on to it; subclasses replace some."""
 
     def __init__(self, rig: Rig) -> None:
         self.inside, self.rate_hz = rig, rig.rate_hz

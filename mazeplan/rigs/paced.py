@@ -1,8 +1,8 @@
 """A simulated rig at the pace of the wall clock, so that a person can watch it.
 
-Samples come 1 / rate_hz apart and no sooner. A late program delays them; the rig catches up by one sample at most.
-`speed` stretches the time between samples, `hold` stops them, and `step` lets one pass: the simulation notices nothing.
-`level_now` may be called by any thread. It works within one sample, also while the loop computes.
+Samples come at least 1 / rate_hz apart. A late program delays them; the rig catches up by one sample at most.
+`speed` changes the time between samples, `hold` stops the samples, and `step` lets one sample pass. None of these
+changes the simulation itself. Any thread may call `level_now`. It acts within one sample, also while the loop computes.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
 
-LOOK_S = 0.2  # s between looks while the rig is held
+LOOK_S = 0.2  # s; while the rig is held, it checks so often whether it may go on
 
 
 class Waiting(Protocol):
-    """A clock, and waiting by it."""
+    """A clock, and a way to wait by it."""
 
     def now(self) -> float:
-        """Time, s, from any moment on."""
+        """Time since some fixed moment, s."""
         ...
 
     def wait(self, woken: threading.Event, seconds: float) -> None:
-        """Wait until `woken` is set, at most so long."""
+        """Wait until `woken` is set, but at most `seconds`."""
         ...
 
 
@@ -41,12 +41,12 @@ class WallClock:
         return monotonic()
 
     def wait(self, woken: threading.Event, seconds: float) -> None:
-        """Sleep."""
+        """Wait until `woken` is set, but at most `seconds`."""
         woken.wait(seconds)
 
 
 class PacedRig(RigWrapper):
-    """See `interface.Rig`; around a simulation."""
+    """A rig around a simulated rig, see `interface.Rig`."""
 
     realtime = False  # still a simulation: no watchdog
     _speed = 1.0
@@ -55,16 +55,16 @@ class PacedRig(RigWrapper):
         super().__init__(rig)
         self._wall = wall or WallClock()
         self._due: float | None = None  # wall time of the next sample
-        self._woken = threading.Event()  # some thread wants the plate level
+        self._woken = threading.Event()  # another thread wants the loop to act now
         self._levelled = False
-        self._held, self._let = False, 0  # samples that may pass while the rig is held
+        self._held, self._let = False, 0  # _let: samples that may pass while the rig is held
         self._orders: list[Callable[[], object]] = []
         self._lock = threading.Lock()
 
     # -- calls of the loop ------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """As the rig inside; forgets an order to level."""
+        """Reset the rig inside; forget hold, order to level, and waiting orders."""
         super().reset(ring=ring, theta=theta, rng=rng)
         self._due, self._levelled, self._held, self._let = None, False, False, 0
         self._woken.clear()
@@ -86,7 +86,7 @@ class PacedRig(RigWrapper):
         return sample
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """As the rig inside; level after an order to level."""
+        """Pass the command on; after `level_now`, level the plate instead."""
         self._obey()
         if self._levelled:
             self.inside.level()
@@ -94,7 +94,7 @@ class PacedRig(RigWrapper):
             self.inside.command(u_beta, u_gamma)
 
     def _obey(self) -> None:
-        """Do what other threads ordered. Only the loop's thread may touch the simulation."""
+        """Carry out the orders of other threads. Only the loop's thread may touch the simulation."""
         if self._woken.is_set():
             self._woken.clear()
             if self._levelled:
@@ -113,7 +113,8 @@ class PacedRig(RigWrapper):
 
     @property
     def speed(self) -> float:
-        """Seconds of the rig in one on the wall; 1: as fast as a real rig. Any thread may set it.
+        """Seconds of rig time in one second of wall time; 1: as fast as a real rig. Any thread may set it.
+
         Raises SettingsError for a number that is not 0.01 to 10."""
         return self._speed
 
@@ -138,7 +139,7 @@ class PacedRig(RigWrapper):
         self._woken.set()
 
     def level_now(self) -> None:
-        """Level the plate until the next reset, whatever is commanded. Any thread may call."""
+        """Level the plate until the next reset, and ignore commands. Any thread may call."""
         self._levelled, self._held = True, False
         self._woken.set()
 

@@ -1,7 +1,7 @@
-"""Makes the rig that `--rig` names: a packaged name, a YAML file, module:Class, or a rig of an installed package.
+"""Makes the rig that `--rig` names: a packaged rig, a YAML file, module:Class, or a rig of an installed package.
 
-An installed package offers a rig by the entry point `mazeplan.rigs`: its class, or the path of its YAML file. The name
-of a rig with a surprise may end with a seed or a kind: surprise@3, surprise@gain.
+An installed package offers a rig by the entry point `mazeplan.rigs`. The entry point names a class or the path of a
+YAML file. The name of a rig with a surprise may end with a seed or a kind: surprise@3, surprise@gain.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TABLE_KEYS = {
     "place_s",
     "unseen_s",
     "world",
-}  # only rigs on a table have these
+}  # keys that only the files of rigs on a table have
 METHODS = ("reset", "observe", "command", "level", "close")
 
 
@@ -48,7 +48,7 @@ def rig_names() -> tuple[str, ...]:
 
 
 def simulated_rigs() -> tuple[str, ...]:
-    """Names of the packaged rigs that MuJoCo simulates: their files name no class."""
+    """Names of the packaged rigs that MuJoCo simulates. These are the rigs whose files name no class."""
     return tuple(name for name in rig_names() if read_rig_file(PACKAGED / f"{name}.yaml")[0] is None)
 
 
@@ -62,12 +62,12 @@ def unusable(found: Plugin) -> str | None:
 
 
 def installed_rigs() -> dict[str, Plugin]:
-    """Rigs of installed packages with a usable name. Imports none of their code."""
+    """Rigs of installed packages with a usable name. Does not import the packages' code."""
     return {found.name: found for found in plugins(RIGS) if unusable(found) is None}
 
 
 def installed_rig(found: Plugin) -> type | Path:
-    """The class or the YAML file that a package offers. Raises InputError if it is neither."""
+    """The class or the YAML file that a package offers. Raises InputError if the package offers something else."""
     rig = found.load()
     if isinstance(rig, str | Path):
         if not Path(rig).is_file():
@@ -83,7 +83,7 @@ def rig_file(spec: str) -> Path | None:
     Raises SettingsError for an unknown rig, InputError for an installed rig that is broken."""
     spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
-    if spec == HARDWARE and Path(packaged.name).is_file():  # the user's rig comes before the template
+    if spec == HARDWARE and Path(packaged.name).is_file():  # the user's hardware.yaml comes before the packaged one
         return Path(packaged.name)
     if spec in rig_names():
         return packaged
@@ -104,7 +104,7 @@ def rig_file(spec: str) -> Path | None:
 
 
 def seeded(spec: str) -> tuple[str, str | None]:
-    """The name or file, and the seed or kind of its surprise (None without one)."""
+    """The spec as its name or file, and the seed or kind of its surprise (None without one)."""
     found = re.fullmatch(r"(.+)@([0-9]{1,9}|[a-z_]+)", spec)
     if found is None or (Path(spec).is_file() and found[1] not in rig_names()):
         return spec, None
@@ -130,7 +130,7 @@ def rig_label(spec: str) -> str:
 
 
 def runs_of_change(spec: str) -> list[int]:
-    """Runs of a campaign from which on the settings of a simulated rig change (`changes`), in their order.
+    """Numbers of the runs of a campaign at which the settings of a simulated rig change (`changes`), ascending.
 
     Empty for other rigs. Raises SettingsError for a file that cannot be used."""
 
@@ -144,9 +144,9 @@ def runs_of_change(spec: str) -> list[int]:
 
 
 def warn_of_idle_keys(spec: str) -> None:
-    """Warns (ShortWarning) of the keys in a simulated rig's file that have no effect alone.
+    """Warns (ShortWarning) of keys in a simulated rig's file that have no effect, because another key is missing.
 
-    Apart from `make_rig`, as each process of a campaign makes a rig, and one warning is enough."""
+    `make_rig` does not warn: each process of a campaign makes a rig, and one warning is enough."""
     path = rig_file(spec)
     kind, data = ("", None) if path is None else read_rig_file(path)
     for told in () if kind is not None or data is None else without_effect(data):
@@ -154,7 +154,7 @@ def warn_of_idle_keys(spec: str) -> None:
 
 
 def rig_model_hint(spec: str) -> str | None:
-    """The model that a rig's file names with `model:`; a path beside the file comes first."""
+    """The model that a rig's file names with `model:`: a path beside the file if it exists, else the name itself."""
     path = rig_file(spec)
     if path is None:
         return None
@@ -166,21 +166,21 @@ def rig_model_hint(spec: str) -> str | None:
 
 
 def unusable_model(spec: str, problem: str) -> SettingsError:
-    """The error for the model that a rig's file names with `model:`, at its line."""
+    """The error for an unusable model that a rig's file names with `model:`, with the line of that key."""
     path = rig_file(spec)
     return placed(SettingsError(problem, key="model"), {} if path is None else read_rig_file(path)[1])
 
 
 def _beside(path: Path, name: str) -> str:
-    """A file or folder that a rig's file names: beside that file if it exists there."""
+    """A file or folder that a rig's file names: its path beside that file if it exists there, else the name."""
     found = path.parent / name
     return str(found.absolute()) if found.exists() else name  # a bare name would mean a packaged one
 
 
 def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
-    """The rig, with nothing opened yet. Raises SettingsError with file, line and key.
+    """The rig that `spec` names, with nothing opened yet. Raises SettingsError with file, line and key.
 
-    sense: how a simulated rig sees the ball, by default as its settings say."""
+    sense: how a simulated rig sees the ball, ideal or camera; None: as its settings say."""
     if sense not in (None, *SENSES):
         raise SettingsError(f"--sense: got {shown(sense)}, expected {one_of(SENSES, sense)}")
     path = rig_file(spec)
@@ -227,13 +227,13 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
     given = {} if settings is None else settings
     try:
         rig = kind(maze, given)
-    except SettingsError as problem:  # the class knows the key, but not its place
+    except SettingsError as problem:  # the class knows the key, but not its line in the file
         raise placed(problem, given) from None
     except MazeplanError:
         raise
     except Exception as problem:  # for example a port that does not exist
         code = traceback.extract_tb(problem.__traceback__)[-1]
-        if code.filename == __file__:  # the call itself
+        if code.filename == __file__:  # the call itself failed: wrong arguments of the constructor
             raise SettingsError(f"{name}: {problem}; expected __init__(self, maze, settings)", **where) from None
         what = " ".join(f"{type(problem).__name__}: {problem}".split())
         raise RigError(f"{name} could not be made: {what} ({code.filename}:{code.lineno})") from problem

@@ -1,14 +1,16 @@
-"""A rig with a watchdog: whatever hangs, the plate goes level and the program ends.
+"""A rig with a watchdog: if the program or the rig hangs, the plate goes level and the program ends.
 
     loop          observe() ........ command()        observe() ...
     rig's thread  [rig.observe] wait [rig.command]    [rig.observe] ...
                                 |--| longer than timeout_s: level, and RigError in the loop
 
-All calls of a rig run in one thread of its own, which is also the watchdog. After a sample it waits for the command, by
-the monotonic clock. The loop waits for each call only for a limited time; reset() has no limit, as a person places the
-ball. A signal wakes a loop that hangs in Python code or waits. Nothing wakes a loop that hangs in compiled code: the
-watchdog ends its process if that is allowed (`own_process`). Code that never releases the interpreter's lock stops this
-thread, too. Only a watchdog in the machine itself helps then.
+One thread makes all calls of a rig, and the same thread is the watchdog. After a sample the watchdog waits for the
+command, by the monotonic clock. The loop waits for each call only for a limited time. reset() has no limit, because a
+person places the ball.
+
+A signal wakes a loop that hangs in Python code or waits. Nothing wakes a loop that hangs in compiled code. The watchdog
+then ends the whole process, if `own_process` allows it. Code that never releases the interpreter's lock stops the
+watchdog's thread, too. Then only a watchdog in the machine itself helps.
 """
 
 from __future__ import annotations
@@ -30,19 +32,18 @@ from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 
 TIMEOUT_S = 0.2  # s from a sample to the command that answers it
-SAMPLES = 15  # periods that observe() may take ...
-START_S = 5.0  # s ... and so much longer after reset(), when cameras start
-LEVEL_S, CLOSE_S = 1.0, 2.0  # s
+SAMPLES = 15  # time limit of observe(), periods of the rig
+START_S = 5.0  # s; the first observe() after reset() may take so much longer, because cameras start
+LEVEL_S, CLOSE_S = 1.0, 2.0  # time limits of level() and close(), s
 WAKE_S = 2.0  # s from the signal until the watchdog ends the process of a loop that still hangs
 STDLIB = os.path.dirname(os.__file__) + os.sep
-WAKE = getattr(signal, "SIGUSR2", None)  # not on every system
+WAKE = getattr(signal, "SIGUSR2", None)  # some systems lack this signal
 
 
 def watched(rig: Rig, *, own_process: bool = False) -> Rig:
-    """The rig with a watchdog. A simulation (`realtime = False`) needs none; what a user's simulation raises becomes a
-    RigError.
+    """The rig with a watchdog. A simulation (`realtime = False`) gets no watchdog.
 
-    own_process: see `WatchedRig`."""
+    A user's simulation gets a `CheckedRig`, which turns its errors into RigErrors. own_process: see `WatchedRig`."""
     if isinstance(rig, WatchedRig | CheckedRig):
         return rig
     if not traits(rig).realtime:
@@ -64,11 +65,11 @@ class _Call:
         self.begun.set()
         try:
             self.result = getattr(self._rig, self.name)(*self._args, **self._more)
-        except BaseException as error:  # anybody's rig may raise anything; `outcome` raises it again
+        except BaseException as error:  # a user's rig may raise any error; `outcome` raises it again
             self.error = error
 
     def outcome(self) -> Any:
-        """The returned value. Raises RigError for what the rig raised, with the place in its code."""
+        """The returned value. If the rig raised an error, raises a RigError that names the line of the rig's code."""
         error = self.error
         if error is None:
             return self.result
@@ -80,7 +81,7 @@ class _Call:
 
 
 class CheckedRig(RigWrapper):
-    """A simulation without a watchdog. Whatever its calls raise becomes a RigError with the place."""
+    """A simulation without a watchdog. Each error that its calls raise becomes a RigError with the line of code."""
 
     realtime = False
 
@@ -91,10 +92,13 @@ class CheckedRig(RigWrapper):
 
 
 class WatchedRig(RigWrapper):
-    """See `interface.Rig`. timeout_s: from a sample to its command; own_process: the watchdog may end the process, with
-    exit status 3, if nothing else ends a loop that hangs.
+    """A rig with a watchdog, see `interface.Rig`.
 
-    After it has struck (`reason` says why), the plate is level and observe, command and reset raise RigError."""
+    timeout_s: longest time from a sample to the command that answers it, s.
+    own_process: True allows the watchdog to end the process, with exit status 3, if the loop hangs for good.
+
+    When the watchdog strikes, it levels the plate. Then observe, command and reset raise RigError. `reason` says why
+    the watchdog struck; None: it did not."""
 
     realtime = True
 
@@ -104,7 +108,7 @@ class WatchedRig(RigWrapper):
         self.reason: str | None = None
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
-        self._lock = threading.Lock()  # of reason and _listens
+        self._lock = threading.Lock()  # protects reason and _listens
         self._heard = threading.Event()  # set when the loop returns after a strike
         self._first, self._hangs, self._level_hangs = True, False, False
         self._listens, self._handler_before = False, None
@@ -131,7 +135,7 @@ class WatchedRig(RigWrapper):
     def level(self) -> None:
         """As the rig inside, for at most LEVEL_S, also while another call hangs."""
         self._heard.set()
-        if self._level_hangs:  # an error has said so; another try would only take longer
+        if self._level_hangs:  # an earlier call has reported that; another try would only take longer
             return
         call = self._give("level")
         if not call.done.wait(LEVEL_S):
@@ -152,7 +156,7 @@ class WatchedRig(RigWrapper):
         call.outcome()
 
     def _ask(self, name: str, limit: float | None, *args: Any, **more: Any) -> Any:
-        """Call a method in the rig's thread, within so many seconds."""
+        """Call a method in the rig's thread, for at most `limit` seconds (None: without a limit)."""
         if self.reason is None:
             call = _Call(self.inside, name, *args, **more)
             self._put(call)
@@ -167,9 +171,9 @@ class WatchedRig(RigWrapper):
         raise RigError(str(self.reason))
 
     def _give(self, name: str) -> _Call:
-        """Call a method in the rig's thread, and in another one if that hangs."""
+        """Call a method in the rig's thread; if that thread hangs, call it in a new thread, too."""
         call = _Call(self.inside, name)
-        self._put(call)  # also while a call hangs: its late effect must not be the last one
+        self._put(call)  # also while a call hangs: if that call ends late, this one comes after it
         if call.begun.wait(0.0 if self._hangs else 2.0 / self.rate_hz):
             return call
         apart = _Call(self.inside, name)
@@ -236,7 +240,7 @@ class WatchedRig(RigWrapper):
             end_process(RigError.exit_status)
 
     def _listen(self) -> None:
-        """Let the watchdog wake this thread, if it is the main one: other threads get no signals."""
+        """Let the watchdog wake this thread, if it is the main thread. Other threads get no signals."""
         if WAKE is None or self._listens or threading.get_ident() != _main_ident():
             return
         self._handler_before = signal.signal(WAKE, self._on_wake)
@@ -244,7 +248,7 @@ class WatchedRig(RigWrapper):
 
     def _stop_listening(self) -> None:
         if self._listens and threading.get_ident() == _main_ident():
-            with self._lock:  # no signal may arrive after the handler has gone
+            with self._lock:  # no signal may arrive after the handler is removed
                 self._listens = False
                 signal.signal(WAKE, self._handler_before or signal.SIG_DFL)  # pyright: ignore[reportArgumentType]
 
@@ -258,7 +262,7 @@ def _main_ident() -> int:
 
 
 def _whereabouts() -> str:
-    """Place of the main thread now: the innermost one outside Python's own files."""
+    """The line that the main thread runs now: the innermost one outside Python's standard library."""
     frame = sys._current_frames().get(_main_ident())
     while frame is not None and frame.f_code.co_filename.startswith(("<", STDLIB)):
         frame = frame.f_back

@@ -3,16 +3,18 @@
 `import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")`, or `mazeplan/TwoBalls-v1`
 (`mazeplan.core.gymnasium_names` registers both).
 
-task.py       what may be chosen
-worlds.py     the rigs behind it: a fleet of simulated ones, or any rigs
-senses.py     what is known of balls from what was measured: the observation "state"
-judging.py    rewards, arrival, out
-episodes.py   all of that together, for N rigs, with the observation "pixels"
-single.py     Gymnasium's face of it for one rig; vector.py: for many
-pair.py       two balls on one plate, from the same parts
-expert.py     the planner as a policy; record.py: its episodes as a data set
+task.py       the options of an environment
+worlds.py     the rigs of an environment: a fleet of simulated rigs, or any rigs
+senses.py     memory of measurements, and the observation "state" made from them
+judging.py    rewards, and when an episode ends
+episodes.py   episodes of N rigs, from these parts; also the observation "pixels"
+single.py     the Gymnasium environment with one rig
+vector.py     the Gymnasium environment with many rigs
+pair.py       the Gymnasium environment with two balls on one plate
+expert.py     the planner as a policy
+record.py     episodes of the expert as a data set
 
-Gymnasium is imported in this room alone. A process that has not imported mazeplan can name the module, too:
+Only this package imports Gymnasium. A program that has not imported mazeplan can name the module instead:
 `gymnasium.make("mazeplan.apps.environment:mazeplan/CircularMaze-v1")`.
 """
 

@@ -1,4 +1,4 @@
-"""Episodes of N rigs side by side: what the environment for one and the one for many are made of."""
+"""Episodes of N rigs side by side. The environments with one rig and with many rigs are built on them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.sim.fleet import Samples
 
-OPTIONS = ("start_ring", "start_angle_deg")  # of reset()
+OPTIONS = ("start_ring", "start_angle_deg")  # options of reset()
 
 
 def places(
     task: Task, maze: Maze, rngs: Sequence[np.random.Generator], options: Mapping[str, Any] | None
 ) -> tuple[list[int], list[float]]:
-    """Rings and angles (rad) in which episodes begin. options: see OPTIONS, in the place of the task's. Raises
-    SettingsError."""
+    """Rings and angles (rad) at which episodes begin. Raises SettingsError for an option that cannot be used.
+
+    options: options of reset (OPTIONS), which replace those of the task."""
     if not isinstance(options, Mapping | None):
         raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
     asked = dict(options or {})
@@ -41,7 +42,7 @@ def places(
     if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
         raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
     rings, thetas = [], []
-    for rng in rngs:  # both are drawn each time, so that what is given shifts nothing else
+    for rng in rngs:  # always draw both, so that a given value does not change the later random numbers
         ring, angle = int(rng.integers(len(starts))), float(rng.uniform(-math.pi, math.pi))
         rings.append(starts[ring])
         thetas.append(maze.clear_angle(rings[-1], angle if degrees is None else math.radians(degrees)))
@@ -49,8 +50,11 @@ def places(
 
 
 def commands_of(actions: Any, number: int, limit: float) -> Array:
-    """Commands (number, 2), rad, of actions (number, 2), -1 to 1; what is beyond counts as that. limit: of the tilt,
-    rad. Raises ValueError for what is no number."""
+    """Commands (number, 2), rad, from actions (number, 2), which are clipped to -1 to 1.
+
+    limit: tilt limit, rad.
+
+    Raises ValueError for actions of another shape, or that are not finite numbers."""
     try:
         given = np.asarray(actions, dtype=float)
     except (TypeError, ValueError):
@@ -62,7 +66,7 @@ def commands_of(actions: Any, number: int, limit: float) -> Array:
 
 
 class Episodes:
-    """N rigs with the same task. Rows of them are reset and stepped; what comes back has a line a row."""
+    """N rigs with the same task. Calls reset or step some of them, `rows`; the results have one entry for each row."""
 
     def __init__(self, task: Task, number: int, threads: int | None = None) -> None:
         self.task, self.maze = task, load_map(task.map)
@@ -85,24 +89,28 @@ class Episodes:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on from here with a fleet, and begins with `reset` with other rigs (`worlds.RigRow`)."""
-        return vars(self) | {"_pictures": None}  # made when one is asked for
+        """With a fleet, a copy continues from this state. With other rigs (`worlds.RigRow`) it begins with `reset`."""
+        return vars(self) | {"_pictures": None}  # made when the first picture is needed
 
     def close(self) -> None:
-        """Give the rigs back; may be called twice."""
+        """Release the rigs. May be called twice."""
         self._closed = True
         self.world.close()
 
     def reset(
         self, rows: IntArray, rngs: Sequence[np.random.Generator], options: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Observations and info. options: see OPTIONS, in the place of the task's. Raises SettingsError."""
+        """Begin episodes of the rigs `rows`. Returns observations and info.
+
+        options: options of reset (OPTIONS), which replace those of the task.
+
+        Raises SettingsError for an option that cannot be used."""
         self._check_open()
         rings, thetas = places(self.task, self.maze, rngs, options)
         samples = self.world.reset(rows, rings, thetas, rngs)
         self._senses.reset(rows, samples, rings, thetas)
         self._judge.reset(rows)
-        if self.task.observation == "pixels":  # of pictures only: the other noise stays what it is without
+        if self.task.observation == "pixels":  # a generator for pictures alone, so that the other noise stays the same
             for row, rng in zip(rows.tolist(), rngs, strict=True):
                 self._light[row] = rng.spawn(1)[0]
         self._keep(rows, samples)
@@ -111,8 +119,11 @@ class Episodes:
         return self._observed(rows), self._info(rows, self._senses.ring(radius), nothing, nothing.copy())
 
     def step(self, rows: IntArray, actions: np.ndarray) -> tuple[np.ndarray, Verdict, dict[str, np.ndarray]]:
-        """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
-        ValueError for what is no number."""
+        """Step the rigs `rows`. Returns observations, verdicts and info.
+
+        actions: (len(rows), 2), clipped to -1 to 1.
+
+        Raises ValueError for actions that are not finite numbers."""
         self._check_open()
         commands = commands_of(actions, len(rows), self.maze.tilt_limit)
         samples = self.world.step(rows, commands)
@@ -126,14 +137,14 @@ class Episodes:
             raise RuntimeError("the environment is closed: its rig was given back")
 
     def observation(self, row: int) -> Observation:
-        """What the rig of that row measured last, as rigs tell it."""
+        """The last sample of the rig of this row."""
         found = self._samples[row]
         if found is None:
             raise RuntimeError("reset() comes first")
         return found
 
     def picture(self, row: int) -> np.ndarray:
-        """The rig as its camera sees it, (480, 640, 3); drawn where it was seen where the rig has no pictures."""
+        """A picture of the rig, (480, 640, 3). For a rig without `pictured`, shows the ball where it was seen last."""
         try:
             scene = self.world.pictured(row)
         except SettingsError:
@@ -166,8 +177,14 @@ class Episodes:
         return np.stack(drawn)
 
     def _info(self, rows: IntArray, ring: IntArray, arrived: np.ndarray, left: np.ndarray) -> dict[str, np.ndarray]:
-        """ring: where the ball was seen last; time_s: of the rig; is_success: the same as success, as others call
-        it; ball_out: whether the ball has left the maze."""
+        """The info of Gymnasium; each entry has shape (rows,).
+
+        ring: ring in which the ball was seen last.
+        time_s: time of the rig, s.
+        seen: whether the last sample shows the ball.
+        success: whether the ball has arrived.
+        is_success: the same as success; some libraries expect this name.
+        ball_out: whether the ball has left the maze."""
         seen = self._senses.unseen_s(rows) <= 0.0
         return {
             "ring": ring, "time_s": self._senses.t[rows], "seen": seen, "success": arrived,

@@ -1,4 +1,4 @@
-"""The planner as a policy: the behaviour tree of `navigate`, fed with what the environment's rig measures."""
+"""The planner as a policy: the behaviour tree of `navigate` gets the measurements of the environment's rig."""
 
 from __future__ import annotations
 
@@ -19,23 +19,26 @@ from mazeplan.run.specification import Job, Setup
 
 
 class _Ears:
-    """In the place of a rig: keeps what it is told. The environment steps the real one."""
+    """A stand-in for the rig: keeps the last command. The environment steps the real rig."""
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz, self.told = rate_hz, LEVEL
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Keep it."""
+        """Keep the command, rad."""
         self.told = Command(u_beta, u_gamma)
 
 
 class Expert:
-    """Plays episodes of one environment: `begin` after its reset, then `act` before each of its steps. model, behavior:
-    as `navigate` takes them. Raises InputError for another environment, and what `navigate` raises for a model or a
-    tree that cannot be used."""
+    """Plays episodes of one environment. Call `begin` after each reset, then `act` before each step.
+
+    model, behavior: as `navigate` takes them.
+
+    Raises InputError for another environment. For a model or a tree that cannot be used, raises the errors of
+    `navigate`."""
 
     def __init__(self, env: gymnasium.Env, model: str | None = None, behavior: str = "navigate") -> None:
-        inner = env.unwrapped  # what `gymnasium.make` gives has wrappers around it
+        inner = env.unwrapped  # `gymnasium.make` puts wrappers around an environment
         if not isinstance(inner, CircularMazeEnv):
             raise InputError(f"the expert plays mazeplan/CircularMaze-v1, got {type(inner).__name__}")
         task, maze = inner.episodes.task, inner.episodes.maze
@@ -44,16 +47,17 @@ class Expert:
         self._setup = Setup(maze, chosen, behavior, rig_label(task.rig), model or "")
 
     def begin(self) -> None:
-        """A new episode."""
+        """Begin a new episode."""
         self._ears = _Ears(self._env.episodes.rate_hz)
-        start = self._env.episodes.maze.rings[0].number  # told in logs only, of which there is none here
+        start = self._env.episodes.maze.rings[0].number  # only logs use it, and here there is no log
         rig = cast(Rig, self._ears)
         self._run = Run(rig, self._setup, Job(start, self._goal), None, NullDisplay())
 
     def act(self) -> np.ndarray:
-        """The action that answers what the rig measured last, (2,) float32. Where the tree has given up or believes the
-        ball to be there before the environment does, it begins anew. Raises RigError where the rig's measurements
-        cannot be used."""
+        """The action that answers the last sample of the rig, (2,), float32.
+
+        The tree begins anew if it has given up, or if it sees an arrival before the environment does. Raises RigError
+        for measurements that cannot be used."""
         self._run.tick(self._env.measured())
         told, limit = self._ears.told, self._env.episodes.maze.tilt_limit
         return np.clip(np.array([told.u_beta, told.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)

@@ -1,16 +1,16 @@
-"""Rewards and ends of episodes, of N balls at once, by what their rigs measured.
+"""Rewards and ends of episodes, for N balls at once, from the measurements of their rigs.
 
     sparse    1 on arrival, else 0
-    dense     sparse + discount x phi(next) - phi(now),    phi = 1 - (expected s to the goal) / (the longest there is)
+    dense     sparse + discount x phi(next) - phi(now),    phi = 1 - (expected time to the goal) / (longest such time)
 
-The expected time is that of the fastest route over the openings (`maze.graph`), from the ring and the angle at which
-the ball is seen; phi is 0 where an episode ends. A reward shaped so by a potential leaves the best policies what they
-are (Ng, Harada and Russell 1999), for a learner with the same discount. Standing still costs, the nearer to the goal
-the more, so that returns without discount rank policies as one would.
+The expected time is that of the fastest route over the openings (`maze.graph`). The route begins at the ring and the
+angle at which the ball is seen. At the end of an episode, phi is 0. A reward that a potential shapes in this way does
+not change which policies are best (Ng, Harada and Russell 1999), for a learner with the same discount. Standing still
+costs, and costs more near the goal. So returns without discount also rank policies as one would expect.
 
-Arrival is what it is for `navigate`: the ball's centre was measured inside the goal ring for HOLD s, in each sample in
-which it was seen. Out is a ball that was not seen for LOST s, or was seen beyond the rim, as `navigate`
-tells `ball_out`.
+Arrival: as for `navigate`, the ball's centre was measured inside the goal ring for HOLD s, in each sample that shows
+the ball. Out: the ball was not seen for LOST s, or was seen beyond the rim, as for the failure `ball_out` of
+`navigate`.
 """
 
 from __future__ import annotations
@@ -30,15 +30,20 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 
-HOLD = 0.2  # s, as the leaf Settle
-LOST = 1.0  # s
-ANGLES = 120  # of the table of expected times, per ring
+HOLD = 0.2  # s in the goal ring until the ball has arrived, as for the leaf Settle
+LOST = 1.0  # s without a sight of the ball until it is out
+ANGLES = 120  # angles of each ring in the table of expected times
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Each (rows,): reward, whether the ball has arrived, whether it is out (unseen, or out of the maze), whether it
-    has left the maze, in which ring it was seen."""
+    """Verdict on the last step; each field has shape (rows,).
+
+    reward: the reward.
+    arrived: whether the ball has arrived.
+    out: whether the ball was not seen for too long, or has left the maze.
+    left: whether the ball has left the maze.
+    ring: ring in which the ball was seen last."""
 
     reward: Array
     arrived: np.ndarray
@@ -49,7 +54,7 @@ class Verdict:
 
 @lru_cache(maxsize=8)
 def expected_times(maze: Maze, goal: int) -> Array:
-    """(rings, ANGLES + 1): s to the goal ring from angles -pi to pi; infinite where there is no way."""
+    """Expected time to the goal ring, s, (rings, ANGLES + 1), from angles -pi to pi; infinite where there is no way."""
     graph, table = RouteGraph(maze), np.full((len(maze.rings), ANGLES + 1), math.inf)
     for ring in maze.rings:
         for k in range(ANGLES):
@@ -60,7 +65,7 @@ def expected_times(maze: Maze, goal: int) -> Array:
 
 
 class Judge:
-    """Judges N balls. Raises SettingsError where there is no way from a ring that an episode may begin in."""
+    """Judges N balls. Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
 
     def __init__(self, task: Task, senses: Senses, number: int) -> None:
         maze = senses.maze
@@ -72,16 +77,16 @@ class Judge:
         longest = float(np.max(times[np.isfinite(times)]))
         self._potential = 1.0 - np.where(np.isfinite(times), times, longest) / longest
         self._phi, self._since = np.zeros(number), np.full(number, math.nan)
-        self._votes = np.full((number, SAMPLES), -1)  # of the last samples: 1 outside, -1 inside, 0 not seen
+        self._votes = np.full((number, SAMPLES), -1)  # where the last samples show the ball: 1 out, -1 in, 0 not seen
         self._beyond = rim_of(maze) + SIGMAS * EstimatorOptions().camera_sigma  # m
 
     def reset(self, rows: IntArray) -> None:
-        """Begin anew, with what the senses know."""
+        """Begin new episodes of the balls `rows`, from the present state of the senses."""
         self._since[rows], self._votes[rows] = math.nan, -1
         self._phi[rows] = self.potential(rows)
 
     def potential(self, rows: IntArray) -> Array:
-        """phi of where the balls were seen last; 1 at the goal, 0 where it is farthest."""
+        """phi at the places where the balls were seen last: 1 at the goal, 0 where the expected time is longest."""
         radius, theta = self._senses.place(rows)
         at = (theta + math.pi) / math.tau * ANGLES
         low = np.minimum(at.astype(np.int64), ANGLES - 1)
@@ -90,7 +95,7 @@ class Judge:
         return (1.0 - share) * self._potential[ring, low] + share * self._potential[ring, low + 1]
 
     def judge(self, rows: IntArray) -> Verdict:
-        """After the senses have taken in new samples."""
+        """Judge the balls `rows`. Call this after the senses have taken new samples."""
         senses, t = self._senses, self._senses.t[rows]
         radius, _ = senses.place(rows)
         unseen = senses.unseen_s(rows)
@@ -111,5 +116,7 @@ class Judge:
 
 
 def _held(since: Array, t: Array, holds: np.ndarray) -> Array:
-    """Since when something holds, NaN where it does not."""
+    """Time since which a condition has held; NaN where it does not hold.
+
+    since: the times so far; t: the present times, s; holds: whether the condition holds now."""
     return np.where(holds, np.where(np.isnan(since), t, since), math.nan)

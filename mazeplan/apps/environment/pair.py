@@ -1,12 +1,12 @@
-"""The environment with two balls on one plate: both are to be brought to the centre.
+"""The environment with two balls on one plate. The task is to bring both balls to the centre.
 
-The observation has a row for each ball, in the rig's order; tilts and commands stand in both. With phi_k of ball k as
-in `judging`, the reward is
+The observation has a row for each ball, in the rig's order. Both rows have the same tilts and commands. With phi_k of
+ball k as in `judging`, the reward is
 
     sparse    1 when both have arrived, else 0
     dense     sparse + discount x phi(next) - phi(now),    phi = (phi_1 + phi_2) / 2, 0 at the end
 
-An episode ends when both were measured in the centre for 0.2 s, or when one is out.
+An episode ends when both balls were measured in the centre for 0.2 s, or when one ball is out.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from mazeplan.rigs.interface import traits
 from mazeplan.rigs.sim.fleet import Samples
 
 BALLS = 2
-OPTIONS = ("map", "rig", "reward", "start_ring", "start_angle_deg", "discount")  # of `Task`
+OPTIONS = ("map", "rig", "reward", "start_ring", "start_angle_deg", "discount")  # supported options of `Task`
 _RIG, _EACH = np.array([0]), np.arange(BALLS)
 
 
 class TwoBallsEnv(gymnasium.Env):
-    """Two balls are to be brought to the centre by tilting the plate. options: OPTIONS, see `task.Task`.
+    """The agent tilts the plate to bring two balls to the centre. options: OPTIONS, see `task.Task`.
 
     Raises SettingsError or MapError for an option that cannot be used, RigError when the rig fails."""
 
@@ -65,8 +65,9 @@ class TwoBallsEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Place the balls on opposite sides of the ring, level the plate. options: `start_ring`, `start_angle_deg` (of
-        the first ball) of this episode."""
+        """Place the balls on opposite sides of the ring, and level the plate.
+
+        options: `start_ring`, and `start_angle_deg` of the first ball, for this episode."""
         super().reset(seed=seed)
         (ring,), (theta,) = places(self.task, self.maze, [self.np_random], options)
         samples = _both(self._world.reset(_RIG, [ring], [theta], [self.np_random]))
@@ -91,7 +92,7 @@ class TwoBallsEnv(gymnasium.Env):
         return self._senses.state(_EACH), reward, arrived or out, False, self._info(verdict.ring, arrived, verdict.left)
 
     def render(self) -> str | None:
-        """ansi: a line."""
+        """For ansi, a line of text."""
         if self.render_mode is None:
             return None
         radius, theta = self._senses.place(_EACH)
@@ -102,14 +103,14 @@ class TwoBallsEnv(gymnasium.Env):
         return f"t {self._senses.t[0]:6.2f} s  {balls}\n"
 
     def close(self) -> None:
-        """Level the plate and give the rig back."""
+        """Level the plate and release the rig."""
         self._world.close()
 
     def _potential(self) -> float:
         return float(self._judge.potential(_EACH).mean())
 
     def _info(self, ring: IntArray, arrived: bool, left: np.ndarray) -> dict[str, Any]:
-        """As of `CircularMazeEnv`; rings, seen: of each ball."""
+        """The info as in `CircularMazeEnv`, but rings and seen have a value for each ball."""
         return {
             "rings": tuple(ring.tolist()), "time_s": float(self._senses.t[0]),
             "seen": tuple((self._senses.unseen_s(_EACH) <= 0.0).tolist()), "success": arrived, "is_success": arrived,
@@ -118,7 +119,7 @@ class TwoBallsEnv(gymnasium.Env):
 
 
 def _both(samples: Samples) -> Samples:
-    """Raises RigError where the rig does not tell of both balls."""
+    """The samples. Raises RigError unless the rig measured both balls."""
     if len(samples.t) != BALLS:
         raise RigError(f"observe() of the rig: got {len(samples.t)} balls, expected {BALLS}")
     return samples

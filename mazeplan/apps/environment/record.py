@@ -1,9 +1,10 @@
-"""The expert's episodes as a data set: a Parquet file, or one of Minari's.
+"""The expert's episodes as a data set: a Parquet file, or a data set of Minari.
 
-A Parquet file has one row a step: `episode`, `seed` (of its reset), `step`, `observation`, `action`, `reward`,
-`next_observation`, `terminated`, `truncated`, and of the info `ring`, `time_s`, `success`. Pictures are bytes, row by
-row. The key `mazeplan` of its metadata is a JSON document: environment, options, the expert, and the shape and names of
-observations. The same seed and actions give the same observations and rewards again.
+A Parquet file has one row for each step, with these columns: `episode`, `seed` (of the reset), `step`, `observation`,
+`action`, `reward`, `next_observation`, `terminated`, `truncated`, and `ring`, `time_s`, `success` from the info.
+Pictures are stored as bytes, row by row. The metadata of the file has a JSON document under the key `mazeplan`:
+environment, options, expert, and shape and names of the observations. The same seed and actions give the same
+observations and rewards again.
 """
 
 from __future__ import annotations
@@ -30,13 +31,19 @@ from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
 from mazeplan.core.resources import to_install
 
-KEY, FORMAT = b"mazeplan", 1  # a header without `format` has 1, too
+KEY, FORMAT = b"mazeplan", 1  # a header without `format` also has format 1
 
 
 @dataclass(frozen=True)
 class Episode:
-    """seed: of its reset; observations (T+1, ...), actions (T, 2), rewards (T,), rings (T,), times (T,), s; whether it
-    was terminated or truncated, and arrived."""
+    """One episode of T steps.
+
+    seed: seed of its reset.
+    observations (T+1, ...), actions (T, 2), rewards (T,): as the environment has them.
+    rings (T,): ring of the ball after each step.
+    times (T,): rig time after each step, s.
+    terminated, truncated: how the episode ended.
+    success: whether the ball arrived."""
 
     seed: int
     observations: np.ndarray
@@ -51,8 +58,12 @@ class Episode:
 
 @dataclass(frozen=True)
 class Recording:
-    """What is to be recorded: number of episodes, with seeds seed, seed + 1, ...; options of the environment; model and
-    tree of the expert."""
+    """What to record.
+
+    episodes: number of episodes.
+    seed: seed of the first episode; the others have seed + 1, seed + 2, ...
+    options: options of the environment.
+    model, behavior: model and tree of the expert."""
 
     episodes: int
     seed: int
@@ -61,7 +72,7 @@ class Recording:
     behavior: str = "navigate"
 
     def header(self, env: CircularMazeEnv) -> dict[str, Any]:
-        """What a reader needs to know."""
+        """The JSON document for the metadata of the file."""
         return {
             "format": FORMAT, "environment": ID, "options": self.options,
             "expert": {"model": self.model, "behavior": self.behavior},
@@ -72,7 +83,7 @@ class Recording:
 
 
 def played(env: gymnasium.Env, expert: Expert, seed: int) -> Episode:
-    """One episode of the expert, in an environment with whatever wrappers."""
+    """Play one episode of the expert. The environment may have any wrappers."""
     observation, _ = env.reset(seed=seed)
     expert.begin()
     observations, actions, rewards, rings, times = [observation], [], [], [], []
@@ -93,9 +104,11 @@ def played(env: gymnasium.Env, expert: Expert, seed: int) -> Episode:
 
 
 def record(recording: Recording, path: Path, progress: Advance = no_advance) -> dict[str, Any]:
-    """Play and write a Parquet file; what `mazeplan record --json` prints. Raises InputError."""
+    """Play episodes and write them to a Parquet file. Returns what `mazeplan record --json` prints.
+
+    Raises InputError if the file cannot be written or pyarrow is missing."""
     pq = _pyarrow()
-    partly = path.with_name(path.name + ".part")  # a file under its name is whole
+    partly = path.with_name(path.name + ".part")  # so that a file with the final name is always complete
     env, one, expert = _made(recording)
     told: list[Episode] = []
     writer = None
@@ -117,14 +130,15 @@ def record(recording: Recording, path: Path, progress: Advance = no_advance) -> 
 
 
 def record_minari(recording: Recording, dataset: str, progress: Advance = no_advance) -> dict[str, Any]:
-    """Play and make a data set of Minari's, on this computer. Raises InputError where Minari is missing or does not
-    want the name."""
+    """Play episodes and make a Minari data set on this computer. Returns what `mazeplan record --json` prints.
+
+    Raises InputError if Minari is missing or does not accept the name."""
     try:
         import minari  # pyright: ignore[reportMissingImports]  (not among the extras)
         from minari.data_collector import EpisodeBuffer  # pyright: ignore[reportMissingImports]
         from minari.dataset.minari_dataset import parse_dataset_id  # pyright: ignore[reportMissingImports]
 
-        parse_dataset_id(dataset)  # before the work, not after it
+        parse_dataset_id(dataset)  # raises ValueError for a bad name, before any episode is played
     except ImportError:
         raise InputError("--minari needs Minari: pip install 'minari[arrow]'; or -o FILE.parquet") from None
     except ValueError as problem:
@@ -144,7 +158,7 @@ def record_minari(recording: Recording, dataset: str, progress: Advance = no_adv
                 )
             )  # fmt: skip
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that nobody named an author
+            warnings.simplefilter("ignore", UserWarning)  # Minari warns that no author is named
             minari.create_dataset_from_buffers(
                 dataset, buffers, env=env, algorithm_name="mazeplan navigate", requirements=["mazeplan[gym]"],
                 description=json.dumps({"options": recording.options, "seed": recording.seed}),
@@ -168,7 +182,7 @@ def _made(recording: Recording) -> tuple[gymnasium.Env, CircularMazeEnv, Expert]
 def _all(
     recording: Recording, env: gymnasium.Env, expert: Expert, told: list[Episode], progress: Advance
 ) -> Iterator[Episode]:
-    """Each episode as it ends; told: gets what a summary needs of it."""
+    """Play the episodes, and yield each one when it ends. told: gets the parts that a summary needs."""
     for number in range(recording.episodes):
         episode = played(env, expert, recording.seed + number)
         told.append(_light(episode))
@@ -177,7 +191,7 @@ def _all(
 
 
 def _light(episode: Episode) -> Episode:
-    """Without what takes room."""
+    """The episode without its large arrays."""
     nothing = np.zeros(0)
     return Episode(
         episode.seed, nothing, nothing, episode.rewards, nothing, episode.times, episode.terminated, episode.truncated,
@@ -234,7 +248,7 @@ def _table(number: int, episode: Episode, header: dict[str, Any]) -> Any:
 
 
 def load_episodes(path: str | Path) -> tuple[dict[str, Any], list[Episode]]:
-    """The document and the episodes of a file that `record` wrote. Raises SettingsError for any other."""
+    """The document and the episodes of a file that `record` wrote. Raises SettingsError for any other file."""
     pq = _pyarrow()
     if not Path(path).exists():
         raise SettingsError("no such file", file=path)
@@ -270,7 +284,7 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Any], list[Episode]]:
 
 
 def _reader(shape: tuple[int, ...]) -> Callable[[Any], np.ndarray]:
-    """From a column to observations, a row each."""
+    """A function that converts a column to observations, one in each row."""
     if len(shape) == 3:
         return lambda column: np.array([np.frombuffer(one, np.uint8) for one in column.to_pylist()])
     return lambda column: np.array(column.to_pylist(), dtype=np.float32)

@@ -1,8 +1,8 @@
-"""What is known of N balls from what their rigs measured, and the observation "state" that is made of it.
+"""Memory of the measurements of N balls, and the observation "state" made from it.
 
-Nothing here is smoothed, predicted or looked up in the simulation: a rig on a table would give the same. Positions
-carry the camera's noise and are as late as its pictures; while the ball is not seen the last position and speed stay.
-Speeds are differences over two samples (of those in which the ball was seen), tilt rates the same.
+This module does not smooth, predict or look into the simulation: a rig on a table would give the same. Positions carry
+the camera's noise and its delay. While a ball is not seen, its last position and speed stay. Speeds and tilt rates are
+differences over two samples; for speeds, only samples that show the ball count.
 """
 
 from __future__ import annotations
@@ -21,24 +21,26 @@ HIGH = np.array([2.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 5.0, 5.0, 1.0, 1.0, 1.0, 1.0
 LOW = np.where(np.isin(NAMES, ("radius", "ring", "unseen")), np.float32(0.0), -HIGH).astype(np.float32)
 SPEED = 1.0  # m/s
 RATE = 10.0  # tilt limits a second
-UNSEEN = 1.0  # s; longer is all one
-APART = 2  # samples between those of a difference
+UNSEEN = 1.0  # s; longer times without the ball give the same observation
+APART = 2  # samples from one end of a difference to the other
 
 
 class Senses:
-    """Memory of N balls. x, y: m, where each was seen last; ring: by that; unseen_s: since then; t: s."""
+    """Memory of N balls: where each ball was seen last, tilts, commands.
+
+    t (N,): time of the last sample, s."""
 
     def __init__(self, maze: Maze, rate_hz: float, number: int) -> None:
         self.maze, self._rate, self._past = maze, rate_hz, APART + 1
-        self._where = np.zeros((self._past, number, 3))  # t, x, y where the ball was seen, the newest first
+        self._where = np.zeros((self._past, number, 3))  # t, x, y of the last sights of the ball, the newest first
         self._tilt = np.zeros((self._past, number, 2))
         self._command = np.zeros((number, 2))
         self.t = np.zeros(number)
         edges = [0.5 * (a.inner_radius + b.outer_radius) for a, b in zip(maze.rings, maze.rings[1:], strict=False)]
-        self._edges = np.array(edges[::-1])  # between rings, the innermost first
+        self._edges = np.array(edges[::-1])  # radii of the borders between rings, the innermost first, m
 
     def reset(self, rows: IntArray, samples: Samples, rings: list[int], thetas: list[float]) -> None:
-        """Balls were placed at rest, and it is known where."""
+        """Begin with balls at rest, at known rings and angles (rad)."""
         radius = np.array([self.maze.track_radius(ring) for ring in rings])
         theta = np.array(thetas)
         for age in range(self._past):
@@ -51,7 +53,7 @@ class Senses:
         self._where[0, rows[seen]] = where[seen]
 
     def take(self, rows: IntArray, samples: Samples, commands: Array) -> None:
-        """Take in samples and the commands (len(rows), 2), rad, that led to them."""
+        """Store samples, and the commands (len(rows), 2), rad, that came before them."""
         seen = np.isfinite(samples.x)
         fresh = rows[seen]
         self._where[1:, fresh] = self._where[:-1, fresh]
@@ -66,11 +68,11 @@ class Senses:
         return np.hypot(x, y), np.arctan2(y, x)
 
     def ring(self, radius: Array) -> IntArray:
-        """As `Maze.ring_at`, of many."""
+        """As `Maze.ring_at`, for many radii (m)."""
         return len(self.maze.rings) - np.searchsorted(self._edges, radius, side="left")
 
     def unseen_s(self, rows: IntArray) -> Array:
-        """s since the balls were seen; 0 for those that are."""
+        """Time since the balls were seen last, s; 0 for balls in the last sample."""
         return self.t[rows] - self._where[0, rows, 0]
 
     def state(self, rows: IntArray) -> np.ndarray:

@@ -16,7 +16,7 @@ _ONE = np.array([0])
 
 
 class CircularMazeEnv(gymnasium.Env):
-    """A ball is to be brought from a ring to another by tilting the plate. options: those of `task.Task`.
+    """The agent tilts the plate to bring a ball from one ring to another. options: those of `task.Task`.
 
     Raises SettingsError or MapError for an option that cannot be used, RigError when the rig fails."""
 
@@ -33,7 +33,7 @@ class CircularMazeEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Place the ball, level the plate. options: `start_ring`, `start_angle_deg` of this episode."""
+        """Place the ball and level the plate. options: `start_ring`, `start_angle_deg` of this episode."""
         super().reset(seed=seed)
         observed, info = self.episodes.reset(_ONE, [self.np_random], options)
         return observed[0], _of_one(info)
@@ -45,11 +45,11 @@ class CircularMazeEnv(gymnasium.Env):
         return observed[0], float(verdict.reward[0]), ended, False, _of_one(info)
 
     def measured(self) -> Observation:
-        """What the rig measured last, in its own units."""
+        """The last sample of the rig, in SI units."""
         return self.episodes.observation(0)
 
     def render(self) -> Any:
-        """rgb_array: what the camera sees, (480, 640, 3); ansi: a line."""
+        """For rgb_array the picture of the camera, (480, 640, 3); for ansi a line of text."""
         if self.render_mode == "rgb_array":
             return self.episodes.picture(0)
         if self.render_mode != "ansi":
@@ -60,7 +60,7 @@ class CircularMazeEnv(gymnasium.Env):
         return f"t {sample.t:6.2f} s  {where}  beta {beta:5.2f} gamma {gamma:5.2f} deg\n"
 
     def close(self) -> None:
-        """Level the plate and give the rig back."""
+        """Level the plate and release the rig."""
         self.episodes.close()
 
 

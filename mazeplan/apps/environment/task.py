@@ -1,4 +1,4 @@
-"""What an environment is asked to be, with all its choices."""
+"""The options of an environment."""
 
 from __future__ import annotations
 
@@ -14,15 +14,22 @@ from mazeplan.run.resolve import ring_number
 
 OBSERVATIONS = ("state", "pixels")
 REWARDS = ("sparse", "dense")
-ANY = "any"  # ring to start in: drawn, but for the goal
-SIZES = (16, 480)  # px, of a picture's side
+ANY = "any"  # start ring that is drawn at random from all rings except the goal
+SIZES = (16, 480)  # px, minimum and maximum side of a picture
 
 
 @dataclass(frozen=True)
 class Task:
-    """map, rig: as `navigate` takes them; observation: "state" or "pixels"; reward: "sparse" or "dense"; start_ring: a
-    ring or "any", goal_ring: a ring (None: the innermost); start_angle_deg: None: drawn anew for each episode;
-    discount: the learner's, by which the dense reward is shaped; size: px, side of a picture. Raises SettingsError."""
+    """Options of an environment. Raises SettingsError for an option that cannot be used.
+
+    map, rig: as `navigate` takes them.
+    observation: "state" or "pixels".
+    reward: "sparse" or "dense".
+    start_ring: a ring, or "any".
+    goal_ring: a ring; None: the innermost.
+    start_angle_deg: None: drawn anew for each episode.
+    discount: discount of the learner; the dense reward uses it.
+    size: side of a picture, px."""
 
     map: str = "cme"
     rig: str = "toy"
@@ -54,7 +61,7 @@ class Task:
 
     @classmethod
     def of(cls, options: dict[str, Any]) -> Task:
-        """From keywords. Raises SettingsError for one that there is not."""
+        """A task from keywords. Raises SettingsError for an unknown keyword."""
         known = [field.name for field in fields(cls)]
         for name in options:
             if name not in known:
@@ -62,12 +69,13 @@ class Task:
         return cls(**options)
 
     def goal(self, maze: Maze) -> int:
-        """Number of the goal ring. Raises SettingsError."""
+        """Number of the goal ring. Raises SettingsError for a ring that the maze lacks."""
         return len(maze.rings) if self.goal_ring is None else _ring("goal_ring", self.goal_ring, maze)
 
     def starts(self, maze: Maze, ring: int | str | None = None) -> tuple[int, ...]:
-        """Numbers of the rings that an episode may begin in; ring: in the place of `start_ring`. Raises
-        SettingsError."""
+        """Numbers of the rings in which an episode may begin. Raises SettingsError if there is none.
+
+        ring: replaces `start_ring`."""
         goal, asked = self.goal(maze), self.start_ring if ring is None else ring
         if asked == ANY:
             return tuple(r.number for r in maze.rings if r.number != goal)

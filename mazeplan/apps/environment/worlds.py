@@ -1,4 +1,4 @@
-"""The rigs behind environments: a fleet of simulated ones where that can be, else rigs one after another."""
+"""The rigs of environments: a fleet of simulated rigs if it supports them, else rigs that run one after another."""
 
 from __future__ import annotations
 
@@ -21,34 +21,35 @@ from mazeplan.rigs.watchdog import watched
 
 
 class World(Protocol):
-    """N rigs, some of which (`rows`) are placed anew or go on by a sample. See `rigs.fleet.Fleet`."""
+    """N rigs. Each call resets or steps some of them, `rows`. See `rigs.sim.fleet.Fleet`."""
 
     rate_hz: float
 
     def reset(
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Samples:
-        """Place balls."""
+        """Place the balls of the rigs `rows`, and return their first samples."""
         ...
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
-        """Command tilts (len(rows), 2), rad, and wait for the next sample."""
+        """Command tilts (len(rows), 2), rad, to the rigs `rows`, and return their next samples."""
         ...
 
     def pictured(self, row: int) -> Array:
-        """What the picture of the last sample shows, (5,), see `SimulatedRig.pictured`."""
+        """The scene in the picture of the last sample, (5,): see `SimulatedRig.pictured`."""
         ...
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all rigs."""
         ...
 
 
 class RigRow:
-    """Any rigs of one kind, one after another; samples of a rig with several balls have a row for each ball.
+    """Any rigs of one kind, which run one after another. Samples of a rig with several balls have a row for each ball.
 
-    make: makes them, once more for a copy: a copy begins with `reset`, as nobody can copy a machine in the midst of a
-    run."""
+    make: makes the rigs, and makes them again for a copy of this object. A copy begins with `reset`, because nobody can
+    copy a machine in the middle of a run.
+    rigs: by default those that `make` returns."""
 
     def __init__(self, make: Callable[[], Sequence[Rig]], rigs: Sequence[Rig] | None = None) -> None:
         self._make, self._rigs = make, list(make() if rigs is None else rigs)
@@ -79,16 +80,16 @@ class RigRow:
         return _samples(seen)
 
     def pictured(self, row: int) -> Array:
-        """See `World`. Raises SettingsError for a rig that has no such pictures."""
+        """See `World`. Raises SettingsError for a rig without `pictured`."""
         look = traits(self._rigs[row]).pictured
         if look is None:
             raise SettingsError("got pixels, but this rig tells positions only; expected state", key="observation")
         return look()
 
     def close(self) -> None:
-        """Level and close all."""
+        """Level and close all rigs."""
         for rig in self._rigs:
-            with suppress(RigError):  # one that fails now has said so before
+            with suppress(RigError):  # a rig that fails now has raised its error before
                 rig.level()
                 rig.close()
         self._rigs = []
@@ -105,7 +106,7 @@ def _number(value: float | None) -> float:
 
 
 def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> World:
-    """N rigs of a name, file or class. Raises SettingsError."""
+    """N rigs that a name, file or class describes. Raises SettingsError as `make_rig`."""
     rig = make_rig(spec, maze)
     if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
         return Fleet(rig.maze, rig.settings, number, threads)
@@ -113,12 +114,12 @@ def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> 
 
 
 def rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
-    """As many rigs, with watchdogs. Raises SettingsError, RigError for one that cannot be used."""
+    """`number` rigs with watchdogs. Raises SettingsError or RigError for a rig that cannot be used."""
     return _ready([make_rig(spec, maze) for _ in range(number)])
 
 
 def _ready(rigs: Sequence[Rig]) -> list[Rig]:
-    """With watchdogs. Raises RigError for one that cannot be used."""
+    """The rigs with watchdogs. Raises SettingsError for a rig that cannot be driven yet."""
     guarded = [watched(rig) for rig in rigs]
     for rig in guarded:
         check_ready(rig)

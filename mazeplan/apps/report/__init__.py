@@ -1,6 +1,7 @@
-"""Reports: a run, evaluations, models, a diagnosis, each as one HTML file that stands alone, and its pictures as files.
+"""Reports of a run, of evaluations, of models, or of a diagnosis. A report is one HTML file that needs no other file.
+Its pictures can also be written as separate files.
 
-    log or document --inputs--> what it is --run, evaluation, models, diagnosis--> Section --page--> HTML, PNG, SVG
+    log or document --inputs--> Input --run, evaluation, models, diagnosis--> PageSection --page--> HTML, PNG, SVG
 
-What a picture shows is computed by functions without Matplotlib, which is imported when something is drawn.
+Functions without Matplotlib compute what a picture shows. Matplotlib is imported only when a picture is drawn.
 """

@@ -1,4 +1,4 @@
-"""How sure models are of roll-outs, by the documents of `compare --json`: bands of 90 %, and how often they hold."""
+"""How sure models are of roll-outs, from the documents of `compare --json`: bands of 90 %, and how often they hold."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mazeplan.learning.split import TOO_FEW, enough
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LAST = 40  # samples
+LAST = 40  # samples after which the table compares the errors
 
 
 def confidence_parts(document: Comparison) -> list[Any]:
-    """Table and picture; empty for a document without bands."""
+    """The table and the picture of a page; empty for a document without bands."""
     shown = {ring: scores for ring, scores in document.items() if scores.confidence}
     if not shown:
         return []
@@ -62,7 +62,7 @@ def _cell(scores: ComparedRing, kind: str) -> str:
 
 
 def _share(entry: ConfidenceEntry) -> str:
-    """How often the measured angle lay in the band, as `compare` prints it, if windows are enough."""
+    """How often the measured angle lay in the band, as `compare` prints it; TOO_FEW if there are too few windows."""
     if not enough(entry.windows):
         return TOO_FEW
     return " / ".join(f"{100.0 * getattr(entry, f'coverage{n}'):.0f}" for n in CHECKED) + " %"
@@ -97,7 +97,7 @@ def _draw(figure: Figure, document: Comparison) -> None:
 
 
 def _window(axes: Any, window: dict[str, Array], kind: str) -> None:
-    """Band, middle, and the measured angle."""
+    """Draw one window: the band, its middle, and the measured angle."""
     k, name = np.arange(len(window["low"])), KIND_STYLES.get(kind, "neutral")
     axes.fill_between(k, DEG * window["low"], DEG * window["high"], color=COLOURS[name], alpha=0.2, lw=0,
                       label="90 % of roll-outs")  # fmt: skip

@@ -1,6 +1,6 @@
-"""The report of a diagnosis, by its document and, if there is any, the evidence beside it (`diagnose -o`).
+"""The report of a diagnosis, from its document and, if there is one, the file with its evidence (`diagnose -o`).
 
-A diagnosis of a whole rig has a report of its own (`rigdiagnosis`).
+A diagnosis of a whole rig has another report (`rigdiagnosis`).
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ VERDICTS = {
     "ambiguous": "an effect was found, but this record fits another one, too",
     "unknown_effect": "something is there that has no name",
 }
-ANGLE = "theta, rad"  # label of where on the ring
-SMALL = 0.05  # of the largest evidence; an effect with less is called small
+ANGLE = "theta, rad"  # label of an axis that shows the angle on the ring
+SMALL = 0.05  # an effect with less than this share of the largest evidence is called small
 WHEN = {"before": "bad", "after": "good"}  # styles
-CANDIDATES = 10
-LONG = 34  # characters of a label on a side
-LEAST = 1.0  # of a gain that has a bar
+CANDIDATES = 10  # number of candidates in the picture
+LONG = 34  # characters; a longer label of the y axis gets two lines
+LEAST = 1.0  # gain at which a bar begins; a smaller gain has no bar
 
 
 def write_diagnosis(document: dict[str, Any], evidence: dict[str, Any], path: Path) -> None:
-    """The page of one diagnosis: one file that loads nothing."""
+    """Write the page of one diagnosis, as one file that loads nothing."""
     plain, shown = (from_json(to_json(part, inf_nan_mode="null")) for part in (document, evidence))
     section = diagnosis_section(Input("diagnosis", path.parent, evidence["title"], plain, shown))
     write_page(path, section.title, [section])
 
 
 def diagnosis_section(given: Input) -> PageSection:
-    """Everything about a diagnosis."""
+    """The section of a page about a diagnosis."""
     document, evidence = given.document, given.evidence
     if isinstance(document, RigDocument):
         return rig_section(given)
@@ -83,18 +83,18 @@ def _label(evidence: EvidenceDocument | None, name: str) -> str:
 
 
 def labels(evidence: EvidenceDocument | None) -> dict[str, str]:
-    """Score -> words and the unit of its number; a system without a ball has words of its own."""
+    """{score: its words and its unit}. The evidence of a system without a ball has its own labels."""
     own = {} if evidence is None or "rollout40" in evidence.labels else evidence.labels
     return {**words.SCORES, **own}
 
 
 def drawn(evidence: EvidenceDocument | None) -> str:
-    """The score that is looked at."""
+    """The score that the report shows."""
     return "rollout40" if evidence is None else evidence.drawn
 
 
 def lead(document: RingDocument, evidence: EvidenceDocument | None) -> str:
-    """The finding in words; sizes are in the table below."""
+    """The finding in words, without sizes, which are in the table below."""
     names = [_missing(document, effect) for effect in document.effects]
     found = " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)
     change = _change(document, evidence)
@@ -115,7 +115,7 @@ def lead(document: RingDocument, evidence: EvidenceDocument | None) -> str:
 
 
 def _missing(document: RingDocument, effect: EffectEntry) -> str:
-    """The name of an effect; whether the model had it already, in another size; whether it is small."""
+    """The name of an effect. Remarks say whether the old model had it with another size, and whether it is small."""
     had, remarks = document.declared.get(effect.name), []
     if isinstance(had, dict):
         remarks.append("known before, with " + ("another size" if any(had.values()) else "the size 0"))
@@ -125,7 +125,7 @@ def _missing(document: RingDocument, effect: EffectEntry) -> str:
 
 
 def _known_before(name: str, values: Any) -> str:
-    """An effect that was declared, with its sizes as in files: SI units."""
+    """A declared effect with its sizes in SI units, as in files."""
     sizes = [f"{v:.3g}" for v in values.values() if isinstance(v, int | float)] if isinstance(values, dict) else []
     if set(sizes) == {"0"}:
         sizes = ["0"]
@@ -133,7 +133,7 @@ def _known_before(name: str, values: Any) -> str:
 
 
 def _change(document: RingDocument, evidence: EvidenceDocument | None) -> str:
-    """The score that is looked at, before and after; empty where it is not known."""
+    """The score that the report shows (`drawn`), before and after; empty if it is unknown."""
     name = drawn(evidence)
     label = _label(evidence, name)
     before, after = (words.labelled(scores.get(name, math.nan), label) for scores in (document.before, document.after))
@@ -179,7 +179,7 @@ def _cell(value: float, label: str) -> str:
 
 
 def _effects(document: RingDocument) -> PageTable:
-    """A row for each parameter, with its name for `--declare`."""
+    """A table with a row for each parameter, with the name that `--declare` takes."""
     rows = []
     for effect in document.effects:
         first = [words.spoken(effect.name), words.number(effect.evidence, 1)]
@@ -193,7 +193,7 @@ def _effects(document: RingDocument) -> PageTable:
 
 
 def _experiments(document: RingDocument) -> list[Note]:
-    """For each group of effects that the record cannot tell apart, an experiment that can."""
+    """A paragraph for each group of effects that the record cannot tell apart, with an experiment that can."""
     found = []
     for i, group in enumerate(document.ambiguous_with):
         text, command = f"Hard to tell apart in this record: {', '.join(map(words.spoken, group))}.", ""
@@ -237,7 +237,7 @@ def diagnosis_pictures(document: RingDocument, evidence: EvidenceDocument) -> li
 
 
 def shown_candidates(evidence: EvidenceDocument) -> list[CandidateEntry]:
-    """The best candidates, and always the best placebo."""
+    """The best candidates; the best placebo is always among them."""
     ranked = sorted(evidence.candidates, key=lambda c: -c.gain)
     best = ranked[:CANDIDATES]
     placebo = next((c for c in ranked if c.placebo), None)
@@ -245,7 +245,7 @@ def shown_candidates(evidence: EvidenceDocument) -> list[CandidateEntry]:
 
 
 def explained_by(evidence: EvidenceDocument) -> str:
-    """The one of position, speed and time against which the misfit fell most; empty where none fell."""
+    """The axis (position, speed or time) against which the misfit fell most; empty if it fell against none."""
     names = ("position", "speed", "time")
     before, after = ({n: _misfit(getattr(part, n)) for n in names} for part in (evidence.before, evidence.after))
     falls = {name: before[name] - after[name] for name in names}
@@ -329,7 +329,7 @@ def _residuals(figure: Figure, evidence: EvidenceDocument) -> None:
         for when, role in WHEN.items():
             curve = getattr(getattr(evidence, when), name)
             at, mean, error = words.labelled(1.0, label) * np.asarray(curve["at"]), curve["mean"], curve["stderr"]
-            if label == ANGLE:  # where on the ring: from 0 to 360
+            if label == ANGLE:  # angles on the ring go from 0 to 360
                 order = np.argsort(at % 360.0)
                 at, mean, error = at[order] % 360.0, np.asarray(mean)[order], np.asarray(error)[order]
             axes.plot(at, mean, **line(role), label=when)

@@ -1,4 +1,4 @@
-"""The documents of a diagnosis: what `diagnose` and `improve` print, and the evidence that pictures show."""
+"""The documents of a diagnosis: the JSON that `diagnose` and `improve` print, and the evidence that pictures show."""
 
 # ruff: noqa: RUF012  pydantic copies defaults
 from __future__ import annotations
@@ -16,7 +16,7 @@ BinnedCurve = Annotated[dict[str, Row], alike("at", "mean", "stderr")]
 
 
 class ParameterEntry(Document):
-    """Size of a parameter."""
+    """Size of a parameter, with its standard error."""
 
     value: Real
     stderr: Number = math.nan
@@ -24,7 +24,15 @@ class ParameterEntry(Document):
 
 
 class EffectEntry(Document):
-    """An effect that was found. evidence: growth of -2 log L without it; known_before: sizes in the old model."""
+    """An effect that was found.
+
+    name: name of the effect.
+    parameters: {name of a parameter: its size}.
+    evidence: growth of -2 log L if the effect is left out.
+    rings: the rings in which it was found.
+    known_before: {name of a parameter: its size in the old model}.
+    planned: whether plans use the effect.
+    why_not: reason if plans do not use it."""
 
     name: StrictStr
     parameters: dict[str, ParameterEntry]
@@ -36,7 +44,10 @@ class EffectEntry(Document):
 
 
 class NavigationRuns(Document):
-    """Runs with one model; time_s: mean, best, worst of those that arrived."""
+    """Runs with one model.
+
+    runs, success: numbers of all runs and of runs that arrived.
+    time_s: mean, best and worst time of the runs that arrived, s."""
 
     runs: StrictInt
     success: StrictInt
@@ -51,7 +62,11 @@ class NavigationChange(Document):
 
 
 class DiagnosisDocument(Document):
-    """Printed by `diagnose --json`. before, after: scores on held-out samples; test: on a further record."""
+    """The JSON of `diagnose`: the keys that every diagnosis has.
+
+    before, after: scores on held-out samples with the old and with the new model.
+    unknown: an effect without a name.
+    test: scores on a further record."""
 
     verdict: StrictStr
     effects: list[EffectEntry] = []
@@ -64,7 +79,7 @@ class DiagnosisDocument(Document):
     navigation: NavigationChange | None = None
 
     def columns(self, before: str, after: str) -> dict[str, Scores]:
-        """Scores by heading, with those on a further record if the document has one."""
+        """{heading of a column: scores}. Has more columns if the document has scores on a further record."""
         found = {before: self.before, after: self.after}
         for heading, when in ((before, "before"), (after, "after")):
             if isinstance(further := self.test.get(when), dict):
@@ -73,8 +88,13 @@ class DiagnosisDocument(Document):
 
 
 class RingDocument(DiagnosisDocument):
-    """A diagnosis of one ring or another system. separate_by: for each ambiguous group an experiment (why, first,
-    note, command); declared: effects of the old model."""
+    """A diagnosis of one ring of a maze, or of another system.
+
+    held_out: share of the samples that were held out.
+    noise_floor: error by the noise of the sensors alone.
+    declared: effects of the old model.
+    ambiguous_with: groups of effects that the record cannot tell apart.
+    separate_by: for each group an experiment that can (why, first, note, command)."""
 
     ring: StrictInt | None = None
     radius_m: Number = math.nan
@@ -86,7 +106,9 @@ class RingDocument(DiagnosisDocument):
 
 
 class RigDocument(DiagnosisDocument):
-    """A diagnosis of a whole rig. remaining: residual in times the noise of the camera."""
+    """A diagnosis of a whole rig.
+
+    remaining: residual divided by the noise of the camera."""
 
     sentence: StrictStr
     reference: StrictStr
@@ -95,19 +117,19 @@ class RigDocument(DiagnosisDocument):
 
     @property
     def something_found(self) -> bool:
-        """Whether the scores after differ from those before."""
+        """Whether the diagnosis found an effect, so that the scores after differ from those before."""
         return bool(self.effects or self.unknown)
 
 
 class ImproveRound(Document):
-    """One round; its diagnosis is checked by itself."""
+    """One round of `improve`. Its diagnosis is checked later, as a document of its own."""
 
     diagnosis: dict[str, Any]
     navigation: NavigationChange | None = None
 
 
 class ImproveDocument(Document):
-    """Printed by `improve --json`."""
+    """The JSON of `improve`."""
 
     rounds: list[ImproveRound] = Field(min_length=1)
 
@@ -116,7 +138,11 @@ class ImproveDocument(Document):
 
 
 class CandidateEntry(Document):
-    """A candidate of the search. gain: fall of -2 log L with it alone, less its penalty."""
+    """A candidate of the search.
+
+    gain: fall of -2 log L with this candidate alone, minus its penalty.
+    named: whether it has a name.
+    placebo: whether it is a placebo."""
 
     name: StrictStr
     gain: Real
@@ -125,7 +151,12 @@ class CandidateEntry(Document):
 
 
 class ResidualEvidence(Document):
-    """The residual. correlations: by samples apart; white: bound of those of white noise; spectrum: by hz."""
+    """The residual of a model.
+
+    correlations: autocorrelation at 1, 2, ... samples.
+    white: bound of the autocorrelation of white noise.
+    position, speed, time: mean residual in bins of each.
+    spectrum: power in bands of frequency."""
 
     correlations: Row
     white: Number
@@ -136,7 +167,7 @@ class ResidualEvidence(Document):
 
 
 class EvidenceDocument(Document):
-    """What pictures of the diagnosis of one ring or another system show."""
+    """Evidence for the pictures of a `RingDocument`."""
 
     title: StrictStr = ""
     notes: list[StrictStr] = []
@@ -151,7 +182,11 @@ class EvidenceDocument(Document):
 
 
 class ErrorMap(Document):
-    """Error of the prediction by ring (rows: inner and outer radius) and sector. ahead: samples."""
+    """Error of the prediction by ring and sector.
+
+    ahead: how far the prediction looks ahead, samples.
+    rings: inner and outer radius of each ring, m.
+    before, after: errors along the ring, m; a row for each ring, a column for each sector."""
 
     ahead: StrictInt
     rings: Grid
@@ -160,7 +195,11 @@ class ErrorMap(Document):
 
 
 class PlaceMark(Document):
-    """A place that was found: a spot (x, y, width), or a sector (centre, half, inner, outer)."""
+    """A place that was found: a spot or a sector.
+
+    x, y, width: middle and radius of a spot, m.
+    centre, half: middle and half width of a sector, rad.
+    inner, outer: radii of a sector, m."""
 
     x: Number = math.nan
     y: Number = math.nan
@@ -179,7 +218,11 @@ class PlaceMark(Document):
 
 
 class PredictionErrors(Document):
-    """Error of the angle by time ahead: mean, and bounds of four of five."""
+    """Error of the predicted angle, by time ahead.
+
+    ahead_s: times ahead, s.
+    error: mean error, rad.
+    low, high: bounds that four of five errors are between, rad."""
 
     ahead_s: Row
     error: BeforeAfter
@@ -188,9 +231,19 @@ class PredictionErrors(Document):
 
 
 class RigEvidenceDocument(PredictionErrors):
-    """What pictures of the diagnosis of a whole rig show. gain: of -2 log L, for each block of time.
+    """Evidence for the pictures of a `RigDocument`.
 
-    remaining: residual in times the noise; its `then`: when the model was right, 0 if not known."""
+    map: text of the map.
+    block_s: length of a block of time, s.
+    gain: gain of -2 log L in each block by what was found.
+    gain_t: time of each block, s.
+    white: 95 % bound of the correlation of noise alone.
+    alike_from: correlation from which on the residual is not like noise.
+    places: error of the prediction over the maze.
+    marks: places that were found.
+    correlation: autocorrelation of the residual.
+    spectrum: spectrum of the residual.
+    remaining: residual divided by the noise; `then`: its value when the model was right, 0 if not known."""
 
     title: StrictStr
     map: StrictStr

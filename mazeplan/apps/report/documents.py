@@ -1,6 +1,6 @@
-"""The documents of evaluations and comparisons, as pydantic models, and what all models of documents share.
+"""The documents of evaluations and comparisons, as pydantic models. Also the base and the checks of all such models.
 
-A missing number (null) is NaN in a model. Unknown keys are ignored. Units are those of the files: SI.
+A missing number (null) is NaN in a model. Unknown keys are ignored. Units are SI, as in the files.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from mazeplan.maze.yamltree import key_path
 
 
 def wrong(key: str, problem: str) -> PydanticCustomError:
-    """An error at a key inside the value that is being checked."""
+    """The error for a problem at a key inside the value that is checked."""
     return PydanticCustomError("document", "{problem}", {"problem": problem, "key": key})
 
 
 def counted(counts: Iterable[tuple[str, int, int, str]]) -> None:
-    """Refuse the first (key, number got, number expected, of what) whose numbers differ."""
+    """Raise an error for the first entry (key, number got, number expected, what is counted) whose numbers differ."""
     for key, got, expected, words in counts:
         if got != expected:
             raise wrong(key, f"got {got} {words}, expected {expected}")
 
 
 def _through(kind: Any, convert: Any) -> Any:
-    """Check a value as `kind`, then convert it."""
+    """An annotation: pydantic checks a value as `kind`, then converts it with `convert`."""
 
     def schema(_: Any, handler: Any) -> Any:
         return core_schema.no_info_after_validator_function(convert, handler.generate_schema(kind))
@@ -62,7 +62,7 @@ def _table(rows: list[list[float]]) -> Array:
 
 
 def alike(*names: str) -> AfterValidator:
-    """Lists under these names must be there, all as long."""
+    """A check that lists with these names exist, and that all have the same length."""
 
     def check(lists: dict[str, Array]) -> dict[str, Array]:
         for name in names:
@@ -85,7 +85,7 @@ NullIsEmpty = BeforeValidator(lambda value: {} if value is None else value)
 
 
 class Document(BaseModel):
-    """Base of all models here."""
+    """Base of all models of documents."""
 
     model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
 
@@ -94,14 +94,14 @@ class Document(BaseModel):
 
 
 class RingTime(Document):
-    """Time in a ring."""
+    """Time of one visit of a ring."""
 
     ring: StrictInt
     time_s: Real
 
 
 class FailureEntry(Document):
-    """A failure, and where the ball was."""
+    """A failure, and where the ball was then, m."""
 
     kind: StrictStr
     x: Number = math.nan
@@ -109,7 +109,7 @@ class FailureEntry(Document):
 
 
 class StartAngle(Document):
-    """Where the ball began."""
+    """Angle at which the ball began, rad."""
 
     theta: Real
 
@@ -126,7 +126,9 @@ class RunEntry(Document):
 
 
 class EvaluationSetup(Document):
-    """What was evaluated; `dict(setup)` has further keys, too. changes: runs that begin with a changed rig."""
+    """What was evaluated. `dict(setup)` also has the keys that are not listed here.
+
+    changes: numbers of the runs that begin with a changed rig."""
 
     model_config = ConfigDict(extra="allow")
     rig: StrictStr | None = None
@@ -137,7 +139,12 @@ class EvaluationSetup(Document):
 
 
 class LessonEntry(Document):
-    """What the model learned from one run; errors: rms of the acceleration expected before it."""
+    """What the model learned from one run.
+
+    error_m_s2: rms error of the acceleration that the learning model expected before the run.
+    fixed_error_m_s2: the same for the model of the beginning.
+    trusted: whether the next run used the learning model.
+    why_not: reason if the model did not learn from the run."""
 
     run: StrictInt
     error_m_s2: Number = math.nan
@@ -147,13 +154,13 @@ class LessonEntry(Document):
 
 
 class LearningDocument(Document):
-    """What a model learned, run by run."""
+    """What a model learned from each run."""
 
     runs: list[LessonEntry] = []
 
 
 class EvaluationDocument(Document):
-    """Printed by `evaluate --json`."""
+    """The JSON of `evaluate`."""
 
     results: list[RunEntry] = Field(min_length=1)
     setup: Annotated[EvaluationSetup, NullIsEmpty] = EvaluationSetup()
@@ -164,7 +171,11 @@ class EvaluationDocument(Document):
 
 
 class ResidualDocument(Document):
-    """Residual of the acceleration by cell of rate and angle. rate: edges of rows; mean, rms: by kind of model."""
+    """Residual of the angular acceleration in cells; a row for each rate, a column for each angle.
+
+    rate: edges of the rows, rad/s.
+    count: number of samples in each cell.
+    mean, rms: {kind of model: mean or root mean square residual in each cell, rad/s^2}."""
 
     rate: Row
     count: Grid
@@ -180,7 +191,14 @@ class ResidualDocument(Document):
 
 
 class ConfidenceEntry(Document):
-    """How sure a kind of model is. below, above: band of 90 %; coverage: share of windows in it, by sample."""
+    """How sure a kind of model is of its roll-outs.
+
+    rollouts: number of roll-outs of each window.
+    windows: number of windows.
+    below, above: edges of the band of 90 % minus its middle, mean over the windows, by sample, rad.
+    coverage: share of the windows whose measured angle lies in the band, by sample.
+    coverage20, coverage40: the same after 20 and 40 samples.
+    window: one window with its band."""
 
     rollouts: StrictInt
     windows: StrictInt
@@ -193,7 +211,14 @@ class ConfidenceEntry(Document):
 
 
 class ComparedRing(Document):
-    """Scores of kinds of models on one ring. rollout: mean error after "20" and "40" samples; bands: by sample."""
+    """Scores of kinds of models on one ring.
+
+    n_train, n_test: numbers of rows.
+    nrmse_train, nrmse_test: {kind: nRMSE}.
+    rollout: {kind: {"20", "40": mean error after so many samples, rad}}.
+    interval95: {score: {kind: ends of the 95 % interval}}.
+    curve: {kind: learning curve}.
+    bands: {kind: mean error and percentiles of the errors, by sample, rad}."""
 
     n_train: StrictInt | None = None
     n_test: StrictInt | None = None
@@ -220,7 +245,7 @@ class ComparedRing(Document):
         return self
 
     def interval(self, score: str, kind: str) -> tuple[float, float] | None:
-        """Ends of a 95 % interval; None where the document has none."""
+        """Ends of the 95 % interval of a score; None if the document has none."""
         found = self.interval95.get(score, {}).get(kind)
         return None if found is None else (float(found[0]), float(found[1]))
 
@@ -229,13 +254,15 @@ Comparison = Mapping[int, ComparedRing]  # by ring
 
 
 def kinds(document: Comparison, part: str) -> list[str]:
-    """Kinds of models with scores in any ring, in the paper's order. part: a field of `ComparedRing`."""
+    """Kinds of models that have scores in some ring, in the paper's order.
+
+    part: the field of `ComparedRing` with the scores."""
     found = {kind for scores in document.values() for kind in getattr(scores, part)}
     return [kind for kind in KINDS if kind in found] + sorted(found - set(KINDS))
 
 
 def best_kind(document: Comparison) -> str:
-    """The kind with the least mean test nRMSE of all rings; empty without scores."""
+    """The kind with the smallest test nRMSE, as a mean over all rings; empty without scores."""
     rings = list(document.values())
     means = {
         kind: np.mean([scores.nrmse_test.get(kind, math.nan) for scores in rings])
@@ -255,7 +282,9 @@ EXPECTED = {
 
 
 def checked(model: Any, document: Any, path: Path, place: tuple[str | int, ...] = ()) -> Any:
-    """The document as `model`. place: keys that lead to it in its file. Raises InputError at the first problem."""
+    """The document as `model`. Raises InputError for the first problem.
+
+    place: keys that lead to the document in its file."""
     try:
         return TypeAdapter(model).validate_python(document)
     except ValidationError as error:

@@ -1,6 +1,6 @@
-"""What pictures share: lines, points and areas in the palette's styles, a maze to draw over, and legends.
+"""Parts that pictures share: lines, points and areas in the palette's styles, a maze to draw over, and legends.
 
-Everything that differs in colour also differs in dashes, marker or hatch.
+Lines, points and areas that differ in colour also differ in dashes, marker or hatch.
 """
 
 from __future__ import annotations
@@ -24,44 +24,44 @@ if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
 
 INK = INKS["ink"]
-SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # of evaluations beside each other
-# p and rf are not rolled out, so that networks have their styles
+SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # styles of evaluations beside each other
+# networks (nn, spnn) share the styles of p and rf, which are not rolled out
 KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
                "nn": "ring1", "spnn": "sixth", "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
 
 def line(name: str, **more: Any) -> dict[str, Any]:
-    """Keywords of Matplotlib for the line of a name of the palette."""
+    """Keywords of Matplotlib for a line in the style of a name of the palette."""
     pattern = dashes(name)
     style: Any = (0, pattern) if pattern else "-"
     return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
 
 
 def points(name: str, **more: Any) -> dict[str, Any]:
-    """Keywords for its points alone."""
+    """Keywords of Matplotlib for points without a line, in the style of a name of the palette."""
     edge = {"markeredgecolor": "white", "markeredgewidth": 0.4}
     return {"color": COLOURS[name], "marker": MARKERS[name], "linestyle": "none", "markersize": 5.0, **edge, **more}
 
 
 def area(name: str, **more: Any) -> dict[str, Any]:
-    """Keywords for a filled area of it."""
+    """Keywords of Matplotlib for a filled area, in the style of a name of the palette."""
     return {"facecolor": COLOURS[name], "edgecolor": "white", "hatch": HATCHES.get(name, ""), "linewidth": 0.0, **more}
 
 
 def failure_mark(marker: str, **more: Any) -> dict[str, Any]:
-    """Keywords for the marker of a failure."""
+    """Keywords of Matplotlib for the marker of a failure."""
     edge = {"markeredgecolor": "white", "markeredgewidth": 0.9}
     return {"marker": marker, "color": COLOURS["failure"], "ls": "none", "markersize": 8.0, "zorder": 8, **edge, **more}
 
 
 def series(number: int) -> str:
-    """The palette's name for one of several evaluations."""
+    """The name of the palette whose style one of several evaluations has."""
     return SERIES[number % len(SERIES)]
 
 
 def darker(name: str = "viridis", first: float = 0.0, last: float = 0.88) -> Any:
-    """A colour map without the end that white paper hides; grey printing keeps its order."""
+    """A colour map without the light end, which is hard to see on white paper. In grey print it keeps its order."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
@@ -69,16 +69,22 @@ def darker(name: str = "viridis", first: float = 0.0, last: float = 0.88) -> Any
 
 
 def plan_view(axes: Axes, maze: Maze, points: Array, *, labels: bool = True) -> None:
-    """A maze without its ball to draw over, in mm; its ring numbers keep away from points (N, 2), m."""
+    """Draw a maze without a ball, in mm, for a picture on top of it.
+
+    labels: draw ring numbers, away from the points.
+    points (N, 2): m."""
     draw_maze(maze, axes, labels=labels, path=points, ball=False)
 
 
 def sector_map(
     axes: Axes, rings: Iterable[tuple[float, float]], values: Sequence[Array], start: float, top: float, cmap: Any
 ) -> Any:
-    """Colour the sectors of rings (inner and outer radius, m) by their values, one array a ring; NaN stays white.
+    """Colour the sectors of rings by their values; NaN stays white.
 
-    start: angle of the first sector, deg; top: value of the last colour."""
+    rings: inner and outer radius of each ring, m.
+    values: for each ring an array with a value for each sector.
+    start: angle of the first sector, deg.
+    top: value that has the last colour of cmap."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Wedge
 
@@ -94,7 +100,7 @@ def sector_map(
 
 
 def round_the_ring(axis: Axis) -> None:
-    """Label an axis of angles, in degrees, by where they are: 0 to 360, though the line goes on beyond a whole turn."""
+    """Label an axis of angles from 0 to 360 degrees, also where a line goes on beyond a whole turn."""
     from matplotlib.ticker import MultipleLocator
 
     low, high = sorted(axis.get_view_interval())
@@ -104,7 +110,7 @@ def round_the_ring(axis: Axis) -> None:
 
 
 def beside(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
-    """Panels beside each other."""
+    """Panels side by side, with these relative widths."""
     found = figure.subplots(1, len(widths), gridspec_kw={"width_ratios": widths}, squeeze=False)
     return list(found[0])
 
@@ -115,13 +121,13 @@ def legend_beside(axes: Axes, **more: Any) -> None:
 
 
 def nothing(axes: Axes, why: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """Write into an empty panel why it is empty."""
     axes.set_xticks([])
     axes.set_yticks([])
     axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=INKS["quiet"])
 
 
-# how the last tick of a node ended
+# letter of a status in a log: how the last tick of a node ended
 ENDINGS = {STATUSES[name]: name.lower() for name in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED")}
 MEANING = {
     "running": "running", "success": "succeeded", "failure": "failed", "skipped": "skipped", "no": "no (a condition)",
@@ -129,13 +135,14 @@ MEANING = {
 
 
 def ending(letter: str, condition: bool) -> str:
-    """How a tick ended, by its letter in a log: a key of MEANING. The failure of a condition is the answer no."""
+    """How a tick ended, as a key of MEANING, from its letter in a log. The failure of a condition is the answer no."""
     return "no" if condition and ENDINGS[letter] == "failure" else ENDINGS[letter]
 
 
 def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, height: float = 0.72) -> None:
-    """A node's stretch of time, s, in row y: a bar of some height while it runs; else a thin one, with a mark at the
-    moment when it ended so."""
+    """Draw in row y how a node's last tick ended, from start to end, s.
+
+    A node that runs gets a bar of the given height. Otherwise the bar is thin, with a mark at its start."""
     height = height if name == "running" else 0.13
     axes.broken_barh([(start, end - start)], (y - 0.5 * height, height), **_look(name))
     if name == "failure":
@@ -145,7 +152,7 @@ def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, heigh
 
 
 def endings_met(met: Collection[str]) -> list[Patch]:
-    """What a legend shows for keys of MEANING."""
+    """Entries of a legend for the keys of MEANING in `met`."""
     from matplotlib.patches import Patch
 
     return [Patch(**_look(name), label=meaning) for name, meaning in MEANING.items() if name in met]

@@ -1,4 +1,4 @@
-"""The report of evaluations, one or several side by side, by the documents of `evaluate --json`."""
+"""The report of one evaluation, or of several side by side, from the documents of `evaluate --json`."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ Several = Sequence[EvaluatedRuns]
 
 
 def evaluation_section(given: Sequence[Input]) -> PageSection:
-    """Everything about evaluations. Raises InputError."""
+    """The section of a page about evaluations. Raises MapError for a map that cannot be used."""
     maze, names = maze_of(given), Counter[str]()
     several = []
     for part in given:
@@ -79,7 +79,7 @@ def _lead(several: Several) -> str:
 
 
 def _table(several: Several, compared: bool) -> PageTable:
-    """compared: with the published times, in the last column."""
+    """The table of results. compared: also show the published times, in the last column."""
     ends = [Counter(run.reason for run in runs.results if not run.success) for runs in several]
     why = [", ".join(f"{k.replace('_', ' ')} {n}" for k, n in sorted(e.items())) or MISSING for e in ends]
     counts = [(int(runs.arrived.sum()), len(runs.time)) for runs in several] + [(published.ARRIVED, published.RUNS)]
@@ -117,7 +117,7 @@ def _kinds_table(several: Several) -> PageTable:
 
 
 def evaluation_pictures(several: Several, maze: Maze) -> list[PagePicture]:
-    """All pictures, in the order of the page; evaluations are side by side, or one below the other."""
+    """All pictures, in the order of the page. A picture shows the evaluations side by side, or one below the other."""
     n, marks = len(several), as_published(maze)
     kinds = list(dict.fromkeys(kind for runs in several for kind in by_kind(runs)))
     found = [
@@ -150,7 +150,7 @@ def evaluation_pictures(several: Several, maze: Maze) -> list[PagePicture]:
 
 
 def _arrivals(figure: Figure, several: Several, marks: bool = True) -> None:
-    """marks: draw the published times, too, which are of one maze alone."""
+    """marks: also draw the published times, which hold for one maze only."""
     rows = len(several) + marks
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.4, 0.45 * rows)})
     for i, runs in enumerate(several):
@@ -173,7 +173,7 @@ def _arrivals(figure: Figure, several: Several, marks: bool = True) -> None:
 
 
 def _published(upper: Axes, lower: Axes, y: int) -> None:
-    """The published times, in row y below."""
+    """Draw the published times: as lines in both panels, and in row y of the lower panel."""
     times, reached = published.TIMES, 100.0 * published.ARRIVED / published.RUNS
     lower.plot([times["best"], times["worst"]], [y, y], color=INK, lw=1.2, marker="|", ms=9)
     lower.plot([times["mean"]], [y], marker="D", color=INK, ms=6)
@@ -187,12 +187,12 @@ def _published(upper: Axes, lower: Axes, y: int) -> None:
 
 
 def _spread_out(count: int) -> np.ndarray:
-    """Offsets from -0.5 to 0.5 by which points beside each other stay apart."""
+    """Offsets from -0.5 to 0.5 that keep neighbouring points apart."""
     return np.mod(np.arange(count) * 0.618, 1.0) - 0.5
 
 
 def _strip(axes: Axes, runs: EvaluatedRuns, row: int) -> None:
-    """A point for each run, a line for the mean."""
+    """Draw a point for each run that arrived, a line at their mean, and a cross with the number of the other runs."""
     name, t = series(row), runs.time[runs.arrived]
     beside = row + 0.5 * _spread_out(len(t))
     axes.plot(t, beside, marker=MARKERS[name], ls="none", color=COLOURS[name], ms=4, mec="white", mew=0.4)
@@ -235,7 +235,7 @@ def _shares_by_start(axes: Any, runs: EvaluatedRuns, number: int) -> None:
         axes.text(at, 113.0, f"{a}/{n}", ha="center", va="center", fontsize=7, in_layout=False)
     axes.set_ylim(0.0, 100.0)
     axes.set_yticks([50, 100], ["50 %", "100 %"], fontsize=7)
-    axes.set_axisbelow(False)  # else a bar hides the share at its circle
+    axes.set_axisbelow(False)  # otherwise bars would hide the labels of the circles
     axes.tick_params(axis="x", pad=13, labelsize=8)
     more = "\n(hatched: did not)" if lost.any() else ""
     axes.set_title(f"{_short(runs.name)}: arrived of all, by start angle{more}", pad=16)

@@ -1,4 +1,4 @@
-"""The numbers of one evaluation that reports show: success, times and failures of its runs."""
+"""The numbers of an evaluation that reports show: success, times and failures of its runs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 
-SECTORS = 16
-Z = 1.959964  # of a 95 % interval
+SECTORS = 16  # sectors of the start angle
+Z = 1.959964  # half width of a 95 % interval, in standard deviations
 
 
 @dataclass(frozen=True)
 class EvaluatedRuns:
-    """One evaluation. time: s until arrival or the end, (N,); arrived (N,); start: angle in rad, NaN where the
-    document has none, (N,); results, setup, learning: as in the document."""
+    """One evaluation of N runs.
+
+    time (N,): time until arrival or end of the run, s.
+    arrived (N,): whether the run arrived.
+    start (N,): start angle, rad; NaN if the document has none.
+    results, setup, learning: as in the document."""
 
     name: str
     time: Array
@@ -35,18 +39,19 @@ class EvaluatedRuns:
 
     @property
     def number(self) -> np.ndarray:
-        """Number of each run in its campaign, from 1 (N,): a model that learns may have begun earlier."""
+        """Number of each run in its campaign, from 1 on, (N,). The first may be above 1, because a model may have
+        learned in earlier runs."""
         numbers = [lesson.run for lesson in self.learning]
         return np.array(numbers) if len(numbers) == len(self.time) else np.arange(1, len(self.time) + 1)
 
     @property
     def limit(self) -> float:
-        """Time limit, s; the longest time where the document has none."""
+        """Time limit, s; if the document has none, the longest time."""
         return self.setup.time_limit_s if self.setup.time_limit_s > 0.0 else float(self.time.max())
 
     @property
     def share(self) -> str:
-        """How many arrived."""
+        """How many runs arrived, as text."""
         return f"{int(self.arrived.sum())} of {len(self.time)}"
 
     def failures(self) -> Iterator[tuple[FailureEntry, bool]]:
@@ -55,7 +60,7 @@ class EvaluatedRuns:
 
 
 def runs_of(given: Input, name: str = "") -> EvaluatedRuns:
-    """The runs of an evaluation's document; name: instead of the input's."""
+    """The runs of an evaluation's document. name: by default the name of the input."""
     results = given.document.results
     return EvaluatedRuns(
         name or given.name,
@@ -80,12 +85,12 @@ def maze_of(evaluations: Sequence[Input]) -> Maze:
 
 
 def as_published(maze: Maze) -> bool:
-    """Whether the published times are of this maze."""
+    """Whether the published times hold for this maze."""
     return maze == load_map("cme")
 
 
 def interval(successes: int, runs: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, 1927)."""
+    """95 % interval of the share of successes (Wilson, 1927)."""
     p, zz = successes / runs, Z * Z / runs
     middle = (p + 0.5 * zz) / (1.0 + zz)
     half = Z * math.sqrt(p * (1.0 - p) / runs + 0.25 * zz / runs) / (1.0 + zz)
@@ -93,7 +98,7 @@ def interval(successes: int, runs: int) -> tuple[float, float]:
 
 
 def by_sector(runs: EvaluatedRuns) -> tuple[np.ndarray, np.ndarray]:
-    """(arrived, all) in SECTORS sectors of the start angle, the first from 0 on."""
+    """(number of runs that arrived, number of all runs) by sector of the start angle; the first sector begins at 0."""
     known = np.isfinite(runs.start)
     sector = np.floor(np.mod(runs.start[known], 2.0 * math.pi) / (2.0 * math.pi) * SECTORS).astype(int) % SECTORS
     total = np.bincount(sector, minlength=SECTORS)
@@ -101,7 +106,7 @@ def by_sector(runs: EvaluatedRuns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_ring(runs: EvaluatedRuns) -> dict[int, Array]:
-    """Time in each ring, s, summed over visits, of the runs that arrived."""
+    """{ring: time in it, s, of each run that arrived}. Sums over several visits of a ring."""
     found: dict[int, list[float]] = {}
     for run in runs.results:
         spent: Counter[int] = Counter()
@@ -113,19 +118,19 @@ def by_ring(runs: EvaluatedRuns) -> dict[int, Array]:
 
 
 def by_kind(runs: EvaluatedRuns) -> dict[str, tuple[int, int]]:
-    """Kind of failure -> (how many in runs that arrived, how many in runs that did not), the most first."""
+    """{kind of failure: (number in runs that arrived, number in the other runs)}, the most frequent kind first."""
     counts = Counter((failure.kind, arrived) for failure, arrived in runs.failures())
     pairs = {kind: (counts[kind, True], counts[kind, False]) for kind, _ in counts}
     return dict(sorted(pairs.items(), key=lambda entry: (-sum(entry[1]), entry[0])))
 
 
 def places(runs: EvaluatedRuns) -> list[tuple[str, float, float]]:
-    """(kind, x, y in m) of each failure with a place."""
+    """(kind, x, y in m) of each failure whose place is known."""
     return [(f.kind, f.x, f.y) for f, _ in runs.failures() if math.isfinite(f.x) and math.isfinite(f.y)]
 
 
 def figures(runs: EvaluatedRuns) -> dict[str, float]:
-    """Mean, best, median, 95 % and worst time of the runs that arrived, s; NaN without such."""
+    """Mean, best, median, 95 % and worst time of the runs that arrived, s; NaN if none arrived."""
     times = runs.time[runs.arrived] if runs.arrived.any() else np.array([math.nan])
     p50, p95 = np.percentile(times, [50.0, 95.0])
     values = {"mean": times.mean(), "best": times.min(), "p50": p50, "p95": p95, "worst": times.max()}

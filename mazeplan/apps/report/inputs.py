@@ -1,9 +1,9 @@
-"""What a user hands in: which kind of report it is for, and its document, checked.
+"""The inputs of a report: finds the kind of each input, and checks its document.
 
-FILE.mcap            a run's log
-FILE.json            what `evaluate`, `compare`, `diagnose` or `improve` printed with --json
-FOLDER               what `diagnose -o` wrote (report.json, evidence.json), or a model (model.yaml)
-FILE.csv             a table, on which a model is judged
+FILE.mcap            log of a run
+FILE.json            output of `evaluate`, `compare`, `diagnose` or `improve` with --json
+FOLDER               output of `diagnose -o` (report.json, evidence.json), or a model (model.yaml)
+FILE.csv             table on which a model is judged
 """
 
 from __future__ import annotations
@@ -20,16 +20,20 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
 
 KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or of a model"
-FORMAT = 1  # of a document without `format`, too
-MOST = 200 * 2**20  # bytes of a document
+FORMAT = 1  # also the format of a document without the key `format`
+MOST = 200 * 2**20  # bytes, largest document
 
 
 @dataclass(frozen=True)
 class Input:
-    """One input of a report; raises InputError for a document or evidence that is not as the commands print it.
+    """One input of a report. Raises InputError for a document or evidence that differs from what the commands print.
 
-    kind: run, table, model, evaluation, comparison, diagnosis; name: its name on the page; document: its JSON, which
-    becomes a pydantic model, None for the first three kinds; evidence: what pictures of a diagnosis show."""
+    kind: run, table, model, evaluation, comparison or diagnosis.
+    path: its file or folder.
+    name: its name on the page.
+    document: its JSON, which becomes a pydantic model; None for runs, tables and models.
+    evidence: evidence for the pictures of a diagnosis.
+    place: keys that lead to the document in its file."""
 
     kind: str
     path: Path
@@ -66,7 +70,7 @@ class Input:
 
 
 def read_input(path: Path) -> list[Input]:
-    """The inputs in a file or folder; a document of `improve` has several. Raises InputError."""
+    """The inputs in a file or folder. A document of `improve` has several inputs. Raises InputError for other files."""
     if (path / "model.yaml").is_file():
         return [Input("model", path, path.name)]
     if path.is_dir():
@@ -82,7 +86,7 @@ def read_input(path: Path) -> list[Input]:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """A JSON file with an object in it. Raises InputError."""
+    """The object in a JSON file, without its `format`. Raises InputError for other files."""
     try:
         size = path.stat().st_size / 2**20
         if size > MOST / 2**20:
@@ -105,7 +109,7 @@ def read_document(path: Path) -> dict[str, Any]:
 
 
 def of_document(document: dict[str, Any], path: Path) -> list[Input]:
-    """The inputs in a document, by its keys. Raises InputError."""
+    """The inputs in a document, whose keys tell its kind. Raises InputError for an unknown document."""
     if "rounds" in document:
         found = []
         for i, entry in enumerate(checked(diagnosis_documents.ImproveDocument, document, path).rounds):

@@ -1,7 +1,8 @@
-"""A model folder judged on logs that it has not seen: the scores of `compare`, for the model and the bare equation.
+"""Judges a model folder on other logs: the scores of `compare`, for the model and for the bare equation.
 
-Samples are those of `compare` by default: rates and accelerations smoothed (Savitzky-Golay, window 9), the tilt from
-the camera's delay before. A filter with the model estimates the state at the start of a roll-out.
+Samples are made as `compare` makes them by default: rates and accelerations are smoothed (Savitzky-Golay, window 9),
+and the tilt is taken earlier by the camera's delay. A filter with the model estimates the state at the start of a
+roll-out.
 """
 
 from __future__ import annotations
@@ -40,13 +41,13 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out's start expects of any model
-FEWEST = 50  # samples of a ring
+MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
+FEWEST = 50  # minimum number of samples of a ring
 Predict = Callable[[RingKinematics], Array]
 
 
 def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
-    """theta_dd by the model, as planner and estimator have it, and by the bare equation (p)."""
+    """Functions for theta_dd: by the model, as planner and estimator use it, and by the bare equation (p)."""
     ball, process = model.ball(ring), model.processes.get(ring)
 
     def learned(k: RingKinematics) -> Array:
@@ -59,12 +60,12 @@ def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
 
 
 def judged(model: RigModel, tables: Sequence[Table], maze: Maze) -> Comparison:
-    """Scores of each ring. Raises InputError where no ring has enough samples."""
+    """Scores of each ring. Raises InputError if no ring has enough samples."""
     return {ring: _ring(model, ring, samples, maze) for ring, samples in samples_of(model, tables, maze).items()}
 
 
 def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingSamples]:
-    """Samples of each ring with enough of them. Raises InputError where there is none."""
+    """Samples of each ring that has enough of them. Raises InputError if no ring has enough."""
     found: dict[int, list[RingSamples]] = {}
     for table in tables:
         options = SampleOptions(delay=model.camera_delay, rates="smoothed")
@@ -80,9 +81,9 @@ def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int
 
 
 def windows_of(samples: RingSamples, ring: int, maze: Maze) -> Windows:
-    """Where roll-outs begin."""
+    """The windows of the roll-outs in a ring."""
     openings = np.array([opening.angle for opening in maze.openings_of(ring)])
-    # the filter that finds a roll-out's start looks back, and must find nothing missing there
+    # the filter that finds the start of a roll-out looks back PAST samples, all of which must be good
     bad = np.concatenate([[0], np.cumsum(~samples.good)])
     row = np.arange(len(samples))
     whole = (bad[row + 1] == bad[np.maximum(row - PAST, 0)]) & (row >= PAST)
@@ -109,14 +110,14 @@ def _ring(model: RigModel, ring: int, samples: RingSamples, maze: Maze) -> Compa
 
 
 def rolled(way: Predict, samples: RingSamples, windows: Windows) -> Rollout:
-    """Roll-outs of a model from what a filter with it knew."""
+    """Roll-outs of a model. A filter with the model estimates their start from earlier samples."""
     misfit = MISFIT * max(float(np.std(samples.theta_ddot[samples.good])), 1e-300)
     theta, rate, _ = causal_start(way, samples, windows.start, angle_noise(samples), misfit)
     return roll_out(way, samples, windows.start, theta, rate)
 
 
 def effects_table(model: RigModel) -> PageTable:
-    """The effects of each ring in the model's file."""
+    """A table of the effects of each ring in the model's file."""
     rings = model_document(model)["rings"]
     names = list(dict.fromkeys((effect, p) for found in rings.values() for effect, ps in found.items() for p in ps))
     rows = []
@@ -132,12 +133,14 @@ def effects_table(model: RigModel) -> PageTable:
 
 
 def _entry(entry: dict[str, Any], unit: str) -> str:
-    """Without the unit, which is at the head of its row."""
+    """Value and standard error without the unit, which is in the first cell of the row."""
     return words.measured(entry["value"], entry.get("stderr"), entry["unit"]).removesuffix(f"{words.HARD}{unit}")
 
 
 def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:
-    """Names of the logs that the model was learned from: by their content if its file has that, else by name."""
+    """Names of those logs from which the model was learned.
+
+    Compares by content (SHA-256) if the model's file has it, else by name."""
     data = [entry for entry in model.data if isinstance(entry, dict)]
     prints = {str(entry["sha256"]) for entry in data if entry.get("sha256")}
     names = {Path(str(entry["file"])).name for entry in data if entry.get("file") and not entry.get("sha256")}
@@ -145,7 +148,7 @@ def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:
 
 
 def model_facts(model: RigModel, folder: Path) -> list[tuple[str, str]]:
-    """Kind, delay and data of the model."""
+    """(label, value) of the model: name, kind, delay of the camera, and logs."""
     facts = [
         ("model", folder.name),
         ("kind", words.kind(model.kind)),

@@ -1,4 +1,4 @@
-"""Run by run, while a model learned (`evaluate --learn`): times, and how far the model was off.
+"""Shows, run by run, how a model learned (`evaluate --learn`): times of the runs, and errors of the model.
 
 Evaluations of the page that did the same without learning are drawn beside it.
 """
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 SAME = ("rig", "map", "start_ring", "goal_ring", "seed")  # keys of the setup that must agree
 FIXED = ("planned", "ring4", "ring5", "ring1")  # styles of evaluations without learning
-APART = 0.24  # runs, between the points of the same run
+APART = 0.24  # runs; distance between the points of several evaluations for the same run
 
 
 def learning_parts(runs: EvaluatedRuns, several: Sequence[EvaluatedRuns] = ()) -> list[Any]:
-    """The picture, and the runs that were not learned from; empty without learning. several: all of the page."""
+    """The picture, and a note of the runs from which the model did not learn; empty without learning.
+
+    several: all evaluations of the page."""
     if not runs.learning:
         return []
     fixed = [other for other in several if beside(runs, other)]
@@ -42,7 +44,7 @@ def learning_parts(runs: EvaluatedRuns, several: Sequence[EvaluatedRuns] = ()) -
 
 
 def beside(runs: EvaluatedRuns, other: EvaluatedRuns) -> bool:
-    """Whether another evaluation did the same without learning; False where a document does not say."""
+    """Whether another evaluation did the same without learning. False if a document lacks a key of SAME."""
     one, two = dict(runs.setup), dict(other.setup)
     return not other.learning and all(one.get(name) == two.get(name) is not None for name in SAME)
 

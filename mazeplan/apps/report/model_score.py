@@ -1,7 +1,8 @@
 """How well a model predicts a log, in one number: the error of theta after 40 samples, in radians.
 
-The number stands between two others: that of a ball that stays where it is or rolls on at its speed (the better of
-both), and that of the camera's noise alone. The limits of the verdict are round numbers and fitted to nothing.
+The number is compared with two other errors. The first is the error without a model: of a ball that stays where it is,
+or of a ball that rolls on at its speed, whichever is smaller. The second is the error by the camera's noise alone. The
+limits of the verdict are round numbers, not fitted to data.
 """
 
 from __future__ import annotations
@@ -21,14 +22,20 @@ from mazeplan.learning.rollout import STEPS, Rollout, angle_noise
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.formulas.arrays import RingKinematics
 
-GOOD, FAIR = 0.25, 0.5  # of the error without a model
-NOISES = 3.0  # times the noise: no model can be seen to be better
-FEWEST_WINDOWS = 5
+GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
+NOISES = 3.0  # an error below this many times the noise is good: the noise hides any better model
+FEWEST_WINDOWS = 5  # minimum number of windows for a verdict
 
 
 @dataclass(frozen=True)
 class RingError:
-    """Mean absolute errors of theta in a ring after STEPS samples, rad: of the model, without a model, of the noise."""
+    """Mean absolute errors of theta in a ring after STEPS samples.
+
+    windows: number of roll-outs.
+    seconds: duration of STEPS samples, s.
+    error: error of the model, rad.
+    persistence: error without a model, rad.
+    noise: error by the camera's noise alone, rad."""
 
     windows: int
     seconds: float
@@ -47,7 +54,7 @@ class RingError:
 
 
 def ring_errors(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingError]:
-    """The errors in each ring that has windows. Raises InputError where no ring has enough samples."""
+    """The errors in each ring that has windows. Raises InputError if no ring has enough samples."""
     found = {}
     for ring, samples in samples_of(model, tables, maze).items():
         windows = windows_of(samples, ring, maze)
@@ -68,7 +75,7 @@ def _no_force(k: RingKinematics) -> Array:
 
 
 def whole(rings: dict[int, RingError]) -> RingError:
-    """The errors over the windows of all rings; NaN without any."""
+    """The errors over the windows of all rings; NaN if there are none."""
     count = sum(ring.windows for ring in rings.values())
 
     def mean(name: str) -> float:
@@ -78,8 +85,10 @@ def whole(rings: dict[int, RingError]) -> RingError:
 
 
 def score_document(rings: dict[int, RingError], model: str, log: str, asked: Iterable[int] = ()) -> dict[str, Any]:
-    """The verdict as `score --json` prints it; model, log: for the commands that are advised; asked: rings, of
-    which those that the log does not show are named."""
+    """The verdict as `score --json` prints it.
+
+    model, log: names for the advised commands.
+    asked: rings in question; the verdict names those that the log does not show."""
     every = whole(rings)
     word = every.verdict
     because = (

@@ -1,4 +1,4 @@
-"""The report of models: kinds of models compared (`compare --json`), or one model folder judged on logs."""
+"""The report of models: a comparison of kinds of models (`compare --json`), or one model folder judged on logs."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ INTERVALS = (
     "how sure a number is."
 )
 SLASH = f"{words.HARD}/{words.HARD}"
-MOST_DRAWN = 2.0  # nRMSE; the axis ignores larger ones
-MAPS_SHOWN = 3  # kinds of models beside each other
+MOST_DRAWN = 2.0  # nRMSE; the range of the axis ignores larger values
+MAPS_SHOWN = 3  # number of kinds of models whose maps are side by side
 
 
 def models_section(given: Input) -> PageSection:
-    """Everything about a comparison. Raises InputError for rings that the maze lacks."""
+    """The section of a page about a comparison. Raises InputError for rings that the maze lacks."""
     document, maze = given.document, load_map("cme")
     if max(document) > len(maze.rings):
         raise InputError(f"got ring{max(document)}, expected ring1 to ring{len(maze.rings)}", file=given.path)
@@ -71,7 +71,7 @@ def models_section(given: Input) -> PageSection:
 
 
 def model_section(folder: Path, logs: Sequence[Path]) -> PageSection:
-    """A model folder, and its scores on logs, if there are any. Raises InputError."""
+    """The section of a page about a model folder, with its scores on logs, if logs are given. Raises InputError."""
     from mazeplan.apps.report.learned import effects_table, judged, learned_from, model_facts
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning.modelfile import load_model
@@ -119,7 +119,14 @@ def _scores_table(
     title: str, head: Sequence[str], columns: list[str], labels: dict[int, str],
     value: Callable[[int, str], float], text: Callable[[int, str], str], paper: list[list[str]], bold: str,
 ) -> PageTable:  # fmt: skip
-    """Rings (labels of rows) by kinds (columns), the least value of each row bold; published scores below."""
+    """A table with a row for each ring and a column for each kind. The smallest value of each row is bold.
+
+    head: headings of the columns.
+    columns: kinds.
+    labels: {ring: label of its row}.
+    value, text: the value of a ring and kind, and its text.
+    paper: rows of published scores, which come last.
+    bold: what the bold values are the smallest of, for the title."""
     rows, strong = [], set()
     for i, (ring, label) in enumerate(labels.items()):
         values = [value(ring, kind) for kind in columns]
@@ -132,7 +139,7 @@ def _scores_table(
 
 
 def _paper(columns: list[str], rings: Comparison, table: dict[str, Any], text: Callable[[Any], str]) -> list[list[str]]:
-    """Published scores, of other data: rows of the same form."""
+    """Rows with the published scores, which come from other data."""
     rows = []
     for ring in rings:
         known = {kind: table[kind][ring - 1] for kind in columns if ring <= len(table.get(kind, ()))}
@@ -143,7 +150,7 @@ def _paper(columns: list[str], rings: Comparison, table: dict[str, Any], text: C
 
 
 def _accelerations(document: Comparison) -> PageTable:
-    """The paper's first table."""
+    """The table of errors of the acceleration, as the first table of the paper."""
     columns = kinds(document, "nrmse_test")
 
     def test(ring: int, kind: str) -> float:
@@ -179,7 +186,7 @@ def _rows(scores: ComparedRing) -> str:
 
 
 def _rollouts(document: Comparison) -> PageTable:
-    """The paper's second table."""
+    """The table of errors of roll-outs, as the second table of the paper."""
     columns = kinds(document, "rollout")
 
     def text(ring: int, kind: str) -> str:
@@ -205,7 +212,7 @@ def _degrees(early: float, late: float) -> str:
 
 
 def around(residual: ResidualDocument, kind: str) -> Array:
-    """Root mean square residual of a kind in each cell of angle (A,), all rates together, rad/s^2."""
+    """Root mean square residual of a kind at each angle (A,), over all rates, rad/s^2."""
     rms = residual.rms[kind]
     count = np.where(np.isfinite(rms), residual.count, 0.0)
     total = count.sum(axis=0)
@@ -214,7 +221,7 @@ def around(residual: ResidualDocument, kind: str) -> Array:
 
 
 def models_pictures(document: Comparison, maze: Maze, main: str = "") -> list[PagePicture]:
-    """The pictures for which the document has numbers; main: the kind that is looked at, by default the best."""
+    """The pictures for which the document has numbers. main: the kind on which they focus, by default the best."""
     main = main or best_kind(document)
     found, width = [], min(12.0, 1.4 + 2.7 * len(document))
     if any(scores.curve for scores in document.values()):
@@ -283,7 +290,7 @@ def _rollout_errors(figure: Figure, document: Comparison) -> None:
             k, name = np.arange(len(mean)), KIND_STYLES.get(kind, "neutral")
             axes.plot(k, mean, **line(name), label=KINDS.get(kind, kind))
             axes.plot(k[10::10], mean[10::10], **points(name))
-            if kind != "npd":  # it leaves the picture
+            if kind != "npd":  # the errors of npd are too large for the picture
                 axes.fill_between(k, low, high, color=COLOURS[name], alpha=0.16, lw=0)
                 top = max(top, float(np.nanmax(high)))
         axes.set_title(f"ring {ring}")
@@ -296,7 +303,7 @@ def _rollout_errors(figure: Figure, document: Comparison) -> None:
 
 
 def _mark_leaving(panels: Any, top: float) -> None:
-    """An arrow at the upper edge where a line goes beyond it."""
+    """Draw an arrow at the upper edge of a panel where a line leaves the panel."""
     for axes in panels:
         for drawn in list(axes.lines):
             x, y = (np.asarray(values, dtype=float) for values in drawn.get_data())
@@ -330,7 +337,7 @@ def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> 
         angle, row = np.linspace(0.0, 360.0, mean.shape[1] + 1), np.arange(len(table.rate))
         drawn = axes.pcolormesh(angle, row, np.ma.masked_invalid(mean), cmap="PuOr_r", vmin=-top, vmax=top)
         axes.patch.set(facecolor="white", edgecolor=FAINT["hatch"], hatch="//////")
-        # grey printing shows how large, not which way
+        # signs, because grey print shows only the size of a value
         for j, i in zip(*np.nonzero(np.abs(mean) > 0.35 * top), strict=True):
             ink = "white" if abs(mean[j, i]) > 0.65 * top else INK
             axes.text(0.5 * (angle[i] + angle[i + 1]), j + 0.5, "+" if mean[j, i] > 0 else "−", color=ink, ha="center",

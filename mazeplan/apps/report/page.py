@@ -1,7 +1,7 @@
-"""Write a page: sections of tables and pictures as one HTML file that loads nothing and runs nothing.
+"""Writes a page: sections of tables and pictures as one HTML file that loads no other file and runs no script.
 
-Pictures are SVG, in print as sharp as text; an SVG above SVG_MOST is replaced by a PNG. The template (Jinja2) escapes
-all text, and a Content-Security-Policy forbids loading from elsewhere.
+Pictures are SVG, which is as sharp as text in print. A PNG replaces an SVG larger than SVG_MOST. The template (Jinja2)
+escapes all text, and a Content-Security-Policy forbids loading from elsewhere.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from mazeplan.core.whole_file import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SVG_MOST = 400_000  # bytes
-DPI = 160
+SVG_MOST = 400_000  # bytes, largest SVG in a page
+DPI = 160  # dots an inch of a PNG
 STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
@@ -38,21 +38,27 @@ STYLE: Any = {
     "hatch.linewidth": 0.6,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
-    "svg.fonttype": "path",  # the same picture on every machine
-    "svg.hashsalt": "mazeplan",  # the same picture, the same file
+    "svg.fonttype": "path",  # text as paths, so that pictures look the same on every machine
+    "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 LETTERS = re.compile(r"[^\W\d_]+")
 AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
-LONGEST = 60  # characters of a cell that stays in one line
+LONGEST = 60  # characters; a longer cell may break into lines
 UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|degrees|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
 @dataclass(frozen=True)
 class PagePicture:
-    """name: of its files; alt: description in words; draw: draws into a figure; size: inches; automatic: whether a
-    layout engine places its parts."""
+    """A picture of a page.
+
+    name: name of its files.
+    title: title above it.
+    alt: description in words.
+    draw: draws into a figure.
+    size: width and height, inches.
+    automatic: whether a layout engine places the parts of the figure."""
 
     name: str
     title: str
@@ -62,7 +68,7 @@ class PagePicture:
     automatic: bool = True
 
     def files(self, png: bool = True) -> tuple[bytes, bytes]:
-        """SVG, and PNG if `png`, or the SVG is too large, else empty."""
+        """(SVG, PNG). The PNG is empty unless `png` is true or the SVG is too large."""
         from matplotlib import rc_context
         from matplotlib.figure import Figure
 
@@ -78,8 +84,13 @@ class PagePicture:
 
 @dataclass(frozen=True)
 class PageTable:
-    """head: of its columns; rows: of text, smaller from the second line of a cell on; strong: (row, column) of bold
-    cells; code: columns of names to type."""
+    """A table of a page.
+
+    caption: caption of the table.
+    head: headings of the columns.
+    rows: text of the cells; the second and later lines of a cell are smaller.
+    strong: (row, column) of bold cells.
+    code: columns with names to type."""
 
     caption: str
     head: Sequence[str]
@@ -89,14 +100,14 @@ class PageTable:
 
     @property
     def numeric(self) -> set[int]:
-        """Columns of numbers alone, with or without a unit, which the page aligns right."""
+        """Columns that have only numbers, with or without a unit. The page aligns them to the right."""
         columns = list(zip(*self.rows, strict=True))
         return {i for i, cells in enumerate(columns) if all(NUMBER.fullmatch(cell) for cell in cells) and any(cells)}
 
 
 @dataclass(frozen=True)
 class Note:
-    """A paragraph; code: a command to type."""
+    """A paragraph. code: a command to type."""
 
     text: str
     code: str = ""
@@ -112,7 +123,12 @@ class Steps:
 
 @dataclass(frozen=True)
 class PageSection:
-    """lead: the result in a sentence; facts: (name, value) of the input; parts: in their order."""
+    """A section of a page.
+
+    title: heading.
+    lead: the result in a sentence.
+    facts: (name, value) of the input.
+    parts: pictures, tables and text, in their order."""
 
     title: str
     lead: str
@@ -121,8 +137,9 @@ class PageSection:
 
 
 def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures: Path | None = None) -> None:
-    """Write the page, and each picture as PNG and SVG into the folder `pictures`. Raises InputError for a path that
-    cannot be written."""
+    """Write the page. Raises InputError for a path that cannot be written.
+
+    pictures: folder that also gets each picture as PNG and SVG."""
     shown, stems = [], set[str]()
     for number, section in enumerate(sections, start=1):
         parts = []
@@ -150,7 +167,7 @@ def _data(svg: bytes, png: bytes) -> str:
 
 
 def _stem(name: str, number: int, taken: set[str]) -> str:
-    """A unique file name of plain letters, without its suffix."""
+    """A unique file name without suffix, of lower-case letters, digits and hyphens."""
     plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "picture"
     plain = f"{number}-{plain}" if number else plain
     stem, again = plain, 1
@@ -172,13 +189,13 @@ def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
 
 
 def _figures(cell: str) -> bool:
-    """Whether a cell has figures, signs and units alone, so that no line ends in it."""
+    """Whether a cell has only figures, signs and units. The page does not break such a cell into lines."""
     figures = AMONG_FIGURES.issuperset(LETTERS.findall(cell))
     return figures and len(cell) <= LONGEST and any(c.isdigit() for c in cell)
 
 
 def _whole(text: str) -> str:
-    """Text in which no line ends between a number and its unit or its error."""
+    """The text with hard spaces, so that no line breaks between a number and its unit or error."""
     return UNIT.sub(lambda found: found[0].replace(" ", HARD), text)
 
 

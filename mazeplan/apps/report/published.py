@@ -1,6 +1,6 @@
 """Published figures that reports draw as marks: Romeres et al., ICRA 2019 (MERL TR2019-028).
 
-They are of the authors' rig; a simulated one is easier or harder in its own ways.
+The authors measured them on their rig. A simulated rig is easier in some ways and harder in others.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The report of a whole rig's diagnosis: what is wrong, what to do, and then the evidence, in this order."""
+"""The report of a whole rig's diagnosis. First it says what is wrong, then what to do, then it shows the evidence."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ if TYPE_CHECKING:
 
 AS_WAS, AS_FOUND = "with the model as it was", "with what was found"
 WHEN = {"before": ("bad", AS_WAS), "after": ("good", AS_FOUND)}
-HEALTHY = {"before": ("real", AS_WAS)}  # without a finding nothing is bad
+HEALTHY = {"before": ("real", AS_WAS)}  # style if the diagnosis found nothing
 VERDICTS = {
     "nothing_missing": "the rig is as its model says",
     "effect_found": "a cause was found",
     "ambiguous": "a cause was found, but this record fits another one, too",
     "unknown_effect": "something is there that has no name",
 }
-COMMAND = re.compile(r":\s+(mazeplan .+?)\.?$")  # at the end of an advice
-SMALL_UNITS = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # as people read them
-MOST = 0.98  # share of the sectors before that are within the colour scale
+COMMAND = re.compile(r":\s+(mazeplan .+?)\.?$")  # a command at the end of an advice
+SMALL_UNITS = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # {unit in the document: (factor, unit in the table)}
+MOST = 0.98  # share of the sectors that the colour scale covers, with the model as it was
 MM = 1e3
-# of a spectrum: the mean of two axes exceeds p by noise alone with exp(-2 p) (1 + 2 p); of some 4000 frequencies one
-# does so once in a hundred records
+# limit of a spectrum. By noise alone, the mean power of two axes exceeds p with the probability exp(-2 p) (1 + 2 p). So
+# one of about 4000 frequencies exceeds 8 in about one of a hundred records
 PEAK = 8.0
 
 
 def rig_section(given: Input) -> PageSection:
-    """Everything about the diagnosis."""
+    """The section of a page about the diagnosis of a whole rig."""
     document, evidence = given.document, given.evidence
     parts: list[Any] = []
     if document.advice:
@@ -69,7 +69,7 @@ def rig_section(given: Input) -> PageSection:
 
 
 def _step(advice: str) -> Note:
-    """An advice, its command set apart."""
+    """An advice as a step, with its command apart from the text."""
     found = COMMAND.search(advice)
     return Note(advice) if found is None else Note(f"{advice[: found.start()]}:", found[1])
 
@@ -78,7 +78,7 @@ def _step(advice: str) -> Note:
 
 
 def navigation_table(navigation: NavigationChange) -> PageTable:
-    """Runs of `improve` with the old model and with the new one."""
+    """The table of the runs of `improve` with the old model and with the new model."""
     rows = []
     for when in ("before", "after"):
         runs = getattr(navigation, when)
@@ -90,7 +90,7 @@ def navigation_table(navigation: NavigationChange) -> PageTable:
 
 
 def _effects(document: RigDocument) -> PageTable:
-    """A row for each parameter: its old size and its new one."""
+    """A table with a row for each parameter: its old size and its new size."""
     rows = []
     for effect in document.effects:
         where = EFFECTS[effect.name].places if effect.name in EFFECTS else ()
@@ -113,7 +113,7 @@ def _effects(document: RigDocument) -> PageTable:
 
 
 def _errors(document: RigDocument) -> PageTable:
-    """The column before alone, where nothing was found."""
+    """The table of prediction errors. Without a finding it has only the column with the model as it was."""
     columns = document.columns(AS_WAS, AS_FOUND)
     if not document.something_found:
         del columns[AS_FOUND]
@@ -126,7 +126,7 @@ def _errors(document: RigDocument) -> PageTable:
 
 
 def _remaining(document: RigDocument, evidence: RigEvidenceDocument | None) -> PageTable:
-    """The residual now, and when the model was right."""
+    """The table of the residual: in this record, and when the model was right."""
     then = evidence.remaining.get("then") if evidence is not None else None
     now = "in this record, with what was found" if document.something_found else "in this record"
     rows = [[now, words.number(document.remaining, 2)], ["when the model was right", words.number(then or math.nan, 2)]]
@@ -176,7 +176,7 @@ def rig_pictures(document: RigDocument, evidence: RigEvidenceDocument) -> list[P
     return found
 
 
-Shown = dict[str, tuple[str, str]]  # before and after -> style, words
+Shown = dict[str, tuple[str, str]]  # {before or after: (style, words)}
 
 
 def _error_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
@@ -203,7 +203,7 @@ def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
 
 
 def _blocks(figure: Figure, evidence: RigEvidenceDocument) -> None:
-    """-2 log L of a block falls by g: it is exp(g / 2) times likelier."""
+    """Draw the gains of the blocks. If -2 log L of a block falls by g, the block is exp(g / 2) times likelier."""
     (axes,) = beside(figure, (1.0,))
     gain = evidence.gain / (2.0 * math.log(10.0))
     for rows, style, hatch in ((gain > 0.0, "good", ""), (gain <= 0.0, "bad", "xxx")):
@@ -247,7 +247,7 @@ def _places(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None
 
 
 def _mark(axes: Axes, mark: PlaceMark) -> None:
-    """A circle around a spot; a frame around a sector; a line across a ring at a threshold."""
+    """Draw a circle around a spot, or a frame around a sector. For half = 0 the frame is a line across the ring."""
     if math.isfinite(mark.x):
         turn = np.linspace(0.0, 2.0 * math.pi, 60)
         x, y = mark.x + mark.width * np.cos(turn), mark.y + mark.width * np.sin(turn)

@@ -1,4 +1,4 @@
-"""The report of a run, by its log."""
+"""The report of a run, from its log."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # in older logs: their failure is the answer no
-MOST_LEAVES, MOST_LETTERS, LEAF_FONT = 60, 40, 7.5  # in the picture of the tree: rows, letters of a name, their size
-LEGEND_IN = 1.85  # inches beside the pictures over time
-Markers = dict[str, str]  # by kind of failure
+CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # conditions in older logs; their failure is the answer no
+MOST_LEAVES, MOST_LETTERS, LEAF_FONT = 60, 40, 7.5  # picture of the tree: most rows, most letters of a name, font size
+LEGEND_IN = 1.85  # inches for the legend beside pictures over time
+Markers = dict[str, str]  # {kind of failure: marker}
 
 
 def run_section(log: RunLog) -> PageSection:
-    """Everything about a run. Raises LogError for a log without a tick."""
+    """The section of a page about a run. Raises LogError for a log without a tick."""
     if not len(log.ticks["t"]):
         raise LogError("got a log without a single tick, expected one of a run", file=log.path)
     maze, failures = maze_of(log), mishaps(log)
@@ -158,13 +158,13 @@ def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
 
 
 def _leaf_names(log: RunLog) -> dict[str, str]:
-    """Path -> label of the leaves that the picture of the tree shows; a long label loses its beginning."""
+    """{path: label} of the leaves that the picture of the tree shows. A long label loses its beginning."""
     named = list(labels(leaf_bars(log)).items())[:MOST_LEAVES]
     return {path: label if len(label) <= MOST_LETTERS else "…" + label[1 - MOST_LETTERS :] for path, label in named}
 
 
 def _left_of(names: Iterable[str]) -> float:
-    """How far from the left edge every picture over time begins, inches: there is room for each leaf's name."""
+    """Left margin of all pictures over time, inches, with room for the longest name of a leaf."""
     from matplotlib.textpath import TextPath
 
     widths = [TextPath((0.0, 0.0), name, size=LEAF_FONT).get_extents().width / 72.0 for name in names]
@@ -172,8 +172,10 @@ def _left_of(names: Iterable[str]) -> float:
 
 
 def _panels(figure: Figure, log: RunLog, left: float, ratios: Sequence[float] = (1.0,)) -> list[Axes]:
-    """Panels over time, one above the other. In all pictures of a run they begin and end alike, in inches and in s, so
-    that an instant is read straight downwards."""
+    """Panels over time, one above the other.
+
+    In all pictures of a run they begin and end at the same place (inches) and time (s). So a reader can follow an
+    instant straight down the page."""
     width, height = figure.get_size_inches()
     grid = {"height_ratios": ratios, "left": left / width, "right": 1.0 - LEGEND_IN / width, "hspace": 0.13,
             "bottom": 0.5 / height, "top": 1.0 - 0.3 / height}  # fmt: skip
@@ -212,7 +214,7 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], marke
 
 
 def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
-    """Shade every second ring behind a picture over time."""
+    """Shade every second stay in a ring, behind a picture over time. named: write the numbers of the rings above."""
     for i, visit in enumerate(stays):
         length = visit.end - visit.start
         if i % 2 == 0:
@@ -224,7 +226,7 @@ def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
 
 
 def _failure_lines(axes: Axes, failures: list[Mishap], markers: Markers, named: bool = False) -> None:
-    """A line at each failure, with the marker of its kind on top."""
+    """Draw a line at each failure, with the marker of its kind at the top. named: label them for a legend."""
     seen: set[str] = set()
     for m in failures:
         axes.axvline(m.t, color=COLOURS["failure"], lw=0.7, ls=(0, (1.0, 1.5)), zorder=1)
@@ -262,7 +264,7 @@ def _theta(figure: Figure, log: RunLog, left: float, maze: Maze, failures: list[
 
 
 def _conditions(tree: TreeOutline) -> list[str]:
-    """Paths of the conditions of a tree; logs of older versions have their kinds alone."""
+    """Paths of the conditions of a tree. Logs of older versions do not mark conditions; there CONDITIONS lists them."""
     paths, numbers = tree.paths, tree.conditions
     if numbers is None:
         return [path for path, kind in zip(paths, tree.kinds, strict=True) if kind in CONDITIONS]
@@ -278,7 +280,7 @@ def _gantt(
     asked = {path for tree in log.trees for path in _conditions(tree.outline)}
     met: set[str] = set()
     rows = {path: i for i, path in enumerate(named)}
-    axes.set_autoscale_on(False)  # each bar would look at all before it
+    axes.set_autoscale_on(False)  # otherwise each new bar would go through all earlier ones
     _bands(axes, visits(log), named=True)
     for bar in bars:
         if bar.path not in rows or bar.status not in ENDINGS:

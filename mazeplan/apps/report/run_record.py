@@ -1,7 +1,7 @@
-"""What a run's log says, as the numbers that its report shows: visits, failures, plans, intervals of leaves.
+"""Computes the numbers of a run's report from its log: visits, failures, plans, intervals of leaves.
 
-A log has the status of each node of the tree whenever it changes. Logs of older versions have only the leaf that
-commanded in each tick.
+A log has the status of each node of the tree at each change. Logs of older versions have only the leaf that commanded
+in each tick.
 """
 
 from __future__ import annotations
@@ -22,13 +22,16 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 
-AHEAD = 0.2  # s; a plan that begins where the ball is cannot be wrong, its prediction can
+AHEAD = 0.2  # s; a plan is right at its start, where the ball is, so its prediction is judged this much later
 IDLE, RUNNING = STATUSES["INVALID"], STATUSES["RUNNING"]
 
 
 @dataclass(frozen=True)
 class Visit:
-    """The ball was in a ring from start to end, s of rig time; opening: where it left."""
+    """A stay of the ball in a ring.
+
+    start, end: rig time, s.
+    opening: opening by which the ball left; empty if unknown."""
 
     ring: int
     start: float
@@ -38,7 +41,14 @@ class Visit:
 
 @dataclass(frozen=True)
 class Mishap:
-    """A failure: rig time in s, kind, place in the tree, reason, the recovery that followed, the ball (m, NaN)."""
+    """A failure.
+
+    t: rig time, s.
+    kind: kind of the failure.
+    where: place in the tree.
+    detail: reason.
+    recovery: the recovery that followed; empty if there was none.
+    x, y: place of the ball, m, or NaN."""
 
     t: float
     kind: str
@@ -51,7 +61,11 @@ class Mishap:
 
 @dataclass(frozen=True)
 class Bar:
-    """A leaf (its path in the tree) was in a status (a letter of `STATUSES`) from start to end, s of rig time."""
+    """An interval in which a leaf kept its status.
+
+    path: path of the leaf in the tree.
+    status: a letter of `STATUSES`.
+    start, end: rig time, s."""
 
     path: str
     status: str
@@ -76,7 +90,7 @@ def end_of(log: RunLog) -> float:
 
 
 def span_of(log: RunLog) -> tuple[float, float]:
-    """From the first tick, s, to one sample after the last: so long its statuses and commands held."""
+    """Time from the first tick to one sample after the last tick, s. Statuses and commands hold until then."""
     t = log.ticks["t"]
     step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0 / (log.header.get("replay") or {}).get("rate_hz", 30.0)
     return float(t[0]) if len(t) else 0.0, end_of(log) + step
@@ -89,13 +103,13 @@ def trail(log: RunLog) -> Array:
 
 
 def second_trail(log: RunLog) -> Array | None:
-    """Path of the second ball, (N, 2) of x, y in m, by the estimate; None where the run had one ball."""
+    """Estimated path of the second ball, (N, 2) of x, y in m; None for a run with one ball."""
     names = ("estimate_x2", "estimate_y2")
     return np.stack([log.ticks[name] for name in names], axis=1) if names[0] in log.ticks else None
 
 
 def visits(log: RunLog) -> list[Visit]:
-    """Rings one after the other, by the log's events."""
+    """The stays in rings, one after the other, from the log's events."""
     entered = [(e.t, e.event.ring) for e in log.events if isinstance(e.event, RingEntered)]
     ends = [t for t, _ in entered[1:]] + [end_of(log)]
     left = [str(p.get("opening") or "") for p in (log.result or {}).get("rings", [])]
@@ -104,8 +118,9 @@ def visits(log: RunLog) -> list[Visit]:
 
 
 def followed_plans(log: RunLog) -> list[LoggedPlan]:
-    """Plans for the first ball in the order of time. A tick may plan to several openings: the plan nearest to the
-    tick's goal counts."""
+    """Plans for the first ball, in the order of time.
+
+    A tick may make plans to several openings. Of these, the plan counts that ends nearest to the tick's goal."""
     goal = log.ticks.get("goal_theta", np.full(len(log.ticks["t"]), math.nan))
     led = log.ticks.get("ball", np.ones(len(goal)))  # number of the ball that the tick plans for
     together: dict[float, list[LoggedPlan]] = {}
@@ -122,9 +137,9 @@ def followed_plans(log: RunLog) -> list[LoggedPlan]:
 
 
 def planned_before(plans: Sequence[LoggedPlan], t: Array, ahead: float = AHEAD) -> Array:
-    """Angle (N,), rad, at times t (N,) by the newest of the plans followed that is at least `ahead` s old.
+    """Planned angle (N,), rad, at times t (N,), s, from the newest plan that is at least `ahead` s old then.
 
-    NaN where that plan ends earlier, or is older than twice `ahead`: nothing follows it any more."""
+    NaN if that plan ends earlier. Also NaN if it is older than twice `ahead`, because nothing follows it any more."""
     made = np.array([plan.t0 for plan in plans])
     out = np.full(len(t), math.nan)
     for i, now in enumerate(t):
@@ -137,8 +152,10 @@ def planned_before(plans: Sequence[LoggedPlan], t: Array, ahead: float = AHEAD) 
 
 
 def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Array]]:
-    """For each visit of a ring with a channel: times (N,), theta measured, and theta planned AHEAD before, both (N,),
-    degrees; NaN where unknown. They go on from ring to ring, over whole turns, and begin between 0 and 360."""
+    """For each visit of a ring except the disc: the visit, times (N,), s, measured theta (N,), and planned theta (N,).
+
+    The plan is at least AHEAD s old. Angles are in degrees, NaN where unknown. They begin between 0 and 360 and
+    continue from ring to ring, also beyond whole turns."""
     found, before = list[tuple[Visit, Array, Array, Array]](), math.pi
     x, y, t = trail(log).T
     plans = followed_plans(log)
@@ -173,13 +190,13 @@ def mishaps(log: RunLog) -> list[Mishap]:
 
 
 def times_ms(log: RunLog) -> dict[str, Array]:
-    """Wall time in ms: of each plan, of each tick."""
+    """Computing time by the wall clock, ms: {"plan": of each plan, "tick": of each tick}."""
     plans = np.array([plan.ms for plan in log.plans])
     return {"plan": plans, "tick": log.ticks.get("tick_ms", np.empty(0))}
 
 
 def leaf_bars(log: RunLog) -> list[Bar]:
-    """Intervals of all leaves that were ticked, in the order of the tree, then by time."""
+    """Intervals of all ticked leaves, in the order of the tree, and for each leaf in the order of time."""
     if not len(log.ticks["t"]):
         return []
     if not log.trees:
@@ -198,7 +215,9 @@ def leaf_bars(log: RunLog) -> list[Bar]:
 
 
 def _stretches(changes: list[tuple[float, str]], idle: str) -> list[tuple[str, float, float]]:
-    """(value, start, end) of the stretches in which a value stays the same and is not `idle`."""
+    """(value, start, end) of the stretches in which a value stays the same, without stretches of `idle`.
+
+    changes: (time, new value), in the order of time."""
     kept = [(t, value) for k, (t, value) in enumerate(changes) if k == 0 or value != changes[k - 1][1]]
     if len(kept) == 1 or kept[-1] != changes[-1]:
         kept.append(changes[-1])
@@ -206,7 +225,7 @@ def _stretches(changes: list[tuple[float, str]], idle: str) -> list[tuple[str, f
 
 
 def labels(bars: list[Bar]) -> dict[str, str]:
-    """Path -> label: the leaf's own name, with as much of the path as makes it unique."""
+    """{path of a leaf: label}. A label is the leaf's name, with as much of the path as makes the label unique."""
     paths = [bar.path.split("/") for bar in {bar.path: bar for bar in bars}.values()]
     found = {}
     for parts in paths:

@@ -1,9 +1,12 @@
 """Picture of a behaviour tree: an indented outline, so that nothing overlaps however wide the tree is.
 
-With the log of a run it shows beside each node what its ticks ended with over time. One node is marked: the one that
-ended a failed run, the one that ran when something else ended it (the time limit), or the last leaf that succeeded. The
-path to either of the first two has the mark's colour; of a run that succeeded, that to the last leaf that failed has
-the colour of failures.
+With the log of a run, the picture shows beside each node how its ticks ended over time. One node is marked:
+
+    after a failed run      the node that ended the run; the path to this node has the colour of failures
+    after a limit or end    the node that ran when something else ended the run, such as the time limit; the path to
+                            this node has the colour of running nodes
+    after a success         the leaf that succeeded last; the path to the leaf that failed last has the colour of
+                            failures
 """
 
 from __future__ import annotations
@@ -36,8 +39,8 @@ SHAPES = {  # matplotlib's box styles
     "Condition": "round,pad=0.28,rounding_size=0.75", "SubTree": "square,pad=0.28",
 }  # fmt: skip
 STEP, ROW, WORDS, WIDE, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
-AXIS, LEGEND = 0.45, 0.5  # inches below the rows: time, legend
-# by what the marked node did
+AXIS, LEGEND = 0.45, 0.5  # inches below the rows, for the time axis and the legend
+# {what the marked node did: words beside it}
 MARKS = {
     "failure": "✖ ended the run",
     "running": "▶ running at the {limit}",
@@ -47,10 +50,15 @@ MARKS = {
 
 @dataclass(frozen=True)
 class History:
-    """What a tree did. span: s, from the first tick to one sample after the last; changes: (t, a letter of `STATUSES`
-    for each node) from that rig time on; failures: (t, number of the leaf that failed); marked: number of the node that
-    ended the run, ran when it was ended, or succeeded last; how: that, a key of `MARKS`; path: numbers of the nodes
-    from the root to it, after a success to the last leaf that failed; limit: what ended the run while it ran."""
+    """What a tree did in a run.
+
+    span: from the first tick to one sample after the last tick, s.
+    changes: (t, letters): from rig time t on, each node has its letter of `STATUSES`.
+    failures: (t, number of the leaf that failed).
+    path: numbers of the nodes from the root to the marked node; after a success to the leaf that failed last.
+    marked: number of the node that ended the run, ran at its end, or succeeded last.
+    how: what the marked node did, a key of `MARKS`.
+    limit: what ended the run while the node ran."""
 
     span: tuple[float, float]
     changes: tuple[tuple[float, str], ...]
@@ -62,12 +70,12 @@ class History:
 
     @property
     def words(self) -> str:
-        """What stands beside the marked node."""
+        """The words beside the marked node."""
         return MARKS[self.how].format(limit=self.limit)
 
 
 def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
-    """What a log says of a tree. Raises LogError where the log is of another tree, or has none."""
+    """What a tree did, from a log. Raises LogError if the log has another tree, or no tree."""
     outline = tree.outline()
     same = [i for i, logged in enumerate(log.trees) if logged.outline.paths == outline.paths]
     if not same:
@@ -95,8 +103,10 @@ def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> Histor
 def _marked(
     tree: BehaviorTree, log: RunLog, changes: list[tuple[float, str]], failed: int | None
 ) -> tuple[str, int | None]:
-    """A key of `MARKS` and its node: the last leaf that succeeded; without success the node that raised, the leaf whose
-    failure is the reason, else what failed or ran last. None for a run without a result."""
+    """A key of `MARKS` and the number of the marked node, or None, as for a run without a result.
+
+    After a success, the node is the leaf that succeeded last. Otherwise it is the node that raised an error, or the
+    leaf whose failure is the reason of the end, or the node that failed or ran in the last tick."""
     outline, last = tree.outline(), next(reversed(mishaps(log)), None)
     if log.result is None:
         return "failure", None
@@ -117,12 +127,12 @@ def _marked(
 
 
 def _last_letters(changes: list[tuple[float, str]]) -> str:
-    """The letters after the last tick; empty without one."""
+    """The letters after the last tick; empty if there was no tick."""
     return next((letters for _, letters in reversed(changes) if letters.strip(STATUSES["INVALID"])), "")
 
 
 def _last_success(parents: tuple[int, ...], changes: list[tuple[float, str]]) -> int | None:
-    """The leaf that came to its success last; of several in the same tick the last one in the tree."""
+    """The leaf that succeeded last. If several succeeded in the same tick, the last of them in the tree."""
     success, idle, found = STATUSES["SUCCESS"], STATUSES["INVALID"], list[tuple[float, int]]()
     for i, letter in enumerate(_last_letters(changes)):
         if letter == success and i not in parents:
@@ -132,8 +142,9 @@ def _last_success(parents: tuple[int, ...], changes: list[tuple[float, str]]) ->
 
 
 def _failed(names: tuple[str, ...], changes: list[tuple[float, str]], t: float, where: str) -> int | None:
-    """Number of the leaf with this name that failed at a time; None if the tree has none. It may have been ticked again
-    in the same tick: then it is the one that ran until then."""
+    """Number of the leaf with this name that failed at time t; None if the tree has no such leaf.
+
+    A leaf that failed may have started again in the same tick. Then it is the leaf that ran until this tick."""
     named = [i for i, name in enumerate(names) if name == where]
     now = next((letters for at, letters in changes if at >= t - 1e-9), "")
     before = next((letters for at, letters in reversed(changes) if at < t - 1e-9), "")
@@ -147,8 +158,11 @@ def _failed(names: tuple[str, ...], changes: list[tuple[float, str]], t: float, 
 def save_tree_picture(
     tree: BehaviorTree, path: str | Path, did: History | None = None, title: str = "", whole: bool = False
 ) -> None:
-    """Draw a tree into a PNG, SVG or PDF file. did: what it did in a run; whole: repeated SubTrees are not folded.
-    Raises InputError when it cannot be written."""
+    """Draw a tree into a PNG, SVG or PDF file. Raises InputError if the file cannot be written.
+
+    did: what the tree did in a run.
+    title: title of the picture over time.
+    whole: do not fold repeated SubTrees."""
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
@@ -164,7 +178,7 @@ def save_tree_picture(
     axes.set_ylim(n - 0.5, -0.5)
     texts = _draw_nodes(axes, rows, did)
     try:
-        figure.draw_without_rendering()  # only then is it known how wide the words are, at this resolution
+        figure.draw_without_rendering()  # computes how wide the words are at this resolution
         crop = Bbox.union([text.get_window_extent() for text in texts]).transformed(figure.dpi_scale_trans.inverted())
         if did is not None:
             left = (crop.x1 + 0.25) / (width + WIDE)
@@ -233,7 +247,7 @@ def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
 
 
 def _legend(rows: list[Row], did: History) -> list[Any]:
-    """What the legend explains: how the last tick ended, where it did, and marks of failures."""
+    """Entries of the legend: the endings of ticks that the picture shows, and the mark of a leaf's failure."""
     from matplotlib.lines import Line2D
 
     marks = [Line2D([], [], label="a leaf's failure", **failure_mark("X", markersize=8.0))] if did.failures else []
@@ -241,7 +255,7 @@ def _legend(rows: list[Row], did: History) -> list[Any]:
 
 
 def _below_axes(left: float) -> dict[str, Any]:
-    """Keywords of a legend below everything, whose left edge is there (share of the figure's width)."""
+    """Keywords of a legend at the bottom of the figure. left: its left edge, as a share of the figure's width."""
     return {
         "title": "last tick", "fontsize": 7, "title_fontsize": 7, "ncols": 3, "loc": "lower left", "borderaxespad": 0.0,
         "bbox_to_anchor": (left, 0.0), "frameon": False, "alignment": "left",
@@ -249,13 +263,13 @@ def _below_axes(left: float) -> dict[str, Any]:
 
 
 def _endings(did: History, row: Row) -> list[tuple[str, float, float]]:
-    """(how its last tick ended, start, end) of a row."""
+    """(how the last tick of the row's node ended, start, end) over time."""
     condition = row.node.category == "Condition"
     return [(ending(letter, condition), start, end) for letter, start, end in _stretches(did, row.number)]
 
 
 def _stretches(did: History, number: int) -> list[tuple[str, float, float]]:
-    """(letter, start, end) of the stretches in which a node's last tick ended alike."""
+    """(letter, start, end) of the stretches in which the ending of a node's last tick stays the same."""
     changes = [(t, letters[number]) for t, letters in did.changes]
     kept = [change for i, change in enumerate(changes) if i == 0 or change[1] != changes[i - 1][1]]
     ends = [*kept, (did.span[1], "")]

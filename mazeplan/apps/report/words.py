@@ -1,6 +1,6 @@
-"""Words of reports: for names in files, one unit for each quantity, one sign for a missing value.
+"""Words of reports: words for names in files, one unit for each quantity, one sign for a missing value.
 
-Angles and their errors are in degrees, angular speeds in rad/s, angular accelerations in rad/s²; lengths in mm or m.
+Angles and their errors are in degrees, angular speeds in rad/s, angular accelerations in rad/s², lengths in mm or m.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from mazeplan.physics.registry import EFFECTS
 
 MISSING = "–"
-HARD = "\u00a0"  # a space at which no line ends
+HARD = "\u00a0"  # a space at which no line breaks
 DEG = 180.0 / math.pi
 UNITS = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
 TIME = "time, s"
@@ -43,12 +43,12 @@ _SPOKEN = {"theta_dd": "angular acceleration", "theta_ddot": "angular accelerati
 
 
 def spoken(name: str) -> str:
-    """Text with names in it (`outer_gates`) as words."""
+    """The text, with names such as `outer_gates` replaced by words."""
     return _NAME.sub(lambda found: _SPOKEN.get(found[0], found[0].replace("_", " ")), name)
 
 
 def sentence(text: Any) -> str:
-    """A remark as a sentence, in words."""
+    """A remark as a sentence in words: with a capital letter and a full stop."""
     words = str(text).strip()
     for name, shown in CANDIDATES.items():
         words = words.replace(name, shown)
@@ -71,35 +71,35 @@ def parameter(effect: str, name: str) -> str:
 
 
 def kind(name: str) -> str:
-    """A kind of model, in words and as the commands call it."""
+    """A kind of model, in words, followed by its name in commands."""
     return KINDS.get(name, name) if name == "model" or name not in KINDS else f"{KINDS[name]} ({name})"
 
 
 def in_unit(value: float, unit: str) -> tuple[float, str]:
-    """A value and its unit in reports: angles in degrees."""
+    """A value and its unit, converted to the units of reports: angles in degrees."""
     return (DEG * value, "deg") if unit == "rad" else (value, UNITS.get(unit, unit))
 
 
 def labelled(value: float, label: str) -> float:
-    """A value whose label ends in its unit, as `relabelled` shows it."""
+    """The value in the unit of `relabelled`. label: a label that ends in the unit of `value`."""
     return DEG * value if label.endswith(", rad") else value
 
 
 def relabelled(label: str) -> str:
-    """A label that ends in its unit (`theta, rad`), in words, with the unit of reports."""
+    """A label such as `theta, rad`, which ends in its unit, in words and with the unit of reports."""
     words = {"theta, rad": ANGLE, "theta_dot, rad/s": SPEED}.get(label, label)
     words = words.removesuffix("rad") + "degrees" if words.endswith(", rad") else words
     return spoken(re.sub(r"\btheta error\b", "error of the angle", words))
 
 
 def split_unit(label: str) -> tuple[str, str]:
-    """A label in words, and its unit with a blank before it; the unit is empty for a number without one."""
+    """A label in words, and its unit with a blank before it. The unit is empty for a number without a unit."""
     text, _, unit = relabelled(label).rpartition(", ")
     return (text, f" {unit}") if text else (unit, "")
 
 
 def measured(value: float, stderr: float | None, unit: str, show_error: bool = True) -> str:
-    """Value ± standard error, both in the unit that follows; the error decides how many digits."""
+    """Value ± standard error, with their unit. The standard error decides how many digits are shown."""
     value, shown = in_unit(value, unit)
     error = math.nan if stderr is None else in_unit(stderr, unit)[0]
     after = f"{HARD}{shown}" if shown else ""
@@ -110,17 +110,17 @@ def measured(value: float, stderr: float | None, unit: str, show_error: bool = T
 
 
 def number(value: float, places: int) -> str:
-    """A number; the sign for a missing value in place of NaN."""
+    """A number as text; for NaN the sign for a missing value."""
     return f"{value:.{places}f}" if math.isfinite(value) else MISSING
 
 
 def seconds(value: float) -> str:
-    """A time in s."""
+    """A time in s as text; for NaN the sign for a missing value."""
     return f"{value:.2f} s" if math.isfinite(value) else MISSING
 
 
 def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str, str]]:
-    """(label, value) of what a run or an evaluation was done with; seed: label of the seed."""
+    """(label, value) of the settings of a run or an evaluation. seed: label of the seed."""
     facts = []
     for name, label in SETUP.items():
         value = setup.get(name)
@@ -131,7 +131,7 @@ def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str,
 
 
 def verdict_lines(document: dict[str, Any]) -> list[str]:
-    """A verdict in words, and what to do next."""
+    """Lines of text: the verdict with its reason, and what to do next."""
     return [f"verdict       {document['verdict']}: {document['because']}"] + [
         f"next          {text}" for text in document["advice"]
     ]

@@ -1,8 +1,9 @@
 """Calibrates a camera from pictures of a chessboard and of the empty plate.
 
-Lens: Zhang's method (cv2.calibrateCamera) on the board's corners, without a picture if the others agree much better
-without it. Pose of the level plate: by its markers, or without them by the circles of its walls (`circles`).
-Background: the empty floor, straightened, mean of all pictures."""
+Lens: Zhang's method (cv2.calibrateCamera) on the corners of the chessboard. A picture is left out if the others agree
+much better without it.
+Pose of the level plate: by its markers; for a plate without markers by the circles of its walls (`circles`).
+Background: the empty floor, straightened, as the mean of all pictures."""
 
 from __future__ import annotations
 
@@ -20,17 +21,22 @@ from mazeplan.rigs.camera.floor import Floor
 from mazeplan.rigs.camera.markers import Markers, TiltFinder, detector, find
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
-LEAST_BOARDS = 5
-GOOD_PX = 0.25  # rms of a chessboard's corners above which one picture may be wrong
-BETTER = 0.7  # a picture is left out if the error without it is below so much of the error
-MOST_PX = 1.5  # largest rms error of a calibration, px
+LEAST_BOARDS = 5  # minimum number of pictures of the chessboard
+GOOD_PX = 0.25  # px, rms error of the corners above which a picture may be wrong
+BETTER = 0.7  # a picture is left out if this reduces the error to less than this share
+MOST_PX = 1.5  # px, largest rms error of a calibration
 NamedPicture = tuple[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class LensCalibration:
-    """Result for the lens: matrix (3, 3), distortion (5,), size of a picture, rms error of the corners, number of used
-    pictures, and names of the others with the reason."""
+    """Result for the lens.
+
+    matrix (3, 3), distortion (5,): see `CameraModel`.
+    size: width and height of a picture, px.
+    error_px: rms error of the corners, px.
+    used: number of used pictures.
+    left_out: names of the other pictures, each with the reason."""
 
     matrix: Array
     distortion: Array
@@ -42,8 +48,13 @@ class LensCalibration:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result: camera and background; error_px: rms error of markers or edges, error_mm: the same on the floor; by:
-    markers or circles."""
+    """Result of a calibration.
+
+    camera: the calibrated camera.
+    background: picture of the empty floor.
+    error_px: rms error of markers or edges, px.
+    error_mm: the same error on the floor, mm.
+    by: markers or circles."""
 
     camera: CameraModel
     background: Background
@@ -53,8 +64,10 @@ class Calibration:
 
 
 def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> LensCalibration:
-    """The lens. corners: inner ones of the chessboard across and down; square: side of a square, m. Raises
-    InputError."""
+    """Calibrate the lens. Raises InputError if the pictures do not suffice.
+
+    corners: numbers of inner corners of the chessboard, across and down.
+    square: side of a square of the chessboard, m."""
     board = np.zeros((corners[0] * corners[1], 3), np.float32)
     board[:, :2] = np.mgrid[0 : corners[0], 0 : corners[1]].T.reshape(-1, 2) * square
     size: tuple[int, int] | None = None
@@ -84,7 +97,7 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         )
     lens = _zhang(board, [at for _, at in found], size)
     while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:
-        # without which picture do the others agree best?
+        # find the picture without which the others agree best
         fewer = [_zhang(board, [at for _, at in found[:i] + found[i + 1 :]], size) for i in range(len(found))]
         worst = min(range(len(found)), key=lambda i: fewer[i].error_px)
         if fewer[worst].error_px > BETTER * lens.error_px:
@@ -117,7 +130,10 @@ def calibrate_plate(
     markers: Markers | None,
     pivot: Array | None = None,
 ) -> Calibration:
-    """Pose and background from pictures of the empty, level plate. Raises InputError."""
+    """Pose and background from pictures of the empty, level plate. Raises InputError if the pictures do not suffice.
+
+    markers: None for a plate without markers.
+    pivot (3,): fixed point of the tilt in the plate frame, m; by default the origin."""
     for name, image in pictures:
         if image.shape[1::-1] != lens.size:
             got = f"{image.shape[1]} x {image.shape[0]}"
@@ -144,7 +160,9 @@ def calibrate_plate(
 def pose_by_markers(
     lens: LensCalibration, pictures: Sequence[NamedPicture], markers: Markers
 ) -> tuple[Array, Array, float]:
-    """(rotation, translation, rms px) from the level plate to the camera, by the median corners of all pictures."""
+    """(rotation, translation, rms error in px) from the level plate frame to the camera frame.
+
+    Uses the median of each marker's corners over all pictures."""
     finder = detector()
     seen: dict[int, list[Array]] = {}
     for _, image in pictures:
@@ -173,7 +191,7 @@ def pose_by_markers(
 def calibrate_background(
     camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None
 ) -> Background:
-    """The empty floor. Where walls hid it, it is filled in from beside."""
+    """The empty floor. Places that walls hide are filled in from their surroundings."""
     floor = Floor(maze)
     tilts = None if markers is None else TiltFinder(camera, markers)
     total = np.zeros((floor.side, floor.side, 3))
@@ -187,6 +205,6 @@ def calibrate_background(
     known = (count[..., 0] > 0).astype(np.uint8) * 255
     mean = np.clip(total / np.maximum(count, 1) + 0.5, 0, 255).astype(np.uint8)
     filled = cv2.inpaint(mean, 255 - known, 4, cv2.INPAINT_TELEA)
-    # filled pixels are valid only near seen ones
+    # filled pixels count as known only near seen pixels
     near = cv2.dilate(known, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (11, 11)))
     return Background(filled, near)

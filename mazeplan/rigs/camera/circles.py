@@ -1,8 +1,8 @@
 """Pose of a plate without markers: the walls' upper edges are circles of known radius and height.
 
-First guess: the outline of the maze is an ellipse. Its middle and size give the place of a plate that faces the camera;
-the gaps in the walls' tops give its turn about the vertical. Then a robust least-squares fit moves the pose until the
-steepest steps of light lie on the circles."""
+1. First guess: in the picture, the outline of the maze is an ellipse. Its middle and size give the place of the plate,
+   which is taken to face the camera. The openings in the walls' tops give the turn of the plate about the vertical.
+2. A robust least-squares fit moves the pose until the steepest steps of light lie on the circles."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation, sampled
 
-REACHES = (10.0, 5.0, 3.0)  # px on either side in which an edge is searched, round by round
-FITTING = 0.6  # share of all points with an edge within a pixel
-EVERY = math.radians(3.0)  # between points on a circle
+REACHES = (10.0, 5.0, 3.0)  # px; an edge is searched so far on either side, round by round
+FITTING = 0.6  # minimum share of all points that have an edge within a pixel
+EVERY = math.radians(3.0)  # rad between points on a circle
 ROW = 1024  # pixels per row of a lookup
-TURNS = 360  # directions to try
-FACING = np.diag([1.0, -1.0, -1.0])  # a camera that looks straight down
+TURNS = 360  # number of directions to try
+FACING = np.diag([1.0, -1.0, -1.0])  # rotation to a camera that looks straight down
 
 
 def pose_by_circles(matrix: Array, distortion: Array, image: np.ndarray, maze: Maze) -> tuple[Array, Array, float]:
-    """(rotation, translation, rms px) from the level plate to the camera, by a picture of the empty plate.
+    """(rotation, translation, rms error in px) from the level plate frame to the camera frame.
 
-    Raises InputError if the picture does not show the maze."""
+    image: picture of the empty plate. Raises InputError if the picture does not show the maze."""
     soft = cv2.GaussianBlur(image, (0, 0), 0.7)
     gray = cv2.cvtColor(soft, cv2.COLOR_BGR2GRAY).astype(np.float32)
     size = (image.shape[1], image.shape[0])
@@ -56,7 +56,7 @@ def pose_by_circles(matrix: Array, distortion: Array, image: np.ndarray, maze: M
 
 
 def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, float]]:
-    """(middle (2,), radius), px, of ellipses that may be the maze's outline, most likely first."""
+    """(middle (2,), radius), px, of ellipses that may be the maze's outline, the largest first."""
     edges = cv2.dilate(cv2.Canny(gray.astype(np.uint8), 40, 100), np.ones((3, 3), np.uint8))
     contours, _ = cv2.findContours(edges, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     found = []
@@ -78,7 +78,7 @@ def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, 
 
 
 def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
-    """Angles (TURNS,), points (TURNS, 3) in the middle of a wall's top, and whether they are in an opening."""
+    """Angles (TURNS,), points (TURNS, 3) along the middle of a wall's top, and whether each is in an opening."""
     angles = np.arange(TURNS) * math.tau / TURNS
     middle = 0.5 * (wall.inner_radius + wall.outer_radius)
     gap = np.zeros(TURNS, dtype=bool)
@@ -90,14 +90,14 @@ def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
 
 
 def _turns(unlike: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
-    """Turns of the plate about the vertical, rad, likely ones first: at openings the tops have gaps."""
+    """Turns of the plate about the vertical, rad, the likely ones first. They follow from the openings in the tops."""
     score = np.zeros(TURNS)
     angles = np.arange(TURNS) * math.tau / TURNS
     for wall in maze.walls:
         if wall.openings:
             _, tops, gap = _wall_line(maze, wall)
             light = _sample(unlike, guess.project(tops))
-            # angle a of a plate turned by t is angle a - t of the map
+            # with a plate that is turned by t, angle a in the picture is angle a - t in the map
             score += np.fft.ifft(np.fft.fft(light - light.mean()) * np.conj(np.fft.fft(gap - gap.mean()))).real
     picked: list[float] = []
     for index in np.argsort(-score):
@@ -109,7 +109,7 @@ def _turns(unlike: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
 
 
 def _openings_seen(unlike: np.ndarray, camera: CameraModel, maze: Maze) -> float:
-    """Difference between openings and the walls beside in likeness to the tops, grey levels."""
+    """How much less like the walls' tops the openings are than the rest of the walls, grey levels."""
     there, beside = [], []
     for wall in maze.walls:
         _, tops, gap = _wall_line(maze, wall)
@@ -120,10 +120,10 @@ def _openings_seen(unlike: np.ndarray, camera: CameraModel, maze: Maze) -> float
 
 
 def _unlike_tops(image: np.ndarray, camera: CameraModel, maze: Maze) -> np.ndarray:
-    """0 at the colour of the walls' tops, 255 at clearly other colours.
+    """A picture with 0 at the colour of the walls' tops, and 255 at clearly other colours.
 
-    So the walls' sides and their shadows on the floor have no edges."""
-    rim = maze.walls[0]  # it has no openings, so that its turn does not matter
+    In this picture the walls' sides and their shadows on the floor have no edges."""
+    rim = maze.walls[0]  # the rim has no openings, so that the turn of the plate does not matter
     angles = np.arange(0.0, math.tau, EVERY)
     tops = 0.5 * (rim.inner_radius + rim.outer_radius) * np.column_stack([np.cos(angles), np.sin(angles)])
     where = camera.project(np.column_stack([tops, np.full(len(tops), maze.wall_height)]))
@@ -134,13 +134,14 @@ def _unlike_tops(image: np.ndarray, camera: CameraModel, maze: Maze) -> np.ndarr
 
 
 def _rims(maze: Maze) -> list[tuple[Array, Array]]:
-    """(points (N, 3) on the upper edges, outward directions (N, 3)) of every wall, away from openings
-    and radial walls."""
+    """For each edge of each wall: points (N, 3) on the upper edge and outward directions (N, 3).
+
+    The points keep away from openings and radial walls."""
     rims = []
     for wall in maze.walls:
         for radius in (wall.inner_radius, wall.outer_radius):
             angles = np.arange(0.0, math.tau, EVERY)
-            ring = wall.outer_ring + (radius == wall.inner_radius)  # the ring on that side
+            ring = wall.outer_ring + (radius == wall.inner_radius)  # the ring on this side of the wall
             angles = angles[[_solid(wall, radius, a) and not _joined(maze, ring, radius, a) for a in angles.tolist()]]
             out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
             rims.append((radius * out + np.array([0.0, 0.0, maze.wall_height]), out))
@@ -152,14 +153,14 @@ def _solid(wall: Wall, radius: float, angle: float) -> bool:
 
 
 def _joined(maze: Maze, ring: int, radius: float, angle: float) -> bool:
-    """Whether a radial wall of the ring joins a wall at this angle: their tops are one."""
+    """Whether a radial wall of the ring joins the wall at this angle. There both have one top, without an edge."""
     return any(
         w.ring == ring and abs(difference(angle, w.angle)) < w.half_angle(radius, 0.002) for w in maze.radial_walls
     )
 
 
 def _refined(gray: np.ndarray, camera: CameraModel, maze: Maze) -> tuple[float, CameraModel] | None:
-    """(rms px, camera) with its pose fitted to the edges, or None if most of them are missing."""
+    """(rms error in px, camera) with the camera's pose fitted to the edges; None if too many edges are missing."""
     rims = _rims(maze)
     # the sides of openings give the turn of the plate
     points = np.vstack([p for p, _ in rims] + [_sides(maze)[0]])
@@ -189,7 +190,7 @@ def _refined(gray: np.ndarray, camera: CameraModel, maze: Maze) -> tuple[float, 
 
 
 def _sides(maze: Maze) -> tuple[Array, Array]:
-    """Points (N, 3) on the upper edges of openings' sides and directions (N, 3) across them."""
+    """Points (N, 3) on the upper edges of the openings' sides, and directions (N, 3) across these edges."""
     points, out = [], []
     for wall in maze.walls:
         for opening in wall.openings:
@@ -209,7 +210,11 @@ def _moved(camera: CameraModel, change: Array) -> CameraModel:
 
 
 def _steps(gray: np.ndarray, here: Array, across: Array, reach: float) -> tuple[Array, np.ndarray]:
-    """Distance from `here`, px, of the steepest step of light along `across`, (N, 2), and whether the step is clear."""
+    """For each place: distance, px, to the steepest step of light, and whether the step is clear.
+
+    here (N, 2): places, px.
+    across (N, 2): directions in which to search.
+    reach: largest distance, px."""
     at = np.arange(-reach - 1.0, reach + 1.01, 0.5)
     light = _sample(gray, (here[:, None] + at[None, :, None] * across[:, None]).reshape(-1, 2)).reshape(len(here), -1)
     change = np.abs(light[:, 2:] - light[:, :-2])

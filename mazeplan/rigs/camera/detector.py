@@ -1,9 +1,13 @@
 """Finds the ball in a picture.
 
-1. The plate's tilt, by its markers. 2. The straightened floor (`floor`) and its difference to the empty one in the same
-light: the ball, reflections, shadows. 3. Discs of large difference at places where a ball has room. 4. For each disc a
-fit of the outline of a sphere to its visible edge (`outline`). One that fits is the ball; two are no result. The
-detector uses only this picture and has no memory.
+1. Find the plate's tilt by its markers.
+2. Straighten the picture of the floor (`floor`), and subtract the empty floor in the same light. Ball, reflections and
+   shadows remain.
+3. Find discs of large difference at places where a ball has room.
+4. For each disc, fit the outline of a sphere to the visible edge (`outline`).
+
+If one outline fits, it is the ball. If two fit, there is no result. The detector uses this picture alone: it has no
+memory.
 """
 
 from __future__ import annotations
@@ -21,13 +25,13 @@ from mazeplan.rigs.camera.markers import Markers, TiltFinder
 from mazeplan.rigs.camera.outline import Outline, OutlineFit
 from mazeplan.rigs.camera.pinhole import CameraModel
 
-HALF = 2  # the search for discs uses a picture so many times smaller
-LIGHT = 100.0  # median of the floor, 0 to 255, above which the ball is darker than it
-SLOW = 8  # the light is compared in a picture so many times smaller
+HALF = 2  # the search for discs uses a picture this many times smaller
+LIGHT = 100.0  # a floor with a median above this, 0 to 255, is brighter than the ball
+SLOW = 8  # the light is compared in a picture this many times smaller
 
 
 class Why(StrEnum):
-    """Result of a picture."""
+    """Result of the search in a picture."""
 
     FOUND = "found"
     DARK = "too dark"
@@ -40,8 +44,13 @@ class Why(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """x, y: ball centre in the plate frame, m, or None; confidence: 0 to 1; beta, gamma: the plate's tilt by its
-    markers, rad, or None; error: standard deviation of x and y together by the outline's scatter, m."""
+    """What the detector found in a picture.
+
+    x, y: centre of the ball in the plate frame, m; None without a ball.
+    confidence: 0 to 1.
+    why: result of the search.
+    beta, gamma: tilt of the plate by its markers, rad; None without markers.
+    error: standard deviation of x and y together, from the scatter of the outline, m."""
 
     x: float | None
     y: float | None
@@ -54,7 +63,10 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Background:
-    """The floor without a ball, in level light: picture (side, side, 3); known: 255 where it was seen."""
+    """The floor without a ball, on a level plate.
+
+    picture: (side, side, 3).
+    known: 255 where the floor was seen."""
 
     picture: np.ndarray
     known: np.ndarray
@@ -62,15 +74,23 @@ class Background:
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """hue_deg: range of the ball's colour (0 red, 120 green, 240 blue), None for steel; saturation: its least of 255.
+    """Limits of the detector.
 
-    contrast: least difference between ball and floor, grey levels; darkest: least light, as a share of the
-    background's; moved_px: largest error of the markers. Of the outline: clear: least share that is seen and on the
-    circle; agree: least share of the seen part that is on the circle; error_m: largest standard deviation; wider_m:
-    largest difference of the radius; edge: least step of light, as a share of the floor's light. tolerance_m: of the
-    places of walls and ball; rival: share of the best outline's clearness that makes another one a second ball; filled:
-    least mean difference over a candidate's disc; candidates: largest number; rival_score: least share of the best
-    difference."""
+    hue_deg: range of the ball's hue (0 red, 120 green, 240 blue); None for steel.
+    saturation: minimum saturation of a coloured ball, of 255.
+    contrast: minimum difference between ball and floor, grey levels.
+    darkest: minimum light, as a share of the background's light.
+    moved_px: largest rms error of the markers, px.
+    clear: minimum share of the outline that is visible and on the circle.
+    agree: minimum share of the visible outline that is on the circle.
+    error_m: largest standard deviation of the centre, m.
+    wider_m: largest difference between the radius of the edge and that of the ball, m.
+    tolerance_m: allowed error of the places of walls and ball, m.
+    rival: an outline with more than this share of the best outline's strength x agreement may be a second ball.
+    edge: minimum step of light at the outline, as a share of the floor's light.
+    filled: minimum score of a candidate, divided by the area of its disc.
+    candidates: largest number of candidates.
+    rival_score: minimum score of a candidate, as a share of the best score."""
 
     hue_deg: tuple[float, float] | None = None
     saturation: int = 90
@@ -113,7 +133,9 @@ class BallDetector:
         self._disc, self._ring = _kernels(maze.ball.radius * PX / HALF)
 
     def locate(self, image: np.ndarray, tilt: tuple[float, float] | None = None) -> Sighting:
-        """The ball in a picture (height, width, 3), BGR. tilt: beta, gamma, rad, for a picture without markers.
+        """Find the ball in a picture (height, width, 3), BGR.
+
+        tilt: beta, gamma, rad; used if the picture shows no markers.
 
         Raises ValueError for a picture of another size than the camera's."""
         why, tilted = self._tilted(image, tilt)
@@ -126,7 +148,7 @@ class BallDetector:
         return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
 
     def locate_all(self, image: np.ndarray, most: int, tilt: tuple[float, float] | None = None) -> list[Sighting]:
-        """As `locate`, each ball of up to `most` in a picture, the clearest first; in no other order."""
+        """Find up to `most` balls in a picture, the clearest first. Which ball is which remains open."""
         _, tilted = self._tilted(image, tilt)
         if tilted is None:
             return []
@@ -142,7 +164,9 @@ class BallDetector:
     def _tilted(
         self, image: np.ndarray, tilt: tuple[float, float] | None
     ) -> tuple[Why, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:
-        """The tilt to use, and that by the markers (None: there are none); None with the reason if there is none."""
+        """(reason, (tilt to use, tilt by the markers)). The tilt by the markers is (None, None) without markers.
+
+        If there is no tilt to use, (reason, None)."""
         if image.shape != (self.camera.size[1], self.camera.size[0], 3):
             raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
         by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
@@ -155,7 +179,7 @@ class BallDetector:
         return Why.FOUND, (used, (None, None) if by_markers is None else by_markers[:2])
 
     def _fits(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, list[OutlineFit]]:
-        """Outlines of spheres at places where a ball has room."""
+        """Fitted outlines of spheres at places where a ball has room, and a reason in case none of them is good."""
         settings, eye = self.settings, self.camera.centre(beta, gamma)
         seen = self.floor.straighten(image, self.camera, beta, gamma)
         clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
@@ -185,7 +209,7 @@ class BallDetector:
         return Why.FOUND, best
 
     def _rivals(self, fit: OutlineFit, best: OutlineFit) -> bool:
-        """Whether a fit may be a second ball: elsewhere, and as clear; a shadow has a soft edge."""
+        """Whether a fit may be a second ball: at another place, and nearly as clear. A shadow has a soft edge."""
         apart = np.hypot(fit.x - best.x, fit.y - best.y)
         return bool(
             apart > self.maze.ball.radius
@@ -193,8 +217,9 @@ class BallDetector:
         )
 
     def _differs(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray) -> np.ndarray:
-        """Difference of the floor's colour to the empty floor, 0 to 255, without noise. For a coloured ball: 255 at its
-        colour, else 0."""
+        """Difference between the floor and the empty floor, 0 to 255; 0 where it is within the noise.
+
+        For a coloured ball: 255 where the floor has the ball's colour, else 0."""
         if self.settings.hue_deg is not None:
             low, high = (round(value / 2.0) for value in self.settings.hue_deg)
             hsv = cv2.cvtColor(seen, cv2.COLOR_BGR2HSV)
@@ -214,7 +239,9 @@ class BallDetector:
         return cv2.bitwise_and(most, clear)
 
     def _candidates(self, differs: np.ndarray, clear: np.ndarray, eye: Array) -> list[tuple[float, float]]:
-        """Places (x, y), m, of the ball's centre with most difference inside a disc and least around it."""
+        """Places (x, y), m, where the ball's centre may be, best first.
+
+        The score of a place is the difference inside a disc minus the difference in a ring around it."""
         settings, ball, floor = self.settings, self.maze.ball.radius, self.floor
         small = cv2.resize(differs, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA).astype(np.float32)
         score = cv2.filter2D(small, cv2.CV_32F, (self._disc - self._ring) / 255.0, borderType=cv2.BORDER_CONSTANT)
@@ -261,7 +288,9 @@ def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, float]:
-    """The background in this picture's light, and the gain: a gain for each colour, then a smooth correction."""
+    """The background in this picture's light, and the mean gain of the light.
+
+    First each colour gets its gain, then a smooth correction follows the light over the floor."""
     at = clear[2::5, 2::5] > 0
     if not at.any():
         return picture, 0.0

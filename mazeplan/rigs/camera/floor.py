@@ -1,7 +1,8 @@
 """The straightened picture of the plate's floor: without tilt and perspective, `PX` pixels per m, y up.
 
-Points of the floor keep their places at any tilt. What stands on the floor leans away from the camera's foot: with C
-the camera's place in the plate frame, a point p at height z hides the floor at C + (p - C) Cz / (Cz - z).
+In this picture, points of the floor keep their places at any tilt. Objects on the floor seem to lean away from the
+camera's foot. With C the camera's place in the plate frame, a point p at height z hides the floor at
+C + (p - C) Cz / (Cz - z).
 """
 
 from __future__ import annotations
@@ -16,20 +17,24 @@ from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.camera.pinhole import CameraModel, sampled
 
-PX = 2000.0  # pixels of floor per m
-CELL = 8  # px between projected points; between them the map is nearly linear
-FINE = 4  # the walls are drawn so many times finer first
-HEIGHTS = (1.0, 0.66, 0.33, 0.0)  # shares of the walls' height at which they hide the floor
+PX = 2000.0  # pixels of the floor's picture per m
+CELL = 8  # px between projected points; between these points the map is nearly linear
+FINE = 4  # the walls are first drawn this many times finer
+HEIGHTS = (1.0, 0.66, 0.33, 0.0)  # shares of the walls' height; at these heights the walls hide the floor
 CLEAR = 25  # of 255, share of a pixel that a wall may hide
 
 
 def floor_side(maze: Maze) -> int:
-    """Pixels of a side of the floor's picture."""
+    """Length of a side of the floor's picture, px."""
     return CELL * math.ceil(2.0 * (maze.walls[0].outer_radius + 0.001) * PX / CELL)
 
 
 class Floor:
-    """The floor inside the rim, and the walls that hide it. side: pixels; solid: 255 at walls."""
+    """The floor inside the rim, and the walls that hide it.
+
+    side: length of a side of the floor's picture, px.
+    half: half of that length, m.
+    solid: picture with 255 at walls."""
 
     def __init__(self, maze: Maze) -> None:
         self.maze = maze
@@ -70,14 +75,16 @@ class Floor:
         return np.column_stack([at[:, 0] - self.half, self.half - at[:, 1]])
 
     def straighten(self, image: np.ndarray, camera: CameraModel, beta: float, gamma: float) -> np.ndarray:
-        """The floor's picture (side, side, 3) from a camera's."""
+        """The floor's picture (side, side, 3) from a picture of the camera."""
         cells = self.side // CELL
         coarse = camera.project(self._nodes, beta, gamma).astype(np.float32).reshape(cells, cells, 2)
         where = cv2.resize(coarse, (self.side, self.side), interpolation=cv2.INTER_LINEAR)
         return sampled(image, where)
 
     def visible(self, eye: Array) -> np.ndarray:
-        """255 where the floor is visible from `eye` (3,) in the plate frame, 0 where a wall stands or hides it."""
+        """255 where the floor is visible, 0 where a wall stands or hides the floor.
+
+        eye (3,): place of the camera in the plate frame, m."""
         foot = self.pixels(eye[None, :2])[0]
         hidden = self.solid.copy()
         for share in HEIGHTS:

@@ -10,18 +10,26 @@ import numpy as np
 
 Colour = tuple[int, int, int]
 SPRITE = 96  # px, side of the ball's own picture
-EDGE = 0.05  # width of the ball's soft edge, of its radius
+EDGE = 0.05  # width of the ball's soft edge, as a share of its radius
 SHADE = 0.55  # share of the light in the ball's shadow
-GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii
+GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii of the ball
 
 
 @dataclass(frozen=True)
 class Look:
-    """blur, noise, flicker: standard deviations, px, grey levels, and share of the light per picture.
+    """Appearance of rendered pictures.
 
-    exposure: 1 is right; slope: of the light across the picture; gloss: strength of the lamp's reflection in the floor,
-    0 to 1; veils: (x px, y px, radius px, strength 0 to 1) of stray light; lamp: place in the room, m; sharp: drawn at
-    twice the size, wall shadows follow the tilt; twice as slow."""
+    ball: steel, orange or blue.
+    blur: standard deviation of the blur, px.
+    noise: standard deviation of the sensor's noise, grey levels.
+    exposure: factor of the light; 1 is right.
+    flicker: standard deviation of the light from picture to picture, as a share.
+    slope: change of the light across the picture, as a share.
+    gloss: strength of the lamp's reflection in the floor, 0 to 1.
+    veils: spots of stray light (x px, y px, radius px, strength 0 to 1).
+    lamp: place of the lamp in the room, m.
+    sharp: draw at twice the size, and let the shadows of walls follow the tilt; takes twice as long.
+    floor, wall, table: colours."""
 
     ball: str = "steel"
     blur: float = 0.7
@@ -43,8 +51,9 @@ class Look:
 
 
 def steel(look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Polished steel from above. It mirrors the ceiling in its middle, then room and walls, and the floor with its own
-    shadow at its rim."""
+    """Colour of a ball of polished steel, from above.
+
+    The ball mirrors the ceiling in its middle, then room and walls; at its rim it mirrors the floor with its shadow."""
     ray = 2.0 * normal[..., 2:] * normal - np.array([0.0, 0.0, 1.0])
     level = np.maximum(np.hypot(ray[..., 0], ray[..., 1]), 1e-6)
     rho = np.hypot(normal[..., 0], normal[..., 1])
@@ -61,7 +70,7 @@ def steel(look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarra
 
 
 def painted(colour: Colour, look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """A matt ball of one colour."""
+    """Colour of a matt ball that is painted in one colour."""
     light = 0.42 + 0.68 * np.clip((normal * to_lamp).sum(axis=2), 0.0, 1.0)
     return np.array(colour, dtype=float) * light[..., None]
 
@@ -74,9 +83,11 @@ BALLS = {
 
 
 def sprite(look: Look, to_lamp: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Picture of the ball (SPRITE, SPRITE, 3) and its share of each pixel (SPRITE, SPRITE), float32.
+    """Picture of the ball (SPRITE, SPRITE, 3) and the ball's share of each pixel (SPRITE, SPRITE), float32.
 
-    Its disc fills 0.8 of the side, x to the right, y up. to_lamp: unit vector (3,); across: (2,), towards the walls."""
+    The ball's disc fills 0.8 of the side; x is to the right, y up.
+    to_lamp: unit vector (3,) from the ball to the lamp.
+    across: unit vector (2,) towards the walls."""
     at = (np.arange(SPRITE) + 0.5) / SPRITE * 2.5 - 1.25
     x, y = np.meshgrid(at, -at)
     rho = np.hypot(x, y)

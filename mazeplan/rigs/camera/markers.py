@@ -1,4 +1,4 @@
-"""ArUco markers on the plate, and the plate's tilt from them."""
+"""ArUco markers on the plate, and the tilt of the plate by its markers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from mazeplan.rigs.camera.pinhole import CameraModel
 
 DICTIONARY = cv2.aruco.DICT_4X4_50
 SIZE = 0.024  # m, side of a packaged marker without its white margin
-MARGIN = 0.003  # m, white around it
-ROOM = 14  # px around a marker of the level plate; it moves so far at the tilt limit
-STEPS, SMALL = 6, 1e-6  # of the fit of a tilt: iterations at most; rad
+MARGIN = 0.003  # m, white margin around a marker
+ROOM = 14  # px, search area around a marker of the level plate: at the tilt limit the marker moves so far
+STEPS, SMALL = 6, 1e-6  # end of the fit of a tilt: number of iterations at most; smaller change, rad
 
 
 @dataclass(frozen=True)
 class Markers:
-    """places: id to the middle (x, y, z) in the plate frame, m; the upper edge of each is towards +y; size: side, m."""
+    """Markers on the plate. The upper edge of each marker is towards +y.
+
+    places: {id: middle (x, y, z) in the plate frame, m}.
+    size: side of a marker, m."""
 
     places: dict[int, tuple[float, float, float]]
     size: float = SIZE
@@ -50,7 +53,7 @@ def detector() -> cv2.aruco.ArucoDetector:
 
 
 def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> dict[int, Array]:
-    """Corners (4, 2), px, of the known markers in a grey picture, without those that appear twice."""
+    """{id: corners (4, 2), px} of the known markers in a grey picture, without markers that appear twice."""
     corners, ids, _ = finder.detectMarkers(gray)
     found: dict[int, Array] = {}
     twice: set[int] = set()
@@ -62,7 +65,7 @@ def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> d
 
 
 class TiltFinder:
-    """The plate's tilt by its markers. Searches only around their places."""
+    """The plate's tilt by its markers. Searches only around the places of the markers."""
 
     def __init__(self, camera: CameraModel, markers: Markers) -> None:
         self.camera, self.markers = camera, markers
@@ -78,7 +81,7 @@ class TiltFinder:
         return left, top, right, bottom
 
     def seen(self, gray: np.ndarray) -> dict[int, Array]:
-        """Corners (4, 2), px, of each detected marker."""
+        """{id: corners (4, 2), px} of the detected markers."""
         found: dict[int, Array] = {}
         for number, (left, top, right, bottom) in self._windows.items():
             if right - left < 16 or bottom - top < 16:
@@ -89,7 +92,7 @@ class TiltFinder:
         return found
 
     def tilt(self, gray: np.ndarray) -> tuple[float, float, float] | None:
-        """(beta, gamma, rms error of the corners in px), or None without a marker."""
+        """(beta, gamma, rms error of the corners in px), or None if no marker is detected."""
         found = self.seen(gray)
         if not found:
             return None
@@ -99,7 +102,10 @@ class TiltFinder:
 
 
 def fit_tilt(camera: CameraModel, points: Array, pixels: Array) -> tuple[float, float, float]:
-    """(beta, gamma, rms px) by least squares, from points (N, 3) of the plate and their pixels (N, 2)."""
+    """(beta, gamma, rms error in px) by least squares.
+
+    points (N, 3): in the plate frame, m.
+    pixels (N, 2): places of these points in the picture."""
     tilt, step = np.zeros(2), 1e-4
     for _ in range(STEPS):
         off = (pixels - camera.project(points, *tilt)).ravel()

@@ -1,8 +1,8 @@
-"""Fits the outline of a sphere of known radius to its edge on the floor.
+"""Fits the outline of a sphere of known radius to its edge in the picture of the floor.
 
-The outline of a sphere is a circle across the line of sight. On each ray of that circle the edge is where the
-difference to the empty floor changes most. Robust least squares (Tukey) move the centre until the edges lie on the
-circle. Rays that a wall hides do not count: half a circle is enough.
+The outline of a sphere is a circle across the line of sight. Rays go out from the middle of this circle. On each ray
+the edge is where the difference from the empty floor changes most. A robust least-squares fit (Tukey) moves the centre
+until the edges lie on the circle. Rays that a wall hides do not count: half a circle is enough.
 """
 
 from __future__ import annotations
@@ -17,23 +17,28 @@ from mazeplan.rigs.camera.floor import Floor
 from mazeplan.rigs.camera.pinhole import sampled
 
 RAYS = 72
-STEP = 0.00025  # m, between samples on a ray
-REACH = 11  # samples on either side of the circle
+STEP = 0.00025  # m between points on a ray
+REACH = 11  # points on either side of the circle
 WINDOWS = (0.0014, 0.0008, 0.0005, 0.0005)  # m, standard deviation of the search for the edge, round by round
-TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, beyond which an edge does not count
-INLIER = 0.0005  # m
-SHARE = 0.4  # of a ray's clearest edge: another edge with more is an edge, too
-PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: the radius counts as much as one ray
-WHITE = 248.0  # all colours above this just inside the circle: the ray is overexposed
-HOPELESS = 0.3  # least share of the visible rays that agree in every round
-WEAK = 8.0  # grey levels, sum of the colours, over the edge's width: less is no edge
+TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m; an edge farther from the circle does not count, round by round
+INLIER = 0.0005  # m, largest distance from the circle at which an edge agrees with it
+SHARE = 0.4  # of the strength of a ray's clearest edge; a stronger change of light is an edge, too
+PRIOR = np.diag([1e-9, 1e-9, 1.0])  # prior of the fit: the known radius counts as much as one ray
+WHITE = 248.0  # if all colours just inside the circle are above this, the ray is overexposed
+HOPELESS = 0.3  # minimum share of the visible rays that must agree in every round
+WEAK = 8.0  # grey levels, sum of the colours over the edge's width; a weaker change of light is no edge
 
 
 @dataclass(frozen=True, slots=True)
 class OutlineFit:
-    """x, y: the sphere's centre, m; clear: share of visible rays; agree: share of those with an edge on the circle;
-    error: standard deviation of x and y together, m; wider: radius of the edge minus that of the sphere, m; strength:
-    of the edge, grey levels of all colours."""
+    """A fitted outline.
+
+    x, y: centre of the sphere, m.
+    clear: share of visible rays.
+    agree: share of the visible rays that have an edge on the circle.
+    error: standard deviation of x and y together, m.
+    wider: radius of the edge minus radius of the sphere, m.
+    strength: strength of the edge, grey levels, sum of the colours."""
 
     x: float
     y: float
@@ -45,12 +50,14 @@ class OutlineFit:
 
     @property
     def confidence(self) -> float:
-        """0 to 1: share of the outline that is visible and agrees."""
+        """0 to 1, from the share of the outline that is visible and the share of it that agrees."""
         return min(1.0, self.agree) * min(1.0, 2.0 * self.clear * self.agree)
 
 
 class Outline:
-    """Fits for one radius, m. darker: the ball is darker than the floor, so that bright spots are no edges."""
+    """Fits outlines of spheres with one radius, m.
+
+    darker: the ball is darker than the floor, so that bright spots are no edges."""
 
     def __init__(self, radius: float, floor: Floor, darker: bool) -> None:
         self.radius, self.floor, self.darker = radius, floor, darker
@@ -61,8 +68,13 @@ class Outline:
     def fit(
         self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array
     ) -> OutlineFit | None:
-        """From about a place (2,), m. seen, empty (side, side, 3), clear (side, side): the floor now, without a ball,
-        and where it is to be seen; eye: the camera's place in the plate frame, (3,)."""
+        """Fit an outline near a place; None if there is none.
+
+        seen (side, side, 3): the floor now.
+        empty (side, side, 3): the floor without a ball.
+        clear (side, side): 255 where the floor is visible.
+        eye (3,): place of the camera in the plate frame, m.
+        place (2,): first guess of the centre, m."""
         start = place.copy()
         result = None
         for window, tukey in zip(WINDOWS, TUKEY, strict=True):
@@ -88,8 +100,8 @@ class Outline:
     def _edges(
         self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array, window: float
     ) -> tuple[Array, Array, np.ndarray, Array]:
-        """For each ray: distance of its edge outside the circle (m), strength, visibility, direction in the plane
-        (RAYS, 2)."""
+        """For each ray: distance of its edge from the circle, + outside, m; strength of the edge; whether the ray is
+        visible; its direction in the plate's x, y plane, (RAYS, 2)."""
         centre = np.array([place[0], place[1], self.radius])
         away = centre - eye
         far = float(np.linalg.norm(away))
@@ -106,12 +118,12 @@ class Outline:
         then = sampled(empty, where).astype(np.float32)
         sure = sampled(clear, where) > 250
         off = now - then
-        rise = (off[:, 2:] - off[:, :-2]).sum(axis=2)  # of light, outwards
+        rise = (off[:, 2:] - off[:, :-2]).sum(axis=2)  # rise of the light outwards
         change = np.maximum(rise, 0.0) if self.darker else np.abs(rise)
         change[~(sure[:, 2:] & sure[:, :-2])] = 0.0
         at = self._offset[1:-1]
         likely = change * np.exp(-0.5 * (at / window) ** 2)
-        # the outermost of the clearest edges: further in, the ball mirrors other edges
+        # take the outermost of the clear edges, because farther inside the ball mirrors other edges
         peak = (change >= np.roll(change, 1, axis=1)) & (change >= np.roll(change, -1, axis=1))
         peak &= likely > SHARE * likely.max(axis=1, keepdims=True)
         best = np.clip(len(at) - 1 - peak[:, ::-1].argmax(axis=1), 1, len(at) - 2)
@@ -124,8 +136,9 @@ class Outline:
 
 
 def _laid(edge: Array, flat: Array, known: np.ndarray, tukey: float) -> tuple[Array, Array, Array, Array]:
-    """Fit a circle to edges (RAYS,), m outside of it: (move in x, y and radius, residuals, weights, inverse of the
-    normal matrix)."""
+    """Fit a circle to edges (RAYS,), given as distances from the present circle, + outside, m.
+
+    Returns the change of x, y and radius, the residuals, the weights, and the inverse of the normal matrix."""
     columns = np.column_stack([flat, np.ones(len(edge))])
     off, move, spread = edge, np.zeros(3), np.eye(3)
     weight = known * np.clip(1.0 - (off / tukey) ** 2, 0.0, 1.0) ** 2

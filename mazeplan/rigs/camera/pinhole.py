@@ -1,10 +1,15 @@
-"""A pinhole camera with a lens, and the plate before it.
+"""A pinhole camera with a lens, and the plate in front of it.
 
-The plate frame is the maze's (x to the right, y up, z towards the camera, floor at z = 0). It turns about its pivot,
-R = Ry(beta) Rx(gamma); the level plate frame, which does not turn, is mapped to the camera by rotation and translation
-(camera: x to the right, y down in the picture, z along the optical axis). Lens: x" = x (1 + k1 r^2 + k2 r^4 + k3 r^6)
-+ 2 p1 x y + p2 (r^2 + 2 x^2), y" alike (Brown, Conrady), with x = X / Z, y = Y / Z; pixel = focal x" + centre.
-Lengths in m, angles in rad, pixels from the centre of the upper left one.
+Plate frame: the frame of the maze (x to the right, y up, z towards the camera, floor at z = 0). It turns with the plate
+about a pivot, R = Ry(beta) Rx(gamma). The level plate frame does not turn.
+
+Camera frame: x to the right and y down in the picture, z along the optical axis. A rotation and a translation map the
+level plate frame to the camera frame.
+
+Lens (Brown, Conrady), with x = X / Z, y = Y / Z: x" = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2),
+y" alike; pixel = focal x" + centre.
+
+Lengths are in m, angles in rad, pixels from the centre of the upper left pixel.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from mazeplan.core.records import Array
 
 
 def plate_rotation(beta: float, gamma: float) -> Array:
-    """Rotation (3, 3) from the plate frame to the level one."""
+    """Rotation (3, 3) from the plate frame to the level plate frame."""
     cb, sb, cc, sc = math.cos(beta), math.sin(beta), math.cos(gamma), math.sin(gamma)
     return np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
 
@@ -31,15 +36,20 @@ def rotation(vector: Sequence[float] | Array) -> Array:
 
 
 def sampled(image: np.ndarray, where: np.ndarray, border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
-    """The image at places (..., 2), x, y in float32, by linear interpolation."""
-    # OpenCV documents one array with both coordinates; its types do not have it
+    """Values of the image at places (..., 2), x, y in px, float32, by linear interpolation."""
+    # OpenCV's documentation allows one array with both coordinates; its type hints do not
     return cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """matrix (3, 3); distortion (5,) k1 k2 p1 p2 k3; rotation (3, 3) and translation (3,) from the level plate frame to
-    the camera; size: width, height of a picture; pivot (3,) in the plate frame: fixed point of the tilt."""
+    """A camera over the plate.
+
+    matrix (3, 3): focal lengths and centre, px.
+    distortion (5,): k1, k2, p1, p2, k3 of the lens.
+    rotation (3, 3), translation (3,): from the level plate frame to the camera frame.
+    size: width and height of a picture, px.
+    pivot (3,): fixed point of the tilt in the plate frame, m."""
 
     matrix: Array
     distortion: Array
@@ -56,7 +66,7 @@ class CameraModel:
             object.__setattr__(self, name, value)
 
     def to_camera(self, points: Array, beta: float, gamma: float) -> Array:
-        """Points (N, 3) of the tilted plate in camera coordinates, (N, 3)."""
+        """Points (N, 3) in the plate frame, converted to the camera frame, (N, 3)."""
         level = (np.asarray(points) - self.pivot) @ plate_rotation(beta, gamma).T + self.pivot
         return level @ self.rotation.T + self.translation
 

@@ -1,8 +1,8 @@
 """Renders pictures of the overhead camera: maze, walls with height, markers, ball, light, lens, noise.
 
 OpenCV draws from back to front: table, floor with shadows and the lamp's reflection, walls in layers from the floor up,
-the ball, the walls' tops. It draws without distortion, by homographies of planes, and then applies the lens by a map.
-Nothing here uses the projection of `pinhole`, so that rendering and detection are independent.
+ball, tops of the walls. It first draws without distortion, by homographies of planes. Then it distorts the picture as
+the lens does. This module does not use the projection of `pinhole`, so that rendering and detection are independent.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from mazeplan.rigs.camera.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
-FLOOR_PX = 3000.0  # pixels of floor per m
-LAYERS = 8  # of a wall, below its top
+FLOOR_PX = 3000.0  # pixels of the floor's picture per m
+LAYERS = 8  # layers in which a wall is drawn, below its top
 SHIFT = 5  # fractional bits of drawn corners
-PENUMBRA = 0.0015  # m, standard deviation, of shadows
+PENUMBRA = 0.0015  # m, standard deviation of the blur of shadows
 WALL_SHADE = 0.72  # share of the light in the shadow of a wall
 
 
 def tilting(beta: float, gamma: float, pivot: Array) -> Array:
-    """(4, 4) from the plate to the level plate, from rotations about single axes."""
+    """Matrix (4, 4) from the plate frame to the level plate frame, from rotations about single axes."""
     out = np.eye(4)
     out[:3, :3] = rotation([0.0, beta, 0.0]) @ rotation([gamma, 0.0, 0.0])
     out[:3, 3] = pivot - out[:3, :3] @ pivot
@@ -36,7 +36,7 @@ def tilting(beta: float, gamma: float, pivot: Array) -> Array:
 
 
 def outlines(wall: Wall, steps: int = 360) -> list[Array]:
-    """Outlines (N, 2), m, of the solid pieces of a wall, or of the two circles of one without openings."""
+    """Outlines (N, 2), m, of the solid pieces of a wall. For a wall without openings they are its two circles."""
     pieces = wall_outlines(wall)
     if pieces:
         return pieces
@@ -45,7 +45,7 @@ def outlines(wall: Wall, steps: int = 360) -> list[Array]:
 
 
 class Overhead:
-    """Draws pictures of one camera, the true one. A detector should use a calibrated one."""
+    """Draws pictures of one camera. This is the true camera; a detector should use a calibrated one."""
 
     def __init__(self, maze: Maze, camera: CameraModel, look: Look | None = None, markers: Markers | None = None):
         self.maze, self.camera, self.look = maze, camera, look or Look()
@@ -66,7 +66,7 @@ class Overhead:
     # -- fixed parts ------------------------------------------------------------------------------------------------
 
     def _lens(self) -> tuple[np.ndarray, np.ndarray]:
-        """Place in the undistorted picture of each pixel of the distorted one."""
+        """For each pixel of the distorted picture, its place in the undistorted picture."""
         width, height = self.camera.size
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 1, 2).astype(float)
         term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
@@ -77,11 +77,11 @@ class Overhead:
         return cv2.convertMaps(straight[..., 0], straight[..., 1], cv2.CV_16SC2)
 
     def _floor_px(self, points: Array) -> Array:
-        """Pixels of the floor's picture at points (N, 2), m."""
+        """Pixels (N, 2) in the floor's picture of points (N, 2), m."""
         return np.column_stack([points[:, 0] + self._half, self._half - points[:, 1]]) * FLOOR_PX - 0.5
 
     def _paint(self) -> None:
-        """Paint the floor with markers, without light; the walls' places; the table."""
+        """Paint the parts that stay: the floor with markers and without shadows, the places of the walls, the table."""
         look, side = self.look, round(2.0 * self._half * FLOOR_PX)
         tone = 1.0 + 0.008 * grain((side, side), 1.2, 1) + 0.012 * grain((side, side), 40.0, 2)
         floor = np.array(look.floor, dtype=np.float32) * tone[..., None]
@@ -91,7 +91,7 @@ class Overhead:
         corners = np.round(self._floor_px(self._corners) * (1 << SHIFT)).astype(np.int32)
         cv2.fillPoly(solid, np.split(corners, self._ends), 255, cv2.LINE_AA, SHIFT)
         near = cv2.GaussianBlur(solid, (0, 0), 0.004 * FLOOR_PX).astype(np.float32) / 255.0
-        floor *= (1.0 - 0.22 * near)[..., None]  # less of the room's light near walls
+        floor *= (1.0 - 0.22 * near)[..., None]  # near walls, less of the room's light reaches the floor
         self._solid, self._floor = solid, floor.astype(np.uint8)
         self._level_shade = self._wall_shade(np.array(look.lamp))
         self._lit = self._shaded(self._floor, self._level_shade)
@@ -118,7 +118,7 @@ class Overhead:
     # -- light --------------------------------------------------------------------------------------------------------
 
     def _wall_shade(self, lamp: Array) -> np.ndarray:
-        """Light on the floor, 0 to 255, with the shadows of walls; lamp: (3,) in the plate frame."""
+        """Light on the floor, 0 to 255, with the shadows of the walls. lamp: its place (3,) in the plate frame, m."""
         shade = self._solid.copy()
         for share in (0.33, 0.66, 1.0):
             k = share * self.maze.wall_height / lamp[2]
@@ -174,8 +174,12 @@ class Overhead:
     def render(
         self, ball: Array | None, beta: float, gamma: float, rng: np.random.Generator, *, others: tuple[Array, ...] = ()
     ) -> np.ndarray:
-        """A picture (height, width, 3), BGR. ball: its centre (3,) in the plate frame, m, or None; others: more
-        balls."""
+        """A picture (height, width, 3), BGR, uint8.
+
+        ball: centre (3,) of the ball in the plate frame, m; None: no ball.
+        beta, gamma: tilt of the plate, rad.
+        rng: random numbers of light and sensor.
+        others: centres of more balls."""
         to_plate: Array = np.array(np.linalg.inv(tilting(beta, gamma, self.camera.pivot)), dtype=float)
         eye = (to_plate @ np.append(-self.camera.rotation.T @ self.camera.translation, 1.0))[:3]
         lamp = (to_plate @ np.append(self.look.lamp, 1.0))[:3]
@@ -201,14 +205,14 @@ class Overhead:
         return self._taken(canvas, rng)
 
     def _straight(self, beta: float, gamma: float) -> Array:
-        """(3, 4): from the plate to pixels of the undistorted picture, which may have twice the size."""
+        """Matrix (3, 4) from the plate frame to pixels of the undistorted picture, which may have twice the size."""
         pose = np.hstack([self.camera.rotation, self.camera.translation[:, None]])
         n = self._times
         larger = np.array([[n, 0.0, 0.5 * (n - 1)], [0.0, n, 0.5 * (n - 1)], [0.0, 0.0, 1.0]])
         return larger @ self.camera.matrix @ pose @ tilting(beta, gamma, self.camera.pivot)
 
     def _walls(self, canvas: np.ndarray, camera: Array) -> None:
-        """The sides of the walls: their outlines in layers, darker towards the floor."""
+        """Draw the sides of the walls: their outlines in layers, darker towards the floor."""
         for layer in range(LAYERS):
             share = (layer + 0.5) / LAYERS
             colour = tuple(float(value) * (0.42 + 0.22 * share) for value in self.look.wall)
@@ -243,7 +247,7 @@ class Overhead:
         high = np.minimum(np.ceil(origin + 1.3 * size).astype(int) + 1, canvas.shape[1::-1])
         if (high <= low).any():
             return
-        scale = 2.5 / SPRITE  # of the disc's radius, per pixel of the sprite
+        scale = 2.5 / SPRITE  # radii of the disc per pixel of the sprite
         to_unit = np.array([[scale, 0.0, 0.5 * scale - 1.25], [0.0, -scale, 1.25 - 0.5 * scale]])
         warp = np.column_stack([u, v]) @ to_unit
         warp[:, 2] += origin - low
@@ -254,7 +258,7 @@ class Overhead:
         patch[:] = np.clip(patch * (1.0 - alpha) + paint * alpha, 0, 255).astype(np.uint8)
 
     def _taken(self, canvas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Apply lens, light and sensor."""
+        """Apply lens, light and sensor to the drawn picture."""
         look, (width, height) = self.look, self.camera.size
         if self._times > 1:
             canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
@@ -276,6 +280,6 @@ class Overhead:
 
 
 def _fixed(plane: Array, points: Array) -> np.ndarray:
-    """Pixels of points (N, 2), m, of a plane, in units of 1 / 2**SHIFT."""
+    """Pixels (N, 2), in units of 1 / 2**SHIFT, of points (N, 2), m, on a plane with this homography."""
     at = points @ plane[:, :2].T + plane[:, 2]
     return np.round(at[:, :2] / at[:, 2:] * (1 << SHIFT)).astype(np.int32)

@@ -36,23 +36,32 @@ Device = Annotated[int | str, BeforeValidator(_device)]
 
 
 class MarkerSection(RigSection):
-    """Markers on the plate: id and x, y, z of the middle of each; the upper edge of each is towards +y."""
+    """Markers on the plate. The upper edge of each marker is towards +y.
+
+    size_mm: side of a marker.
+    at_mm: for each marker its id, and x, y, z of its middle."""
 
     size_mm: Positive = 1000.0 * SIZE
     at_mm: tuple[tuple[int, float, float, float], ...]
 
     def markers(self) -> Markers:
-        """The same in m."""
+        """The markers with lengths in m."""
         return Markers({n: (x / 1000, y / 1000, z / 1000) for n, x, y, z in self.at_mm}, self.size_mm / 1000)
 
 
 class CameraSection(RigSection):
     """A calibrated camera.
 
-    source: number of a device, URL or video file; turn_rad, shift_mm: rotation vector and translation from the level
-    plate to the camera; pivot_mm: fixed point of the plate's tilt, in its own frame; ball_hue_deg: from, to, for a
-    coloured ball; background: picture of the empty floor, beside the rig's file; error_px, error_mm: remaining error of
-    the calibration."""
+    source: number of a device, URL or video file.
+    size: width and height of a picture, px.
+    focal_px, centre_px: focal lengths and centre of the picture, x and y.
+    distortion: k1, k2, p1, p2, k3 of the lens.
+    turn_rad, shift_mm: rotation vector and translation from the level plate frame to the camera frame.
+    pivot_mm: fixed point of the plate's tilt, in the plate frame.
+    markers: markers on the plate, if any.
+    ball_hue_deg: range of hues of a coloured ball, from and to.
+    background: file with the picture of the empty floor, relative to the rig's file.
+    error_px, error_mm: remaining error of the calibration."""
 
     source: Device = 0
     size: tuple[int, int] = (640, 480)
@@ -82,7 +91,9 @@ class CameraSection(RigSection):
         )
 
     def detector(self, maze: Maze, folder: Path) -> BallDetector:
-        """The detector of the ball; folder: of the rig's file. Raises SettingsError without a background."""
+        """The detector of the ball. Raises SettingsError without a background.
+
+        folder: folder of the rig's file."""
         key = "camera.background"
         if self.background is None:
             raise SettingsError("is missing; make one with `mazeplan calibrate camera`", key=key)
@@ -96,7 +107,9 @@ class CameraSection(RigSection):
 
 
 def camera_section(data: Mapping[str, Any], source: Mapping[str, Any] | None = None) -> CameraSection:
-    """A validated section. Raises SettingsError with the key; source: settings of the whole file, for its place."""
+    """A validated section. Raises SettingsError with the key.
+
+    source: settings of the whole file; they give the error its file and line."""
     return validated(CameraSection, data, within=("camera",), source=source)
 
 
@@ -111,12 +124,14 @@ def check_begun(data: Mapping[str, Any], source: Mapping[str, Any]) -> None:
 
 
 def marker_section(data: Mapping[str, Any], source: Mapping[str, Any] | None = None) -> MarkerSection:
-    """The markers of a section of which the rest may be missing. Raises SettingsError."""
+    """The validated section of the markers alone; the rest of `camera:` may be missing. Raises SettingsError."""
     return validated(MarkerSection, data, within=("camera", "markers"), source=source)
 
 
 def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[str, Any]:
-    """The content of `camera:`; more: further keys of CameraSection, without those that are None."""
+    """Content of the section `camera:` for a calibrated camera, without keys that are None.
+
+    more: further keys of CameraSection."""
     m = camera.matrix
     turn = cv2.Rodrigues(camera.rotation)[0].ravel()
     out: dict[str, Any] = {
@@ -137,7 +152,7 @@ def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[s
 
 
 def save_background(background: Background, path: Path) -> None:
-    """Write a PNG; its fourth channel is `known`. Raises SettingsError if it cannot be written."""
+    """Write a background as a PNG, with `known` as its fourth channel. Raises SettingsError if that fails."""
     picture = np.dstack([background.picture, background.known])
     done, data = cv2.imencode(".png", picture)
     try:
@@ -148,7 +163,7 @@ def save_background(background: Background, path: Path) -> None:
 
 
 def load_background(path: Path, maze: Maze) -> Background:
-    """Read such a PNG. Raises SettingsError if it is no background of this maze."""
+    """Read a background that `save_background` wrote. Raises SettingsError if it is no background of this maze."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as problem:

@@ -1,7 +1,7 @@
-"""A camera over a simulated maze: pictures are rendered and the ball is found in them.
+"""A camera over a simulated maze: renders pictures and finds the ball in them.
 
-The pictures are taken by the camera as it is; the ball is found with what a calibration says of it (FOUND: what
-`calibrate_lens` and `calibrate_plate` made of rendered chessboards and plates, see tools/calibrate_packaged.py).
+The renderer uses the true camera (TRUE). The detector uses the calibrated camera (FOUND), which differs a little:
+`calibrate_lens` and `calibrate_plate` computed it from rendered chessboards and plates (tools/calibrate_packaged.py).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 from mazeplan.rigs.camera.render import Overhead
 
-EMPTY = 8  # pictures of the empty plate
-WHOLE = 0.10189  # m, outer radius of the packaged maze; the camera sees its whole plate
+EMPTY = 8  # number of pictures of the empty plate
+WHOLE = 0.10189  # m, outer radius of the packaged maze, whose whole plate the camera sees
 HUES = {"steel": None, "orange": (4.0, 40.0), "blue": (190.0, 250.0)}
 
 TRUE = CameraModel(
@@ -40,13 +40,13 @@ FOUND = CameraModel(
 
 
 def over(camera: CameraModel, maze: Maze) -> CameraModel:
-    """The camera over a maze: higher over a larger one, so that the picture shows it as large as the packaged one."""
+    """The camera over a maze. It hangs higher over a larger maze, which then looks as large as the packaged maze."""
     larger = maze.walls[0].outer_radius / WHOLE
     return camera if larger <= 1.0 + 1e-9 else replace(camera, translation=camera.translation * larger)
 
 
 def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetector]:
-    """Renderer and detector of a maze, with a background from rendered pictures."""
+    """Renderer and detector for a maze. The detector's background comes from rendered pictures."""
     look = look or Look()
     found = over(FOUND, maze)
     eye = Overhead(maze, over(TRUE, maze), look)
@@ -65,32 +65,37 @@ class CameraSense:
         self.overhead, self.detector = overhead(maze, look)
 
     def look(self, ball: Array | None, beta: float, gamma: float, rng: np.random.Generator) -> Sighting:
-        """Detect the ball in one picture. ball: its true centre (3,) in the plate frame, m, or None; tilt in rad."""
+        """Render one picture, and detect the ball in it.
+
+        ball: true centre (3,) of the ball in the plate frame, m; None: no ball.
+        beta, gamma: true tilt, rad."""
         return self.detector.locate(self.overhead.render(ball, beta, gamma, rng))
 
     def look_at_all(
         self, balls: list[Array], beta: float, gamma: float, rng: np.random.Generator, most: int
     ) -> list[tuple[float, float]]:
-        """Places x, y, m, of up to `most` balls in one picture, in no order. balls: their true centres (3,)."""
+        """Render one picture, and detect up to `most` balls in it: places x, y, m, in no fixed order.
+
+        balls: true centres (3,) of the balls in the plate frame, m."""
         picture = self.overhead.render(None, beta, gamma, rng, others=tuple(balls))
         sightings = self.detector.locate_all(picture, most)
         return [(ball.x, ball.y) for ball in sightings if ball.x is not None and ball.y is not None]
 
 
 class RenderedPictures:
-    """Pictures of scenes (5,) as `SimulatedRig.pictured`, in red, green, blue."""
+    """Renders scenes (5,), which `SimulatedRig.pictured` gives, as pictures in red, green, blue."""
 
     def __init__(self, maze: Maze) -> None:
         cv2.setNumThreads(1)  # other runs need the other cores
         self._eye = Overhead(maze, over(TRUE, maze), Look(sharp=False))
 
     def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
-        """(480, 640, 3), bytes."""
+        """The whole picture, (480, 640, 3), uint8."""
         ball = None if math.isnan(scene[0]) else scene[:3]
         return np.ascontiguousarray(self._eye.render(ball, float(scene[3]), float(scene[4]), rng)[..., ::-1])
 
     def small(self, scene: Array, rng: np.random.Generator, size: int) -> np.ndarray:
-        """(size, size, 3), bytes: the square in the middle."""
+        """The square in the middle of the picture, (size, size, 3), uint8."""
         picture = self.whole(scene, rng)
         height, width = picture.shape[:2]
         left = (width - height) // 2

@@ -1,7 +1,7 @@
 """Draws the plate's markers to scale for a printer, with the outline of the maze and a ruler.
 
-A plate is wider than a sheet of paper. Each page has a part of it, no wider than A4, no higher than US Letter, with
-free margins. Dotted lines show where the parts meet.
+A plate is wider than a sheet of paper, so each page shows a part of the plate. A page is as wide as A4 and as high as
+US Letter, with free margins. Dotted lines show where the parts meet.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_mar
 
 SUFFIXES = (".pdf", ".svg", ".png")
 PAGE = (0.210, 0.2794)  # m: the width of A4, the height of US Letter
-EDGE = 0.010  # m that printers leave white
+EDGE = 0.010  # m at the edge of a page that printers leave white
 WORDS = 0.030  # m below the drawing, for ruler and words
-RULER = 0.100  # m
-PAPER = 0.001  # m around the markers
+RULER = 0.100  # m, length of the ruler
+PAPER = 0.001  # m of paper around the markers
 DPI = 300
 Part = tuple[float, float, float, float]  # left, right, bottom, top of what a page shows, m on the plate
 
 
 def draw_sheet(maze: Maze, path: Path, markers: Markers | None = None) -> list[Path]:
-    """Draw the markers in their true size. Returns the written files: one PDF, or a file for each page (markers-1.png
-    ...).
+    """Draw the markers in their true size.
 
-    Raises InputError for another suffix or a place that cannot be written."""
+    Returns the written files: one PDF, or a file for each page (markers-1.png, ...). Raises InputError for another
+    suffix, or if a file cannot be written."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"got the suffix {path.suffix!r}, expected one of {', '.join(SUFFIXES)}", file=path)
     markers = markers or corner_markers(maze)
@@ -63,12 +63,12 @@ def sheet_files(maze: Maze, path: Path, markers: Markers | None = None) -> list[
 
 
 def _reach(markers: Markers) -> float:
-    """Half of the side of the square with all markers and their paper, m."""
+    """Half side of the square that holds all markers and the paper around them, m."""
     return max(abs(v) for at in markers.places.values() for v in at[:2]) + 0.5 * markers.size + MARGIN + PAPER
 
 
 def _parts(reach: float) -> list[Part]:
-    """The square of the plate, +- reach m, in equal parts that fit on a page."""
+    """The square of the plate, from -reach to +reach, m, divided into equal parts that fit on a page."""
     across, down = (math.ceil(2.0 * reach / room) for room in (PAGE[0] - 2.0 * EDGE, PAGE[1] - 2.0 * EDGE - WORDS))
     xs, ys = np.linspace(-reach, reach, across + 1).tolist(), np.linspace(reach, -reach, down + 1).tolist()
     return [(xs[i], xs[i + 1], ys[j + 1], ys[j]) for j in range(down) for i in range(across)]
@@ -105,7 +105,7 @@ def _page(maze: Maze, markers: Markers, part: Part, name: str) -> Any:
 
 
 def _ruler(figure: Any, words: str) -> None:
-    """Draw a ruler below: it shows whether the printer kept the scale."""
+    """Draw a ruler below, to check whether the printer kept the scale."""
     ax = figure.add_axes((0.0, 0.0, 1.0, (EDGE + WORDS) / PAGE[1]))
     ax.set(xlim=(0.0, PAGE[0]), ylim=(0.0, EDGE + WORDS))
     ax.set_axis_off()

@@ -24,7 +24,10 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 @dataclass(frozen=True, slots=True)
 class CameraFrame:
-    """image: (height, width, 3) uint8 BGR; t: its time by the monotonic clock, s."""
+    """A picture.
+
+    image: (height, width, 3), uint8, BGR.
+    t: when the picture arrived, monotonic clock, s."""
 
     image: np.ndarray
     t: float
@@ -43,10 +46,11 @@ class FrameSource(Protocol):
 
 
 class VideoSource:
-    """A camera or stream, which gives its newest picture, or a video file, which gives all pictures in order.
+    """Pictures of a camera, a stream or a video file. A camera or stream gives its newest picture, a file all pictures
+    in order.
 
     A thread reads a camera all the time, so that no picture waits in a queue. Raises InputError for a file that is no
-    video, RigError for a camera that cannot be opened or stops."""
+    video, RigError for a camera that cannot be opened or stops sending."""
 
     def __init__(self, source: int | str, size: tuple[int, int] | None = None, *, patience_s: float = PATIENCE) -> None:
         self.source, self._patience = source, patience_s
@@ -77,7 +81,7 @@ class VideoSource:
                 if self._ended or not got:
                     self._ended = True
                 else:
-                    self._newest = CameraFrame(image, time.monotonic())  # a camera is a rig: its time is the host's
+                    self._newest = CameraFrame(image, time.monotonic())  # wall clock: a camera is part of a rig
                 self._news.notify_all()
         self._video.release()
 
@@ -85,7 +89,7 @@ class VideoSource:
         """The next picture of a file, None at its end; a new picture of a camera, None after `close`."""
         if self._file:
             got, image = self._video.read()
-            return CameraFrame(image, time.monotonic()) if got else None  # as of a camera
+            return CameraFrame(image, time.monotonic()) if got else None  # the time is set as for a camera
         with self._news:
             if not self._news.wait_for(lambda: self._newest is not None or self._ended, self._patience):
                 raise RigError(f"camera {shown(self.source)} has sent no picture for {self._patience:g} s")
@@ -104,9 +108,9 @@ class VideoSource:
 
 
 class NewestPicture:
-    """The newest picture of a source; a thread opens the source with `make` and reads it all the time.
+    """The newest picture of a source. A thread opens the source with `make` and reads it all the time.
 
-    A camera keeps unread pictures and gives old ones later."""
+    The thread is needed because a camera keeps unread pictures, and would give old pictures later."""
 
     def __init__(self, make: Callable[[], FrameSource], name: str) -> None:
         self._make, self._name = make, name
@@ -141,21 +145,21 @@ class NewestPicture:
             self._news.notify_all()
 
     def wait(self, after: float, until: float) -> CameraFrame | None:
-        """The newest picture that arrived after `after`, or None if there is none by `until` (host's clock, s).
+        """Wait for a picture that arrived later than `after`; None if none has come by `until`. Host's clock, s.
 
         Raises RigError if the source has ended."""
         with self._news:
             while self._frame is None or self._frame.t <= after:
                 if self._problem is not None and not self._closing:
                     raise RigError(f"camera {self._name}: {self._problem}")
-                left = until - time.monotonic()  # waits for a device, not for a run
+                left = until - time.monotonic()  # wall clock, because this waits for a device
                 if left <= 0.0:
                     return None
                 self._news.wait(left)
             return self._frame
 
     def close(self) -> None:
-        """End the thread, but do not wait for a driver that hangs."""
+        """End the thread. Does not wait longer than 1 s, because a driver may hang."""
         self._closing = True
         if self._source is not None:
             self._source.close()
@@ -170,8 +174,10 @@ def _advice(source: int | str) -> str:
 
 
 def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, picture) from a folder, a pattern such as boards/*.png, a picture file, a video, a URL or the number of a
-    device; most: largest number; those of a video are evenly apart. Raises InputError or RigError."""
+    """(name, picture) for each picture of a source. Raises InputError or RigError.
+
+    source: a folder, a pattern such as boards/*.png, a picture file, a video, a URL or the number of a device.
+    most: largest number of pictures; a video gives pictures at even distances."""
     names = _files(source)
     if names is not None:
         for name in names[:most]:

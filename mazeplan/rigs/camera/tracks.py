@@ -1,8 +1,8 @@
-"""Keeps balls apart that look alike: which sighting is which ball.
+"""Tells balls apart that look alike: decides which sighting belongs to which ball.
 
-Each ball is predicted from its last two sightings, x + v dt. Sightings go to the balls so that the sum of the squared
-distances is smallest. A sighting farther than `reach` from its ball's prediction is none of it; the reach grows while a
-ball is unseen.
+The place of each ball is predicted from its last two sightings, x + v dt. The assignment of sightings to balls has the
+smallest sum of squared distances from the predictions. A sighting farther than `reach` from the prediction does not
+belong to the ball. The reach grows while a ball is unseen.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from mazeplan.core.records import Array
 
 REACH = 0.012  # m, about a ball's diameter
-FASTER = 0.4  # m/s, by which the reach grows while a ball is not seen
-MEMORY = 0.15  # s, for which the speed of an unseen ball counts
+FASTER = 0.4  # m/s, growth of the reach while a ball is not seen
+MEMORY = 0.15  # s for which the last speed of an unseen ball counts
 Place = tuple[float, float]
 
 
 class Tracks:
-    """Tracks of balls, in the order of the places where they begin, m."""
+    """Tracks of balls, in the order of the places (m) where they begin."""
 
     def __init__(self, places: list[Place]) -> None:
         self._last = [np.array(place) for place in places]
@@ -29,11 +29,14 @@ class Tracks:
         self._at = [0.0 for _ in places]
 
     def take(self, t: float, found: list[Place]) -> list[Place | None]:
-        """The sighting of each ball in a picture of rig time t, s; None for a ball that was not seen."""
+        """The sighting of each ball, in a picture taken at rig time t, s; None for a ball that was not seen.
+
+        found: all sightings in the picture, in any order."""
         count = len(self._last)
         ahead = [self._predicted(k, t) for k in range(count)]
         reach = [REACH + FASTER * max(0.0, t - at) for at in self._at]
-        unseen = max(reach) ** 2  # the same for all: a ball that hid before is no likelier to be the one in sight
+        # cost of an unseen ball: the same for all, so that a ball that was hidden before is not preferred
+        unseen = max(reach) ** 2
         slots: list[Place | None] = [*found, *[None] * count]
         best, least = [None] * count, math.inf
         for chosen in permutations(range(len(slots)), count):

@@ -23,16 +23,19 @@ from typing import Any
 from mazeplan.core.errors import RigError
 from mazeplan.core.resources import PACKAGE
 
-START_S, END_S, ORDER_S = 5.0, 1.0, 1.0
+START_S, END_S, ORDER_S = 5.0, 1.0, 1.0  # time limits, s: of the start, of the end, of an order
 DEBIAN = ("gcc-avr", "avr-libc", "simavr", "libsimavr-dev", "libelf-dev")
 HEADER = Path("/usr/include/simavr/sim_avr.h")  # on Debian
-KEPT = 100_000  # pulses remembered, more than half an hour of changes at 50 Hz
+KEPT = 100_000  # number of changes that are kept: more than half an hour at 50 Hz
 
 
 @dataclass(frozen=True)
 class Pulse:
-    """A pulse on axis 0 (beta) or 1 (gamma); when: its end, monotonic clock of the host, s; 0 us: no pulse for 50
-    ms."""
+    """A servo pulse.
+
+    axis: 0 (beta) or 1 (gamma).
+    width_us: width, us; 0: no pulse for 50 ms.
+    when: end of the pulse, monotonic clock of the host, s."""
 
     axis: int
     width_us: float
@@ -62,7 +65,7 @@ def built(folder: Path | None = None) -> tuple[Path, Path]:
 
 
 def how_it_ended(process: subprocess.Popen[Any]) -> str:
-    """The end of a process in words: "ended by SIGKILL"."""
+    """How a process ended, in words, such as "ended by SIGKILL"; "is silent" if it still runs."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         code = process.wait(END_S)
         return f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit status {code}"
@@ -70,9 +73,10 @@ def how_it_ended(process: subprocess.Popen[Any]) -> str:
 
 
 class EmulatedChip:
-    """Starts the emulator. Raises RigError if it does not start.
+    """Starts the emulator, with the firmware. Raises RigError if it does not start.
 
-    folder: existing folder for its files, by default a new one; `close` removes it; apart: in its own process group."""
+    folder: existing folder for the emulator's files, by default a new one; `close` removes it.
+    apart: start the emulator in its own process group."""
 
     def __init__(
         self, host: str | Path, firmware: str | Path, folder: Path | None = None, *, apart: bool = True
@@ -114,7 +118,7 @@ class EmulatedChip:
         self.order(f"adc {first:.6f} {second:.6f}")
 
     def set_noise(self, deviation_v: float) -> None:
-        """Noise of each conversion, V."""
+        """Standard deviation of the noise of each conversion, V."""
         self.order(f"noise {deviation_v:.6f}")
 
     def order(self, line: str) -> None:
@@ -132,7 +136,9 @@ class EmulatedChip:
             raise RigError(f"the emulated board {how_it_ended(self._process)}") from problem
 
     def pulses(self) -> tuple[float, float, float]:
-        """Pulse widths on both pins now, us (0: none), and the end of the newest (monotonic clock of the host, s)."""
+        """Present pulse widths on both pins, us (0: no pulses), and the end of the newest pulse.
+
+        The time is by the monotonic clock of the host, s. Raises RigError if no pulses come."""
         with self._changed:
             self._changed.wait_for(lambda: None not in self._now or self._ended, START_S)
             first, second = self._now
@@ -141,7 +147,9 @@ class EmulatedChip:
         return first.width_us, second.width_us, max(first.when, second.when)
 
     def wait_for(self, beta_us: float, gamma_us: float, timeout_s: float, within_us: float = 2.0) -> float | None:
-        """Wait until both pulses have these widths; the time (monotonic clock, s), or None after the timeout."""
+        """Wait until both pulses have these widths.
+
+        Returns the end of the newer pulse (monotonic clock, s), or None after the timeout."""
 
         def reached() -> bool:
             return all(
@@ -155,7 +163,7 @@ class EmulatedChip:
             return max(pulse.when for pulse in self._now if pulse is not None)
 
     def close(self) -> None:
-        """End the emulator, also one that hangs. A second call does nothing."""
+        """End the emulator, even if it hangs. A second call does nothing."""
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()

@@ -1,7 +1,7 @@
-"""The emulated rig: a `HardwareRig` with a simulated world behind serial port and camera.
+"""The emulated rig: a `HardwareRig` with a simulated world behind its serial port and its camera.
 
-The firmware runs on a simulated chip, the pictures are rendered, MuJoCo simulates plate and ball, all in real time
-(`world`). The calibrations in its file were made like those of a real rig.
+The world (`world`) runs in real time: the firmware runs on a simulated chip, a renderer makes the pictures, MuJoCo
+simulates plate and ball. The calibrations in the rig's file were made like those of a real rig.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from mazeplan.rigs.hardware.settings import EmulatedSettings
 from mazeplan.rigs.link.board import Board
 
 SEEDS = 2**31
-GRACE_S = 0.2  # s, for the last message of a world that ends
-LOST = 0.02  # share of lost pictures that needs no message
+GRACE_S = 0.2  # s to wait for the last message of a world that ends
+LOST = 0.02  # a larger share of lost pictures is reported
 
 
 class EmulatedRig(HardwareRig):
@@ -50,7 +50,7 @@ class EmulatedRig(HardwareRig):
         return "of the emulated rig"
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
-        """As `HardwareRig.cause`: a table that ends or hangs silences board and camera."""
+        """The error that caused `problem`. If the emulated table ends or hangs, board and camera fall silent."""
         if self.table is None or not isinstance(problem, RigError):
             return problem
         if self.table.going(GRACE_S):
@@ -58,7 +58,7 @@ class EmulatedRig(HardwareRig):
         return RigError(f"the emulated table hangs, or this machine is too slow for it: {problem}")
 
     def level(self) -> None:
-        """As `HardwareRig.level`; nothing to do after the end of the table."""
+        """As `HardwareRig.level`. Does nothing if the table has ended by itself."""
         if self.table is None or not self.table.gone:
             super().level()
 
@@ -68,7 +68,7 @@ class EmulatedRig(HardwareRig):
         self.table.place(ring, math.remainder(theta, math.tau), int(rng.integers(SEEDS)))
 
     def close(self) -> None:
-        """As `HardwareRig.close`; ends the table, too. Reports a machine that was too slow."""
+        """Close the rig as `HardwareRig.close`, and end the table. Reports if this computer was too slow."""
         table, self.table = self.table, None
         try:
             super().close()

@@ -27,8 +27,8 @@ from mazeplan.rigs.emulation.chip import how_it_ended, new_folder
 from mazeplan.rigs.emulation.world import SLOTS
 from mazeplan.rigs.hardware.settings import WorldSettings
 
-START_S, END_S, ANSWER_S = 60.0, 1.0, 2.0
-SIZE = (480, 640, 3)
+START_S, END_S, ANSWER_S = 60.0, 1.0, 2.0  # time limits, s: of the start, of the end, of an answer
+SIZE = (480, 640, 3)  # shape of a picture
 
 
 def _end(process: subprocess.Popen[str], folder: Path) -> None:
@@ -41,7 +41,9 @@ def _end(process: subprocess.Popen[str], folder: Path) -> None:
 
 
 class EmulatedTable:
-    """A running world, and a source of pictures. port: of its board. Raises RigError if it does not start."""
+    """A running world, and the source of its pictures. Raises RigError if the world does not start.
+
+    port: serial port of its board."""
 
     def __init__(self, maze: Maze, settings: WorldSettings) -> None:
         self._news = threading.Condition()
@@ -49,7 +51,7 @@ class EmulatedTable:
         self._frame: CameraFrame | None = None
         self._given: CameraFrame | None = None
         self._ended = self._closed = self._gone = False
-        self.lost = 0  # pictures lost, as the machine was too slow
+        self.lost = 0  # number of pictures that were lost, because this computer was too slow
         self.shown: list[tuple[float, float, float]] = []  # (exposed, handed out, received) of each picture
         bytes_each = int(np.prod(SIZE))
         with tempfile.TemporaryFile() as file:
@@ -65,7 +67,8 @@ class EmulatedTable:
                 process_group=0,  # Ctrl-C is for the program, which levels the plate first
             )
         folder = new_folder()
-        self._finish = weakref.finalize(self, _end, self._process, folder)  # at the end of the program at the latest
+        # runs at the end of the program at the latest
+        self._finish = weakref.finalize(self, _end, self._process, folder)
         threading.Thread(target=self._listen, name="mazeplan table", daemon=True).start()
         try:
             self.order({"map": dump_map(maze), "world": settings.model_dump(mode="json"), "folder": str(folder)})
@@ -89,7 +92,7 @@ class EmulatedTable:
             raise RigError(self.why) from None
 
     def place(self, ring: int, theta: float, seed: int) -> None:
-        """Put the ball to rest in a ring; seed: of the camera's noise."""
+        """Put the ball to rest in a ring. seed: seed of the camera's noise."""
         self.order({"place": [ring, theta, seed]})
 
     def remove(self) -> None:
@@ -114,13 +117,13 @@ class EmulatedTable:
         return self._gone
 
     def going(self, seconds: float) -> bool:
-        """Whether the world has ended, or ends within some time."""
+        """Whether the world has ended by itself, or does so within some seconds."""
         with self._news:
             return bool(self._news.wait_for(lambda: self.gone, seconds))
 
     @property
     def why(self) -> str:
-        """Reason for the end of the world."""
+        """Why the world ended."""
         return str(self._said.get("problem") or f"the emulated table {how_it_ended(self._process)}")
 
     def read(self) -> CameraFrame | None:
@@ -135,9 +138,9 @@ class EmulatedTable:
             return self._given
 
     def close(self) -> None:
-        """End the world, also one that hangs. A second call does nothing."""
+        """End the world, even if it hangs. A second call does nothing."""
         with self._news:
-            gone = self.gone  # only an end before this order counts
+            gone = self.gone  # only an end before this call counts as an end by itself
             self._gone, self._ended, self._closed = gone, True, True
             self._news.notify_all()
         with contextlib.suppress(RigError):

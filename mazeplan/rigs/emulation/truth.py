@@ -1,8 +1,9 @@
-"""True properties of the parts of an emulated rig, drawn by a seed. Calibrations must find them.
+"""True properties of the parts of an emulated rig. A seed draws them, and calibrations must find them.
 
-A diode's two voltages follow the laser's spot, which moves by tan(2 tilt). The diode is turned against the axes, has
-different gains and offsets, and is not linear at its edges. Each servo has its own level pulse, gain and direction. The
-camera hangs about half a metre above the plate, slightly off its middle and tilted.
+Diode: its two voltages follow the laser's spot, which moves by tan(2 tilt). The diode is turned against the axes. Its
+channels have different gains and offsets, and it is not linear at its edges.
+Servos: each has its own level pulse, gain and direction.
+Camera: it hangs about half a metre above the plate, slightly tilted and slightly beside the middle.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.rigs.camera.pinhole import CameraModel
 
-FULL_DEG = 5.0  # tilt at which the spot's place is 1
+FULL_DEG = 5.0  # tilt at which the spot is at the place 1
 
 
 @dataclass(frozen=True)
 class Diode:
     """volts = offset + gain * (s + bend), s = turn @ (tan 2 beta, tan 2 gamma cos beta) / tan 2 FULL_DEG.
 
-    turn (2, 2), gain and offset (2,) V, square (2, 3) and cube (2,) of the bend."""
+    turn (2, 2): rotation of the diode against the axes.
+    gain, offset (2,): V.
+    square (2, 3), cube (2,): coefficients of the bend."""
 
     turn: Array
     gain: Array
@@ -51,7 +54,10 @@ class Diode:
 
 @dataclass(frozen=True)
 class EmulatedServos:
-    """level: pulse of each level axis, us; us_per_deg; (2,) each."""
+    """The two servos.
+
+    level (2,): pulses of the level plate, us.
+    us_per_deg (2,): change of the pulse for 1 deg of tilt."""
 
     level: Array
     us_per_deg: Array
@@ -86,7 +92,7 @@ def camera_drawn(rng: np.random.Generator) -> CameraModel:
 
 @dataclass(frozen=True)
 class Truth:
-    """Properties of all parts of a world."""
+    """True properties of all parts of a world."""
 
     diode: Diode
     servos: EmulatedServos
@@ -94,6 +100,6 @@ class Truth:
 
     @classmethod
     def drawn(cls, seed: int) -> Truth:
-        """The properties by a seed."""
+        """The properties that belong to a seed."""
         diode, servos, camera = (np.random.default_rng([seed, part]) for part in range(3))
         return cls(Diode.drawn(diode), EmulatedServos.drawn(servos), camera_drawn(camera))

@@ -1,14 +1,24 @@
-"""The world of the emulated rig: machine, board and camera in real time, in a process of their own.
+"""The world of the emulated rig: machine, board and camera in real time, in a separate process.
 
     pulses at the pins --Servos--> machine --Diode--> volts at the inputs     the board runs the firmware, in simavr
     machine --Overhead, delay_ms later--> pictures
 
     python -m mazeplan.rigs.emulation.world FD     writes pictures into the file FD, in SLOTS places in turn
 
-Orders on stdin, one JSON document a line: first map and settings, then {"place": [ring, theta, seed]}, {"remove": true}
-(the ball), {"tilt": true} (asks for the true tilt), {"end": true}. The world also ends `linger_s` after the end of
-stdin, so that its trace shows the plate after the death of the program. Answers on stdout: {"ready": port},
-{"frame": slot, "lost": pictures lost so far on a slow machine}, {"tilt": [beta, gamma]} and {"problem": text}.
+Orders come on stdin, one JSON document a line. The first has map and settings. The others are:
+
+    {"place": [ring, theta, seed]}   place the ball
+    {"remove": true}                 remove the ball
+    {"tilt": true}                   ask for the true tilt
+    {"end": true}                    end
+
+The world also ends `linger_s` after the end of stdin. So its trace still shows the plate after the program has died.
+Answers go to stdout:
+
+    {"ready": port}
+    {"frame": slot, "lost": pictures lost so far on a slow machine, ...}
+    {"tilt": [beta, gamma]}
+    {"problem": text}
 """
 
 from __future__ import annotations
@@ -40,15 +50,15 @@ from mazeplan.rigs.hardware.settings import WorldSettings
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
 from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
 
-SLOTS = 8
+SLOTS = 8  # places for pictures in the shared file
 PICTURES_HZ = 30.0
-BEHIND = 10  # niceness of the renderer: a real camera takes no time from program and board
-LATE_S = 0.2  # s, largest lag behind the wall clock that the world makes up for
+BEHIND = 10  # niceness of the renderer, so that it takes no computing time from program and board
+LATE_S = 0.2  # s, largest lag behind the wall clock that the world catches up
 Shot = tuple[float, Any, float, float]  # exposure (host's clock), ball (3,) or None, beta, gamma
 
 
 class EmulatedCamera(threading.Thread):
-    """Renders each shot, and delivers it after the delay."""
+    """Renders each shot, and delivers the picture after the delay."""
 
     def __init__(self, overhead: Overhead, memory: mmap.mmap, delay_s: float, say: Callable[[dict], None]) -> None:
         super().__init__(name="camera", daemon=True)
@@ -65,16 +75,16 @@ class EmulatedCamera(threading.Thread):
             exposed, ball, beta, gamma = shot
             if monotonic() > exposed + self._delay and not self.shots.empty():
                 self.lost += 1
-                continue  # a slow machine loses some pictures, so that the others are in time
+                continue  # on a slow machine some pictures are lost, so that the others come in time
             image = self._overhead.render(ball, beta, gamma, self.rng)
             slot, number = number % SLOTS, number + 1
             size = image.nbytes
             self._memory[slot * size : (slot + 1) * size] = image.tobytes()
-            time.sleep(max(0.0, exposed + self._delay - monotonic()))  # the emulated camera is as late as a real one
+            time.sleep(max(0.0, exposed + self._delay - monotonic()))  # the delay of a real camera
             self._say({"frame": slot, "exposed": exposed, "out": monotonic(), "lost": self.lost})
 
     def end(self) -> None:
-        """End the thread and wait for it: an interpreter that ends during compiled code crashes."""
+        """End the thread and wait for it, because an interpreter that ends during compiled code crashes."""
         self.shots.put(None)
         self.join()
 
@@ -88,7 +98,11 @@ def appearance(given: dict[str, Any]) -> Look:
 
 
 class EmulatedWorld:
-    """Machine, board and camera."""
+    """Machine, board and camera of the emulated rig.
+
+    memory: gets the pictures.
+    say: sends an answer.
+    folder: folder for files of the chip."""
 
     def __init__(
         self, maze: Maze, settings: WorldSettings, memory: mmap.mmap, say: Callable[[dict], None], folder: Path
@@ -127,12 +141,12 @@ class EmulatedWorld:
 
     def _simulate(self, ended: threading.Event) -> None:
         step, count = self.machine.chunk_s, 0
-        zero = monotonic()  # of the machine's time
+        zero = monotonic()  # wall time at which the machine's time is 0
         while not ended.is_set():
             now = zero + (count + 1) * step
             ahead = now - monotonic()
             if ahead > 0.0:
-                time.sleep(ahead)  # the emulated machine runs in real time, as the board's firmware does
+                time.sleep(ahead)  # the machine must run in real time, because the board's firmware does
             elif ahead < -LATE_S:
                 zero -= ahead
                 now -= ahead
@@ -146,7 +160,7 @@ class EmulatedWorld:
         while not self._orders.empty():
             self._obey(self._orders.get())
         beta_us, gamma_us, _ = chip.pulses()
-        if beta_us > 0.0 and gamma_us > 0.0:  # a servo without pulses stays where it is
+        if beta_us > 0.0 and gamma_us > 0.0:  # without pulses the servos stay where they are
             machine.aim(*self.truth.servos.tilt(beta_us, gamma_us))
         machine.step()
         chip.set_volts(*self.truth.diode.volts(*machine.tilt))
@@ -178,7 +192,7 @@ class EmulatedWorld:
 
 
 def main() -> None:
-    """Run one world; see the module."""
+    """Run one world; see the module's docstring."""
     memory = mmap.mmap(int(sys.argv[1]), 0)
     speaking = threading.Lock()
 

@@ -1,7 +1,7 @@
-"""A rig around any rig, which fails on a schedule: samples, commands and calls go wrong on their way.
+"""A wrapper that makes any rig fail on a schedule: it disturbs samples, commands and calls.
 
-`kinds` lists the faults. Those of the machine go to the rig inside if it has `inject`, as the simulated rig does.
-`level` always reaches the rig.
+`kinds` lists the faults. Faults of the machine go to the rig inside if it has `inject`, as the simulated rig does.
+The call `level` always reaches the rig.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from mazeplan.rigs.faults.kinds import KINDS, Drawn, Passage
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 from mazeplan.rigs.sim.settings import Fault
 
-HISTORY = 120  # samples of the rig that are kept for late pictures
-TOLERANCE = 1e-9  # rad, of the tilt limit
-LASTING_S = 1e6  # duration of a fault for good
+HISTORY = 120  # samples of the rig that are kept, for late pictures
+TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
+LASTING_S = 1e6  # s, duration of a fault for good
 
 
 def impossible(rig: object) -> set[str]:
-    """Names of the faults that the machine cannot have."""
+    """Names of the faults that the rig's `inject` refuses."""
     cannot = traits(rig).cannot
     return {kind.name for kind in KINDS.values() if kind.machine in cannot}
 
 
 @dataclass
 class Orders:
-    """Orders to the program that drives: `aimed_at` gives the next opening, `close` closes one."""
+    """Links to the program that drives the rig: `aimed_at` gives the next opening, `close` closes an opening."""
 
     aimed_at: Callable[[], str | None] = field(default=lambda: None)
     close: Callable[[str], object] = field(default=lambda name: None)
@@ -46,10 +46,13 @@ class Orders:
 class FaultyRig(RigWrapper):
     """Makes the rig inside fail by a schedule. See `interface.Rig`.
 
-    begun: faults that came; beyond: commands that were NaN or beyond the tilt limit; levelled: whether the last order
-    was `level`; hangs_since: when a call began to hang, monotonic clock, s; idle_s: longest time on the wall between
-    the end of a call and the next call, s.
-    Raises SettingsError for a fault of the machine if the rig cannot have it."""
+    begun: faults that have begun.
+    beyond: commands (beta, gamma), rad, that were NaN or beyond the tilt limit.
+    levelled: whether `level` was called after the last command.
+    hangs_since: when a call began to hang, monotonic clock, s.
+    idle_s: longest wall time from the end of `observe` to the next `observe` or `level`, s.
+
+    Raises SettingsError for a fault of the machine that the rig inside cannot have."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
         super().__init__(rig)
@@ -66,11 +69,11 @@ class FaultyRig(RigWrapper):
 
     @property
     def now(self) -> float:
-        """Rig time of the last sample, by the rig inside, s."""
+        """Time of the last sample by the clock of the rig inside, s, without faults."""
         return self._now
 
     def add(self, fault: Drawn) -> None:
-        """One more fault, also while running; in the thread of the loop."""
+        """Add a fault, also during a run. Call it in the thread of the loop."""
         self._chance[id(fault)] = np.random.default_rng(fault.seed)
         self._faults = (*self._faults, fault)
 
@@ -86,13 +89,13 @@ class FaultyRig(RigWrapper):
         self._true: dict[float, float] = {}
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """As the rig inside; the schedule starts again."""
+        """Reset the rig inside, and start the schedule again."""
         self.inside.reset(ring=ring, theta=theta, rng=rng)
         self._clear()
         self._chance = {id(fault): np.random.default_rng(fault.seed) for fault in self._faults}
 
     def observe(self) -> Observation:
-        """The next sample, changed by the faults that act. Raises RigError if a fault does."""
+        """The next sample, changed by the faults that act. Raises RigError for the fault `observe_raises`."""
         self._called()
         sample = self._faulty(self.inside.observe())
         self._returned = monotonic()
@@ -120,7 +123,7 @@ class FaultyRig(RigWrapper):
         return sample
 
     def true_time(self, t: float) -> float:
-        """Rig time at which a sample with the time t came first, s; t if none did."""
+        """True rig time, s, of the first sample that carried the (perhaps wrong) time t; t if no sample did."""
         return self._true.get(t, t)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
@@ -135,11 +138,11 @@ class FaultyRig(RigWrapper):
         if "commands_late" in acting:
             self._queue.append((self._now + acting["commands_late"].size, u_beta, u_gamma))
             return
-        self._queue.clear()  # a command without delay is newer than those
+        self._queue.clear()  # this command replaces the delayed ones, which are older
         self.inside.command(u_beta, u_gamma)
 
     def level(self) -> None:
-        """Level the plate, now. No fault loses this."""
+        """Level the plate now. No fault stops this call."""
         self._called()
         self._queue.clear()
         self.inside.level()
@@ -151,9 +154,9 @@ class FaultyRig(RigWrapper):
         self.inside.close()
 
     def tilt_after(self, seconds: float) -> float:
-        """Tilt of the plate `seconds` after the end of the last fault, rad, the larger of both axes.
+        """Tilt of the plate `seconds` after the end of the last fault, rad: the larger one of both axes.
 
-        By the rig inside, not as faults change it; of a simulated rig the true tilt."""
+        The tilt comes from the rig inside, without faults of the sensor. A simulation gives its true tilt."""
         self._closed.set()
         until = max([self._now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
         tilts: deque[tuple[float, float]] = deque(maxlen=5)
@@ -198,15 +201,15 @@ class FaultyRig(RigWrapper):
         return [Fault.model_validate({**values, "opening": opening}) for opening in openings]
 
     def _ring(self, sample: Observation) -> int:
-        """Ring in which the ball was seen last; 1 if it never was."""
+        """Ring in which the ball was seen last; 1 if the ball was never seen."""
         seen = next((s for s in reversed([*self._past, sample]) if s.x is not None and s.y is not None), None)
         return 1 if seen is None else self._maze.ring_at(math.hypot(seen.x or 0.0, seen.y or 0.0))
 
     def _chosen(self, fault: Drawn, sample: Observation) -> list[str]:
-        """Names of openings: the next one, or all in its wall.
+        """Names of the openings that the fault closes: the next opening, or all openings in its wall.
 
-        Without an order that names the next one: the nearest in the wall inside the ball's ring, around the centre in
-        the centre."""
+        If `orders` names no next opening, take the nearest one in the wall inside the ball's ring. For a ball in the
+        centre, this is the wall around the centre."""
         maze, ring = self._maze, self._ring(sample)
         aimed_at = self.orders.aimed_at()
         wall = [o for o in maze.openings if o.outer == min(ring, len(maze.rings) - 1)]
@@ -220,7 +223,7 @@ class FaultyRig(RigWrapper):
 
 
 def _apart(opening: Opening, sample: Observation) -> float:
-    """Angle between an opening and the ball, rad; 0 without a ball."""
+    """Angle between an opening and the ball, rad; 0 if the sample has no ball."""
     if sample.x is None or sample.y is None:
         return 0.0
     return abs(difference(opening.angle, math.atan2(sample.y, sample.x)))

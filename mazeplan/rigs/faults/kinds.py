@@ -1,8 +1,8 @@
-"""Kinds of faults that any rig can have: where they act, how long, how strongly, and how a run should end.
+"""Kinds of faults: where they act, how long, how strongly, and how a run should end.
 
-Faults of camera, tilt sensor and clock change the samples of the rig (`FaultKind.change`). Faults of the machine are
-those of the simulated rig (`FaultKind.machine`). `faulty.FaultyRig` does the rest: it loses and delays commands, raises
-errors, hangs, and closes openings in the route graph.
+Faults of camera, tilt sensor and clock change the samples of the rig (`FaultKind.change`). For faults of the machine,
+the rig needs `inject`, as simulated rigs have (`FaultKind.machine`). `faulty.FaultyRig` makes the other faults: it
+loses and delays commands, raises errors, hangs, and closes openings in the route graph.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from mazeplan.core.records import FailureKind, Observation
 from mazeplan.maze.geometry import Maze
 
-Range = tuple[float, float]  # least and most; each run draws between them
-AT_S: Range = (0.3, 1.5)  # s; the ball is on its way then
+Range = tuple[float, float]  # minimum and maximum; each run draws between them
+AT_S: Range = (0.3, 1.5)  # s, default start of a fault: the ball is on its way then
 FOR_GOOD: Range = (math.inf, math.inf)
 ONCE: Range = (0.0, 0.0)
 SHARE: Range = (0.0, 1.0)
@@ -26,17 +26,23 @@ AGE_S: Range = (0.0, 10.0)  # s
 JUMP_S: Range = (0.0, 60.0)  # s
 ANGLE_DEG: Range = (0.0, 90.0)
 GAVE_UP = tuple(str(kind) for kind in FailureKind)
-SPIKES = 0.3  # share of samples
+SPIKES = 0.3  # share of the samples with a spike
 
 
 @dataclass(frozen=True)
 class FaultKind:
     """One kind of fault.
 
-    place: camera, tilt, clock, commands, rig, machine or orders; duration_s: inf: for good, 0: at one moment; size in
-    `unit`, `allowed`: its range; because: why a run cannot recover, empty if it can; ends: reasons with which such a
-    run should end; change: changes a sample; machine: kind of `sim.settings.Fault`, and
-    `machine_size`: its key that has the size."""
+    place: where it acts: camera, tilt, clock, commands, rig, machine or orders.
+    what: description.
+    duration_s: range of the duration, s; inf: for good, 0: at one moment.
+    size: default range of the size, in `unit`; None: the kind has no size.
+    allowed: range of sizes that a schedule may use.
+    because: why a run cannot recover from the fault; empty if it can.
+    ends: reasons with which a run may end if it does not reach its goal.
+    change: changes a sample.
+    machine: kind of `sim.settings.Fault`; empty for a fault that does not act in the machine.
+    machine_size: key of `sim.settings.Fault` that takes the size."""
 
     name: str
     place: str
@@ -57,13 +63,18 @@ class FaultKind:
         return not self.because
 
     def __reduce__(self) -> tuple[Callable[[str], FaultKind], tuple[str]]:
-        """Between processes goes the name, as `change` is often a lambda."""
+        """Pickle the kind by its name: `change` is often a lambda, which cannot be pickled."""
         return kind_of, (self.name,)
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One fault of one run: acts at at_s <= t < until_s on axes 0 (beta), 1 (gamma); seed: of its random numbers."""
+    """One fault of one run.
+
+    at_s, until_s: the fault acts at at_s <= t < until_s.
+    size: in the unit of the kind.
+    axes: axes on which it acts, 0 (beta) and 1 (gamma).
+    seed: seed of its random numbers."""
 
     kind: FaultKind
     at_s: float
@@ -73,11 +84,11 @@ class Drawn:
     seed: int
 
     def acts(self, t: float) -> bool:
-        """Whether it acts at time t."""
+        """Whether the fault acts at time t."""
         return self.at_s <= t < self.until_s
 
     def to_json(self) -> dict[str, Any]:
-        """For the report of a run; a fault for good has no duration."""
+        """The fault as JSON for the report of a run; duration_s is None for a fault for good."""
         return {
             "kind": self.kind.name,
             "at_s": round(self.at_s, 4),
@@ -89,9 +100,11 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Passage:
-    """A sample on its way from the rig.
+    """A sample on its way from the rig to the program, for a fault to change.
 
-    past: the rig's samples until now; sample: the newest one with changes so far; rng: random numbers of the fault."""
+    past: unchanged samples of the rig until now.
+    sample: the newest sample, with the changes of earlier faults.
+    rng: random numbers of the fault."""
 
     fault: Drawn
     past: Sequence[Observation]
@@ -100,11 +113,11 @@ class Passage:
     maze: Maze
 
     def at(self, t: float) -> Observation:
-        """The newest sample of the rig that is not newer than t; the oldest if there is none."""
+        """The rig's sample at time t or the last one before; the oldest kept sample if all are newer."""
         return next((sample for sample in reversed(self.past) if sample.t <= t + 1e-9), self.past[0])
 
     def with_ball(self, x: float | None, y: float | None) -> Observation:
-        """The sample with the ball at another place."""
+        """The sample with the ball at x, y, m; None: without a ball."""
         return replace(self.sample, x=x, y=y)
 
     def with_ball_of(self, t: float) -> Observation:
@@ -113,7 +126,7 @@ class Passage:
         return self.with_ball(then.x, then.y)
 
     def with_tilt(self, change: Callable[[float], float]) -> Observation:
-        """The sample with changed tilt of the fault's axes."""
+        """The sample with `change` applied to the tilt of the fault's axes."""
         tilt = (self.sample.beta, self.sample.gamma)
         beta, gamma = (change(angle) if axis in self.fault.axes else angle for axis, angle in enumerate(tilt))
         return replace(self.sample, beta=beta, gamma=gamma)

@@ -2,11 +2,11 @@
 
     faults:
       - kind: frames_lost          # one of kinds.KINDS
-        at_s: [0.3, 1.5]           # a number, or least and most: each run draws between them by its seed
-        duration_s: 0.8            # default: that of the kind
+        at_s: [0.3, 1.5]           # a number, or minimum and maximum: each run draws between them by its seed
+        duration_s: 0.8            # default: the duration of the kind
       - {kind: servo_slow, size: 10, axis: beta, name: tired servo}
 
-Each entry is a trial; entries with one `name` act together in one run.
+Each entry is a trial. Entries with the same `name` are one trial: their faults act together in one run.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from mazeplan.maze.yamltree import check_format, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
 from mazeplan.rigs.files import FileSettings, RigSection, validated
 
-FORMAT = 1  # of a file without `format`, too
-MOST = 1e3  # s; of any time in a schedule
+FORMAT = 1  # also the format of a file without the key `format`
+MOST = 1e3  # s, maximum of any time in a schedule
 
 
 def _range(most: float) -> Callable[[Any], Any]:
@@ -50,11 +50,11 @@ def _range(most: float) -> Callable[[Any], Any]:
 
 
 Numbers = Annotated[Range, BeforeValidator(_range(MOST))]
-Sizes = Annotated[Range, BeforeValidator(_range(math.inf))]  # of each kind see `FaultKind.allowed`
+Sizes = Annotated[Range, BeforeValidator(_range(math.inf))]  # `FaultKind.allowed` has the limits of each kind
 
 
 class Entry(RigSection):
-    """One fault of a schedule; None: as its kind has it."""
+    """One fault of a schedule. A field that is None takes the default of the fault's kind."""
 
     kind: str
     name: str | None = Field(default=None, min_length=1, max_length=60)
@@ -87,7 +87,7 @@ class Entry(RigSection):
 
 
 class Schedule(RigSection):
-    """A whole file."""
+    """All entries of a schedule's file."""
 
     faults: tuple[Entry, ...]
 
@@ -108,20 +108,20 @@ class FaultTrial:
 
     @property
     def kinds(self) -> tuple[FaultKind, ...]:
-        """Of its faults."""
+        """The kinds of the trial's faults."""
         return tuple(KINDS[entry.kind] for entry in self.entries)
 
     def to_json(self) -> dict[str, Any]:
-        """All that determines it."""
+        """Name and entries, which determine the trial."""
         return {"name": self.name, "entries": [entry.model_dump() for entry in self.entries]}
 
     def draw(self, seed: int) -> tuple[Drawn, ...]:
-        """The faults of the run with this seed. Moments, lengths and sizes depend on the seed."""
+        """The faults of the run with this seed. The seed determines their times, durations, sizes and axes."""
         return tuple(_drawn(entry, seed, number) for number, entry in enumerate(self.entries))
 
 
 def every_kind() -> tuple[FaultTrial, ...]:
-    """A trial for each kind."""
+    """One trial for each kind of fault."""
     return tuple(FaultTrial(name, (Entry(kind=name),)) for name in KINDS)
 
 
@@ -136,7 +136,7 @@ def _drawn(entry: Entry, seed: int, number: int) -> Drawn:
     rng = np.random.default_rng([seed, zlib.crc32(entry.kind.encode()), number])
 
     def between(given: Range) -> float:
-        share = float(rng.random())  # drawn in any case, so that one number in a file does not shift the others
+        share = float(rng.random())  # also drawn for a fixed value, so that the later random numbers stay the same
         return given[0] if given[0] == given[1] else given[0] + share * (given[1] - given[0])
 
     at = between(entry.at_s)

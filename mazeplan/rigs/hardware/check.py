@@ -1,7 +1,7 @@
 """Checks a rig on a table part by part: port, firmware, servos, then tilt sensor, camera, tilts, ball and delays.
 
-The board comes first, as it needs no calibration. A lost part or a file with a mistake ends the check with its error. A
-failed step in `NEEDED` ends it without an error.
+The board comes first, because it needs no calibration. A lost part, or a mistake in the rig's file, ends the check with
+an error. A failed step that is in `NEEDED` ends the check without an error.
 """
 
 from __future__ import annotations
@@ -23,31 +23,35 @@ from mazeplan.rigs.link.port import ports_found
 LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
 TILT_DEG = 3.0  # tilt in the steps that test directions
 OFF_DEG = 0.7  # largest error of a commanded tilt
-MARKERS_DEG = 0.5  # largest difference between the tilts of markers and sensor
+MARKERS_DEG = 0.5  # largest difference between the tilt by the markers and the tilt by the sensor
 RATE = 0.1  # largest relative error of the camera's rate
-AVERAGE_S = 0.3  # s, of averaged reports
+AVERAGE_S = 0.3  # s over which reports are averaged
 SURE_S = 0.004  # largest standard error of a latency, s
-NEEDED = ("camera",)
-MOVED_V = 0.05  # V, least change of a tilt channel when the plate moves
+NEEDED = ("camera",)  # steps without which the later ones cannot run
+MOVED_V = 0.05  # V, minimum change of a tilt channel when the plate moves
 PINS = {"beta": 11, "gamma": 12}
 SIDES = {"beta": "the +x side (right in the maze's drawing) lower", "gamma": "the +y side (top) higher"}
 Ask = Callable[[str], bool]  # asks a person a question: yes or no
 
 
 class _Problem(Exception):  # noqa: N818
-    """Result of a step that failed."""
+    """A step failed; the message is its result."""
 
 
 @dataclass
 class Latencies:
-    """Measured delays; host_s: from a sample to the command that answers it, s."""
+    """Measured delays.
+
+    command: from a command to the tilt.
+    camera: from the tilt to the pixels.
+    host_s: from a sample to the command that answers it, s."""
 
     command: MeasuredDelay
     camera: MeasuredDelay
     host_s: float
 
     def section(self, date: str) -> dict[str, object]:
-        """Content of `latency:` in a rig's file."""
+        """Content of the section `latency:` in a rig's file."""
         return {
             "command_ms": round(1e3 * max(self.command.seconds, 0.0), 1),
             "camera_ms": round(1e3 * max(self.camera.seconds, 0.0), 1),
@@ -57,17 +61,20 @@ class Latencies:
 
 
 class HardwareCheck:
-    """One check. `steps` yields a result for each step. Afterwards `latencies` has the measured delays, or None."""
+    """One check of a rig. `steps` yields a result for each step.
+
+    ask: asks a person.
+    latencies: the measured delays, after the step `latency` has passed; else None."""
 
     def __init__(self, rig: HardwareRig, ask: Ask) -> None:
         self.rig, self.ask = rig, ask
         self.latencies: Latencies | None = None
 
     def steps(self) -> Iterator[CheckResult]:
-        """Run the steps. The rig stays open, and level.
+        """Run the steps, and yield their results. The rig stays open, with the plate level.
 
-        After the result of a step with an error: raises RigError for a lost part, SettingsError for a file with a
-        mistake."""
+        After the result of a step that ended with an error, raises this error: RigError for a lost part, SettingsError
+        for a mistake in the rig's file."""
         for name, step in (
             ("port", self._port), ("firmware", self._firmware), ("beta servo", lambda: self._servo("beta")),
             ("gamma servo", lambda: self._servo("gamma")), ("calibrations", self._calibrated),
@@ -105,7 +112,7 @@ class HardwareCheck:
         )
 
     def _servo(self, axis: str) -> str:
-        """Move one servo and compare the voltages of the tilt channels. This needs no calibration."""
+        """Move one servo, and compare the voltages of the tilt channels before and after. Needs no calibration."""
         board, servo = self.rig.board, self.rig.settings.servo
         one = servo.beta if axis == "beta" else servo.gamma
         level = (servo.beta.level_us, servo.gamma.level_us)
@@ -235,7 +242,9 @@ class HardwareCheck:
     # -- small things -------------------------------------------------------------------------------------------------
 
     def _watch(self, seconds: float, u: tuple[float, float] = (0.0, 0.0)) -> list[tuple[float, float, tuple | None]]:
-        """Samples under a constant command: (beta, gamma by the sensor, (beta, gamma) by the markers or None)."""
+        """Samples under a constant command u, rad: (beta, gamma, (beta, gamma) by the markers or None), rad.
+
+        The first two are by the tilt sensor."""
         out = []
         for _ in range(round(seconds * self.rig.rate_hz)):
             o = self.rig.observe()

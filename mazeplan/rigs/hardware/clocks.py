@@ -1,7 +1,7 @@
 """Converts times of board and camera to the host's clock (`time.monotonic`).
 
-`HostClock` converts the board's stamps, `FrameClock` numbers the camera's pictures, `TiltTrack` interpolates the tilt
-of the last second.
+`HostClock` converts the board's time stamps. `FrameClock` numbers the camera's pictures. `TiltTrack` interpolates the
+tilt of the last second.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ from collections.abc import Iterable
 from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
 from mazeplan.rigs.link.messages import TiltReport
 
-KEPT_S = 1.0  # s of reports that are kept
-AHEAD_S = 0.03  # s of extrapolation of the tilt after the last report
-SLOPE_S = 0.02  # s before the last report over which its rate is taken
-DRIFT = 6e-3  # s/s, largest difference between the clocks of host and board: the resonator of a Mega has 0.5 %
-# s, shortest time from the middle of a report's conversions to its reception: half the conversions, 4 ms of line,
-# 2 ms of chip and host; measured on the emulated chip
+KEPT_S = 1.0  # s; older reports are dropped
+AHEAD_S = 0.03  # s, longest extrapolation of the tilt after the last report
+SLOPE_S = 0.02  # s before the last report over which the rate of the tilt is computed
+DRIFT = 6e-3  # s/s, largest drift between the clocks of host and board: the resonator of a Mega is accurate to 0.5 %
+# s, shortest time from the middle of a report's conversions to its reception, measured on the emulated chip: half the
+# conversions, 4 ms on the line, 2 ms in chip and host
 REPORT_AGE_S = 0.008
 PHASE, PERIOD = 0.1, 0.002  # gains of `FrameClock`
 
 
 class HostClock:
-    """Offset from the board's stamps to the host's clock.
+    """Converts the board's time stamps to the host's clock.
 
-    Reports arrive late, never early. So the smallest offset is right; it grows only as fast as clocks drift."""
+    Reports arrive late, never early. So the smallest offset between the clocks is the right one. The offset grows only
+    as fast as the clocks drift."""
 
     def __init__(self) -> None:
         self._offset: float | None = None
         self._last = 0.0
 
     def host(self, stamp: float, received: float) -> float:
-        """The host's time for a board's stamp, s, given when it was received."""
+        """Time of a board's stamp by the host's clock, s. received: when the report arrived, host's clock, s."""
         offset = received - stamp
         if self._offset is None or stamp < self._last:  # the board restarted
             self._offset = offset
@@ -52,7 +53,7 @@ class TiltTrack:
         self._last: float | None = None
 
     def take(self, reports: Iterable[TiltReport]) -> None:
-        """Add reports, in order. Those from earlier calls are skipped."""
+        """Add reports, which are in the order of time. Skips reports of earlier calls."""
         for report in reports:
             if self._last is not None and report.received_s <= self._last:
                 continue
@@ -70,11 +71,11 @@ class TiltTrack:
         return self._track[-1][0] if self._track else None
 
     def since(self, t: float) -> list[tuple[float, float, float]]:
-        """(time, beta, gamma) of reports after a time of the host's clock."""
+        """(time, beta, gamma) of all reports after time t of the host's clock, s, rad."""
         return [entry for entry in self._track if entry[0] > t]
 
     def at(self, t: float) -> tuple[float, float] | None:
-        """beta, gamma at a time of the host's clock, extrapolated by AHEAD_S at most; None before the first report."""
+        """beta, gamma, rad, at time t of the host's clock; extrapolates by AHEAD_S at most. None without a report."""
         if not self._track:
             return None
         track = self._track
@@ -99,20 +100,20 @@ class TiltTrack:
 
 
 class FrameClock:
-    """Numbers the pictures and computes when each was due.
+    """Numbers the pictures and computes when each picture was due.
 
-    Phase and period follow the camera's own, so that a late thread does not shift the samples."""
+    Phase and period follow the camera's slowly, so that a late thread does not shift the samples."""
 
     def __init__(self, rate_hz: float) -> None:
         self._nominal = self._period = 1.0 / rate_hz
         self._number, self._due = -1, 0.0
 
     def start(self, arrived: float) -> None:
-        """This picture is number 0."""
+        """Give number 0 to the picture that arrived at this time of the host's clock."""
         self._number, self._due = 0, arrived
 
     def due(self, number: int) -> float:
-        """When that picture comes, s on the host's clock."""
+        """When a picture is due, host's clock, s."""
         return self._due + (number - self._number) * self._period
 
     def take(self, arrived: float) -> int:

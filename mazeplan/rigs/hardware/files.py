@@ -1,4 +1,4 @@
-"""The file that a calibration reads and writes: the rig's own, or a copy of a packaged one in the current folder."""
+"""The file that a calibration reads and writes: the user's file, or a copy of a packaged file in the current folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ KINDS = {"HardwareRig": HardwareSettings, "EmulatedRig": EmulatedSettings}
 
 @dataclass(frozen=True)
 class RigFile:
-    """path: file to read; target: file to write; settings: validated; data: the sections of the file."""
+    """A rig's file.
+
+    path: file to read.
+    target: file to write.
+    settings: validated settings.
+    data: sections of the file."""
 
     path: Path
     target: Path
@@ -29,14 +34,13 @@ class RigFile:
 
     @property
     def keeps(self) -> bool:
-        """Whether the file keeps measurements; a packaged file that is no template does not."""
+        """Whether calibrations may be kept in this file. False for packaged files, except for the template."""
         return self.target == self.path or self.path.stem == HARDWARE
 
     def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
-        """Replace sections of the file, and return the written file.
+        """Replace sections of the file, and return the path of the written file.
 
-        A new target starts as a copy of this file. Raises SettingsError for invalid sections and leaves the file as it
-        is."""
+        A new target starts as a copy of this file. For invalid sections, raises SettingsError and writes nothing."""
         target = target or self.target
         try:
             validated(type(self.settings), {**self.data, **sections})
@@ -49,9 +53,9 @@ class RigFile:
         return target
 
     def _moved(self, target: Path, sections: Mapping[str, Any]) -> dict[str, Any]:
-        """Sections that name other files, for a copy in another folder.
+        """Sections with names of other files, changed to fit a copy of the rig's file in another folder.
 
-        Copies the background; a user's model stays in its place."""
+        Copies the background to that folder; a user's model stays where it is."""
         if target.parent.resolve() == self.path.parent.resolve():
             return {}
         out: dict[str, Any] = {}
@@ -72,19 +76,19 @@ class RigFile:
 
 
 def background_of(target: Path) -> str:
-    """Name of the background beside a rig's file."""
+    """Name of the background's file, which lies beside the rig's file."""
     return f"{target.stem}-background.png"
 
 
 def is_hardware(spec: str) -> bool:
-    """Whether it is a rig on a table, emulated or not. Raises SettingsError for a file that cannot be read."""
+    """Whether `spec` names a rig on a table, real or emulated. Raises SettingsError for a file that cannot be read."""
     path = rig_file(spec)
     kind = None if path is None else read_rig_file(path)[0]
     return kind is not None and kind.partition(":")[0] == "mazeplan.rigs.hardware"
 
 
 def hardware_file(spec: str) -> RigFile:
-    """The file of a rig on a table. Raises SettingsError with file, line and key."""
+    """The file of the rig on a table that `spec` names. Raises SettingsError with file, line and key."""
     path = rig_file(spec)
     if path is None or not is_hardware(spec):
         own = path is not None and path.resolve().parent != PACKAGED

@@ -1,13 +1,13 @@
 """Measures the delays of a rig from one swing of its plate.
 
-    command to tilt    the plate follows as gain u through a lag of second order after `dead` and, on average, half a
-                       period of the servo pulses. Fitted by output error to the tilt of the board's reports. The model
-                       is the rig's own, not the planner's
-    tilt to pixels     the tilt in the pictures (markers) is that of the board, `age` earlier: the shift with the
-                       smallest squared difference
+    command to tilt    The plate follows gain times u through a second-order lag, after a dead time and, on average,
+                       half a period of the servo pulses. An output-error fit finds these parameters from the tilt in
+                       the board's reports. This model serves the measurement alone; it is not the planner's model.
+    tilt to pixels     The tilt in the pictures (by markers) equals the board's tilt `age` seconds earlier. The age is
+                       the shift with the smallest squared difference.
 
-Commands are a sine with small steps, at other times for each axis. The steps separate a dead time from a slow servo.
-They are small, as a servo at its top speed would look late.
+The command of each axis is a sine plus small steps; the two axes step at different times. The steps separate a dead
+time from a slow servo. They are small, because a servo at its top speed would look late.
 """
 
 from __future__ import annotations
@@ -22,21 +22,25 @@ from scipy.signal import cont2discrete, lfilter
 
 from mazeplan.core.records import Array
 
-GRID_S = 1e-3  # s, of the simulated response
-SWING_DEG, STEP_DEG = 1.0, 0.6  # of the sine, and of a step either way
-SWING_HZ = (0.45, 0.7)  # of beta, gamma
-DWELL_S = (0.2, 0.2667)  # between steps
+GRID_S = 1e-3  # s, time step of the simulated response
+SWING_DEG, STEP_DEG = 1.0, 0.6  # amplitude of the sine; height of a step, up or down
+SWING_HZ = (0.45, 0.7)  # frequency of the sine for beta, gamma
+DWELL_S = (0.2, 0.2667)  # s between steps, for beta, gamma
 STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
 PULSE_S = 0.02  # s between servo pulses
-SHIFTS = (-0.05, 0.3)  # s, range of ages
-FAR = 6.0  # times the median residual: a wrong marker
-START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
-DEADS = (0.0, 0.03, 0.06, 0.1)  # s
+SHIFTS = (-0.05, 0.3)  # s, range in which the age is searched
+FAR = 6.0  # a residual of more than this many times the median is due to a wrong marker
+START = (1.0, 20.0, 0.9)  # initial guess of the fit: gain, natural frequency in rad/s, damping
+DEADS = (0.0, 0.03, 0.06, 0.1)  # s, initial guesses of the dead time; the best fit counts
 
 
 @dataclass(frozen=True)
 class MeasuredDelay:
-    """A delay, its standard error, s, and the rms residual, rad."""
+    """A measured delay.
+
+    seconds: the delay, s.
+    stderr: its standard error, s.
+    rms: rms residual of the fit, rad."""
 
     seconds: float
     stderr: float
@@ -44,7 +48,7 @@ class MeasuredDelay:
 
 
 def swing(t: float, limit: float) -> tuple[float, float]:
-    """Commands of the swing at time t, rad: from rest, within the limit."""
+    """Commands (beta, gamma) of the swing at time t, rad. They start from 0 and stay within the limit."""
     fade, most = min(1.0, t), min(1.0, math.degrees(limit) / (SWING_DEG + STEP_DEG))
     beta, gamma = (
         SWING_DEG * math.sin(math.tau * f * t) + STEP_DEG * float(STEPS[axis, int(t / dwell) % STEPS.shape[1]])
@@ -54,7 +58,12 @@ def swing(t: float, limit: float) -> tuple[float, float]:
 
 
 def dead_time(sent: Array, u: Array, measured: Array, tilt: Array) -> MeasuredDelay:
-    """Delay from commands to tilt. sent (M,) s, u (M, 2) rad; measured (N,) s, tilt (N, 2) rad, by the same clock."""
+    """Delay from commands to tilt. Both times are by the same clock.
+
+    sent (M,): times of the commands, s.
+    u (M, 2): commands, rad.
+    measured (N,): times of the board's reports, s.
+    tilt (N, 2): tilt in the reports, rad."""
     start = float(sent[0])
     grid = np.arange(start, float(measured[-1]) + GRID_S, GRID_S)
     held = np.searchsorted(sent, grid, side="right") - 1
@@ -81,14 +90,18 @@ def dead_time(sent: Array, u: Array, measured: Array, tilt: Array) -> MeasuredDe
 
 
 def _answer(u: Array, wn: float, zeta: float) -> Array:
-    """Response of a second-order lag to u held on the grid, from rest at u[0] = 0."""
+    """Response of a second-order lag to u, which is constant within each step of the grid. It starts at rest, at 0."""
     discrete: Any = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
     return np.asarray(lfilter(np.ravel(discrete[0]), discrete[1], u))
 
 
 def age(seen_at: Array, seen: Array, measured: Array, tilt: Array) -> MeasuredDelay:
-    """Age of the pictures. seen_at (M,) s, seen (M, 2) rad: tilt in the pictures; measured (N,) s, tilt (N, 2) rad: by
-    the board."""
+    """Age of the pictures. Both times are by the same clock.
+
+    seen_at (M,): times of the pictures, s.
+    seen (M, 2): tilt in the pictures, rad.
+    measured (N,): times of the board's reports, s.
+    tilt (N, 2): tilt in the reports, rad."""
     inside = (seen_at - SHIFTS[1] > measured[0]) & (seen_at - SHIFTS[0] < measured[-1])
     seen_at, seen = seen_at[inside], seen[inside]
 
@@ -115,7 +128,7 @@ def age(seen_at: Array, seen: Array, measured: Array, tilt: Array) -> MeasuredDe
 
 
 def _line(x: Array, y: Array) -> tuple[Array, float]:
-    """Residuals and slope of a straight line through (x, y), without wrong markers."""
+    """Residuals and slope of a straight line fitted to (x, y); the fit leaves out wrong markers."""
     columns, good = np.column_stack([x, np.ones(len(x))]), np.ones(len(x), dtype=bool)
     residual, slope = y, 1.0
     for _ in range(3):

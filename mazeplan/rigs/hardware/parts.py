@@ -23,12 +23,15 @@ if TYPE_CHECKING:  # OpenCV is not needed to talk to the board
     from mazeplan.rigs.camera.source import FrameSource, NewestPicture
 
 AUTO = "auto"
-KEPT = 10_000  # round trips
+KEPT = 10_000  # round trips that are kept
 
 
 @dataclass
 class Parts:
-    """Open parts of a rig. trips: s from each command to its confirmation, the newest KEPT."""
+    """Open parts of a rig.
+
+    port, camera: names for messages.
+    trips: times from a command to its confirmation, s; the newest KEPT ones."""
 
     board: Board
     pictures: NewestPicture
@@ -45,7 +48,7 @@ class Parts:
         self._sent.append((self.board.command(pulse_beta_us, pulse_gamma_us), now))
 
     def listen(self) -> None:
-        """Take the board's new reports. Raises RigError if the board is lost."""
+        """Take the board's new reports into the track of the tilt. Raises RigError if the board is lost."""
         reports = self.board.recent()
         self.track.take(reports)
         for report in reports:
@@ -61,7 +64,7 @@ class Parts:
 
 
 def servo_limits(settings: HardwareSettings) -> ServoLimits:
-    """Limits of the pulses, for the board."""
+    """The limits of the pulses that go to the board."""
     servo = settings.servo
     beta, gamma = (
         AxisLimits(axis.min_us, axis.max_us, axis.level_us, servo.slew_us_per_s) for axis in (servo.beta, servo.gamma)
@@ -70,7 +73,9 @@ def servo_limits(settings: HardwareSettings) -> ServoLimits:
 
 
 def the_port(name: str) -> str:
-    """The port of that name; for auto the only one behind USB. Raises RigError if there is none, or more than one."""
+    """The port of that name. For `auto` it is the only serial port behind USB.
+
+    Raises RigError if `auto` finds no port, or more than one."""
     if name != AUTO:
         return name
     try:
@@ -84,7 +89,9 @@ def the_port(name: str) -> str:
 
 
 def open_board(settings: HardwareSettings, port: str | None = None) -> Board:
-    """Open the board. Raises RigError."""
+    """Open the board. Raises RigError if that fails.
+
+    port: by default the port in the settings."""
     board = Board(the_port(settings.port) if port is None else port, servo_limits(settings))
     board.open()
     return board
@@ -98,8 +105,12 @@ def assemble(
     camera: str,
     board: Callable[[], Board],
 ) -> Parts:
-    """Open camera and board. folder: of the rig's file; make: opens the camera; board: returns an open board, which
-    stays open if the rest fails. Raises RigError or SettingsError."""
+    """Open camera and board. Raises RigError or SettingsError.
+
+    folder: folder of the rig's file.
+    make: opens the camera.
+    camera: name of the camera, for messages.
+    board: returns an open board, which stays open if the rest fails."""
     from mazeplan.rigs.camera.section import camera_section
     from mazeplan.rigs.camera.source import NewestPicture
 

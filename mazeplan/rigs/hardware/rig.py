@@ -4,8 +4,8 @@
     board  --TiltReport--> TiltTrack, at the moment of the picture --> beta, gamma      Observation(number / rate, ...)
     command, rad --ServoAxis--> pulses, us --> board
 
-Each picture is a sample: `observe` waits for it, and its time is its number over the rate. A missing picture gives a
-sample without a ball, at its time. The samples are late by `latency`; the estimator corrects that.
+Each picture makes a sample: `observe` waits for the picture. The time of a sample is the number of its picture over the
+rate. A missing picture gives a sample without a ball. Samples are late by `latency`; the estimator corrects this delay.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from mazeplan.rigs.hardware.parts import Parts, assemble, open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
 
-TOLERANCE = 1e-9  # rad, of the tilt limit
-LATE = 0.5  # periods after which a due picture is missing
-BLIND_S = 2.0  # s without any picture: the camera has failed
-SILENT_S = 0.4  # s without a report of the tilt: the board has failed
-START_S = 10.0  # s for the first picture
-LEVEL_DEG = 0.7  # within which the plate counts as level ...
-REST_MM = 2.0  # ... and within which a ball rests ...
-REST_S = 0.5  # ... for so long
-PLACED_MM = 12.0  # distance beside a channel at which a ball still counts as in it
+TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
+LATE = 0.5  # periods; a picture that is later counts as missing
+BLIND_S = 2.0  # s without any picture, after which the camera counts as failed
+SILENT_S = 0.4  # s without a report of the tilt, after which the board counts as failed
+START_S = 10.0  # s, longest wait for the first picture
+LEVEL_DEG = 0.7  # largest tilt of a plate that counts as level
+REST_MM = 2.0  # a ball rests if it stays within this distance ...
+REST_S = 0.5  # ... for this time, s
+PLACED_MM = 12.0  # distance beside a ring at which a ball still counts as in it
 
 
 class NotSeen(RigError):  # noqa: N818
@@ -48,9 +48,11 @@ class NotSeen(RigError):  # noqa: N818
 
 
 class HardwareRig:
-    """See `interface.Rig`. settings: the keys of hardware.yaml.
+    """See `interface.Rig`.
 
-    latency: measured delays, or None; unseen_s: a run ends after so long without the ball."""
+    settings: the keys of hardware.yaml.
+    latency: measured delays, or None.
+    unseen_s: a run ends after so long without a sight of the ball, s."""
 
     realtime = True
 
@@ -69,14 +71,14 @@ class HardwareRig:
         self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
         self.unseen_s = self.settings.unseen_s
         self._parts: Parts | None = None
-        self._board: Board | None = None  # may be open without the other parts
+        self._board: Board | None = None  # the board may be open while the other parts are not
         self._clock = FrameClock(self.rate_hz)
         self._numbered = False
-        self._arrived = -math.inf  # of the last picture, host's clock
-        self._next, self._first = 0, 0  # number of the next picture; of the one at time 0
+        self._arrived = -math.inf  # when the last picture arrived, host's clock, s
+        self._next, self._first = 0, 0  # number of the next picture; number of the picture at time 0
         self._stopped = False
-        self.sighting: Sighting | None = None  # of the last sample
-        self.due = 0.0  # when it was due, host's clock
+        self.sighting: Sighting | None = None  # result of the detector for the last sample; None: no picture came
+        self.due = 0.0  # when the last sample was due, host's clock, s
 
     def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
         return validated(HardwareSettings, settings)
@@ -109,8 +111,9 @@ class HardwareRig:
 
     @property
     def board(self) -> Board:
-        """The board, opened on first use. Needs no calibration. Raises RigError, or SettingsError for missing
-        limits."""
+        """The board, opened on first use. Needs no calibration.
+
+        Raises RigError if the board does not answer, SettingsError for missing limits."""
         if self._board is None:
             self._limited()
             self._board = self._open_board()
@@ -118,8 +121,9 @@ class HardwareRig:
 
     @property
     def parts(self) -> Parts:
-        """Board, camera and detector, opened on first use. Raises RigError, or SettingsError for missing
-        calibrations."""
+        """Board, camera and detector, opened on first use.
+
+        Raises RigError if a part cannot be opened, SettingsError for missing limits or calibrations."""
         if self._parts is None:
             self.ready()
             try:
@@ -132,10 +136,10 @@ class HardwareRig:
         return self._parts
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Level the plate, ask a person to place the ball in a ring, and wait until it rests. Time 0 is the next
-        picture.
+        """Level the plate, ask a person to place the ball in a ring, and wait until the ball rests.
 
-        Raises NotSeen if no ball rests there within `place_s`, RigError if the machine fails."""
+        Time 0 is the time of the next picture. Raises NotSeen if no ball rests in the ring within `place_s`, RigError
+        if the machine fails."""
         parts = self.parts
         self._stopped = False
         self.level()
@@ -176,7 +180,7 @@ class HardwareRig:
         )
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
-        """The cause of an error of a part; here the error itself."""
+        """The error that caused `problem`; here `problem` itself."""
         return problem
 
     def close(self) -> None:
@@ -191,7 +195,7 @@ class HardwareRig:
     # -- the loop ---------------------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
-        """The next sample. Raises RigError if camera or board are lost."""
+        """The next sample. Raises RigError if the camera or the board is lost."""
         try:
             return self._sample()
         except RigError as problem:
@@ -203,7 +207,7 @@ class HardwareRig:
         due = self._clock.due(number)
         parts.listen()
         sighting = None if image is None else parts.detector.locate(image, parts.track.at(due))
-        parts.listen()  # newer reports are nearer to the moment of the picture
+        parts.listen()  # reports may have come since; the newer ones are nearer to the time of the picture
         newest, tilt = parts.track.newest, parts.track.at(due)
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
             raise RigError(f"{parts.port}: no report of the tilt for {SILENT_S:g} s; is its cable in?")
@@ -231,12 +235,12 @@ class HardwareRig:
                 return number, None
             self._arrived = frame.t
             got = clock.take(frame.t)
-            if got >= number:  # more: this program was late and missed pictures
+            if got >= number:  # greater: this program was late and missed pictures
                 self._next = got + 1
                 return got, frame.image
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit, and if the board is lost."""
+        """Hold this tilt from now on. Raises RigError for NaN or a tilt beyond the limit, and if the board is lost."""
         limit = self.maze.tilt_limit + TOLERANCE
         for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
             if not -limit <= value <= limit:  # also refuses NaN
@@ -248,12 +252,12 @@ class HardwareRig:
         parts.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
 
     def level(self) -> None:
-        """Level the plate, now."""
+        """Level the plate now."""
         board = self._board if self._parts is None else self._parts.board
         if board is not None:
             board.level()
 
     def stop(self) -> None:
-        """Emergency: level the plate until the next reset, whatever is commanded. Any thread may call."""
+        """Emergency stop: level the plate until the next reset, and ignore commands. Any thread may call."""
         self._stopped = True
         self.level()

@@ -1,6 +1,6 @@
-"""Settings of a rig on a table. Calibrations write their sections into its file and keep the rest.
+"""Settings of a rig on a table. Calibrations write their sections into the rig's file and keep the rest of it.
 
-hardware.yaml (packaged) explains every key.
+The packaged hardware.yaml explains every key.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from mazeplan.rigs.hardware.tiltsensor import TiltSection
 from mazeplan.rigs.hardware.yamlmerge import merged
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 
-SLOWEST = 100.0  # us/s
+SLOWEST = 100.0  # us/s, smallest slew rate
 LIMITS = ("min_us", "max_us")
 
 
 class ServoAxis(RigSection):
-    """One servo. us_per_deg: negative if a longer pulse tilts the other way."""
+    """One servo. us_per_deg is negative if a longer pulse tilts the plate in the negative direction."""
 
     level_us: float = Field(default=1500.0, description="pulse of a level plate")
     us_per_deg: float = Field(default=40.0, ge=-400.0, le=400.0, description="of pulse for a degree of the plate")
@@ -60,7 +60,7 @@ class ServoAxis(RigSection):
 
 
 class Servo(RigSection):
-    """`servo:` of the file."""
+    """The section `servo:` of the file."""
 
     beta: ServoAxis = ServoAxis()
     gamma: ServoAxis = ServoAxis()
@@ -76,7 +76,7 @@ class Servo(RigSection):
 
 
 class LatencySection(RigSection):
-    """`latency:` of the file, as `mazeplan rig check` writes it."""
+    """The section `latency:` of the file, as `mazeplan rig check` writes it."""
 
     command_ms: float = Field(ge=0.0, le=500.0, description="from a command to the first movement of the plate")
     camera_ms: float = Field(ge=0.0, le=500.0, description="age of a picture when its sample is taken")
@@ -84,12 +84,12 @@ class LatencySection(RigSection):
     date: str = ""
 
     def record(self) -> Latency:
-        """The same for the estimator."""
+        """The delays as a record for the estimator."""
         return Latency(camera_s=1e-3 * self.camera_ms, command_s=1e-3 * (self.command_ms + self.host_ms))
 
 
 class HardwareSettings(RigSection):
-    """All keys of the file but `class`."""
+    """All keys of the file except `class`."""
 
     model: str | None = Field(default=None, description="model of ball and stage for navigation: a name or folder")
     port: str = Field(default="auto", min_length=1, description="serial port of the board; auto: the only Arduino")
@@ -109,12 +109,12 @@ class HardwareSettings(RigSection):
 
     @property
     def picture(self) -> tuple[int, int]:
-        """Width and height to request."""
+        """Width and height of the pictures to request from the camera, px."""
         width, height = (self.camera or {}).get("size", (640, 480))
         return int(width), int(height)
 
     def check_limits(self) -> None:
-        """Raises SettingsError if the file has no limits for a servo: no default fits every linkage."""
+        """Raises SettingsError if the file has no limits for a servo, because no default fits every linkage."""
         for axis in ("beta", "gamma"):
             given = getattr(self.servo, axis).model_fields_set if axis in self.servo.model_fields_set else set()
             for name in LIMITS:
@@ -134,7 +134,9 @@ class HardwareSettings(RigSection):
 
 
 class WorldSettings(RigSection):
-    """`world:` of an emulated rig's file. `seed` draws the true servos, diodes and camera; no file has them."""
+    """The section `world:` of an emulated rig's file.
+
+    `seed` draws the true servos, diode and camera. No file has these true values."""
 
     seed: int = Field(default=1, ge=0)
     physics: dict[str, Any] = Field(default_factory=dict, description="of the machine: keys of a simulated rig")
@@ -148,7 +150,7 @@ class WorldSettings(RigSection):
 
 
 class EmulatedSettings(HardwareSettings):
-    """All keys of an emulated rig's file but `class`."""
+    """All keys of an emulated rig's file except `class`."""
 
     world: WorldSettings = WorldSettings()
     place_s: float = Field(default=20.0, ge=1.0, le=3600.0)
@@ -157,7 +159,9 @@ class EmulatedSettings(HardwareSettings):
 def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None = None) -> None:
     """Replace sections (top-level keys) of a file. All other lines and all comments stay.
 
-    base: start of a file that does not exist yet. Raises SettingsError if it cannot be read or written."""
+    base: file whose text a new file starts with.
+
+    Raises SettingsError if a file cannot be read or written."""
     source = path if path.exists() or base is None else base
     read_yaml(source, error=SettingsError)  # never write into a broken file
     text = source.read_text(encoding="utf-8-sig")

@@ -1,10 +1,12 @@
 """Fits tilt sensor and servos to readings of a clinometer.
 
-Terms of an axis: the smallest set (affine, with the product, with squares, with cubes) that predicts a left-out reading
-nearly as well as the best set. `e_i / (1 - h_ii)` is the error of the fit without reading i (Allen's PRESS; Belsley,
-Kuh, Welsch, "Regression Diagnostics", 1980). Wrong readings are outliers, found in two steps: by the least median of
-squares over small random subsets (Rousseeuw, 1984), which tolerates one half of wrong readings, then one by one by the
-fit without them. They are reported and not used.
+Terms of the polynomial: there are four sets of terms (affine, with the product, with squares, with cubes). Each axis
+gets the smallest set that predicts a left-out reading nearly as well as the best set. `e_i / (1 - h_ii)` is the error
+of the fit without reading i (Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980).
+
+Outliers: wrong readings are reported and not used. Two steps find them. The first is the least median of squares over
+small random subsets (Rousseeuw, 1984); it works with up to one half of wrong readings. The second removes one reading
+after another, each by its error in the fit without it.
 """
 
 from __future__ import annotations
@@ -34,23 +36,28 @@ SETS: tuple[tuple[str, ...], ...] = (
 )
 COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
 PULSES = ("pulse_beta_us", "pulse_gamma_us")
-LEAST = 8  # readings
-LEAST_RANGE = 1.0  # deg, range of the readings
+LEAST = 8  # minimum number of readings
+LEAST_RANGE = 1.0  # deg, minimum range of the readings of an axis
 VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # allowed range of a reading
-LEAST_RANGE_V = 0.02  # V, range of each channel
-ENDS_V = (0.02, 4.98)  # beyond which a channel is at an end of the board's converter ...
-MOST_STUCK = 0.3  # ... and their largest share
-ENOUGH = 1.05  # a larger set must predict better by more than this factor
-CLINOMETER = 0.1  # deg, its last digit
+LEAST_RANGE_V = 0.02  # V, minimum range of each channel
+ENDS_V = (0.02, 4.98)  # V; beyond these, a channel is at an end of the board's converter
+MOST_STUCK = 0.3  # largest share of readings at an end of the converter
+ENOUGH = 1.05  # a larger set of terms must predict better by more than this factor
+CLINOMETER = 0.1  # deg, last digit of the clinometer
 GROSS, FINE = 5.0, 4.5  # standard deviations beyond which a reading is an outlier, in the first and second step
-VISIBLE = 0.2  # deg; smaller errors are no outliers ...
-COARSE = 1.0  # deg; ... in the first step, which has no cubes, errors below this
-SUBSETS = 600
+VISIBLE = 0.2  # deg; smaller errors are no outliers in the second step
+COARSE = 1.0  # deg; smaller errors are no outliers in the first step, which fits no cubes
+SUBSETS = 600  # number of random subsets in the first step
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Voltages of the diode, tilt by the clinometer, line in the file, and pulses of the servos, us, if known."""
+    """One reading.
+
+    v: voltages of the diode's two channels, V.
+    beta_deg, gamma_deg: tilt by the clinometer.
+    line: line in the file.
+    pulses: pulses of the servos of beta and gamma, us; None: unknown."""
 
     v: tuple[float, float]
     beta_deg: float
@@ -61,7 +68,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading that was not used: its line, the axis, the value and that of the fit, deg."""
+    """A reading that was not used for an axis.
+
+    line: line in the file.
+    axis: beta or gamma.
+    got: value of the reading, deg.
+    expected: value of the fit, deg."""
 
     line: int
     axis: str
@@ -71,8 +83,13 @@ class Outlier:
 
 @dataclass(frozen=True)
 class AxisFit:
-    """One axis: {term: deg}, rms and largest residual, rms error at a left-out reading, deg; number of used
-    readings."""
+    """Fit of one axis.
+
+    terms: {term: coefficient, deg}.
+    rms: rms residual, deg.
+    worst: largest residual, deg.
+    left_out: rms error at a left-out reading, deg.
+    used: number of used readings."""
 
     terms: dict[str, float]
     rms: float
@@ -83,8 +100,14 @@ class AxisFit:
 
 @dataclass(frozen=True)
 class TiltFit:
-    """The sensor, its fit, and outliers. level_us, us_per_deg: of the servos of beta and gamma, if the readings have
-    pulses."""
+    """Result of a calibration.
+
+    sensor: the calibrated sensor.
+    beta, gamma: fit of each axis.
+    outliers: readings that were not used.
+    readings: number of all readings.
+    level_us: pulses of the level plate for beta and gamma, us; None without pulses in the readings.
+    us_per_deg: change of the pulses for 1 deg of tilt; None without pulses in the readings."""
 
     sensor: DiodeSensor
     beta: AxisFit
@@ -96,11 +119,11 @@ class TiltFit:
 
     @property
     def error_deg(self) -> float:
-        """rms error of the worse axis at a left-out reading, with that of the clinometer."""
+        """rms error of the worse axis at a left-out reading, deg. It includes the error of the clinometer."""
         return max(self.beta.left_out, self.gamma.left_out)
 
     def section(self, date: str) -> dict[str, object]:
-        """Content of `tilt:` in a rig's file."""
+        """Content of the section `tilt:` in a rig's file."""
         return {
             "centre_v": [round(v, 5) for v in self.sensor.centre],
             "scale_v": [round(v, 5) for v in self.sensor.scale],
@@ -113,7 +136,7 @@ class TiltFit:
 
 
 def read_readings(path: Path) -> list[Reading]:
-    """Readings of a CSV file with the columns `COLUMNS` and, optionally, `PULSES`. Raises TableError."""
+    """Readings of a CSV file with the columns `COLUMNS` and, optionally, `PULSES`. Raises TableError with the line."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.reader(stream)
@@ -161,7 +184,7 @@ def _reading(header: list[str], row: list[str], path: Path, line: int) -> Readin
 
 
 def write_readings(path: Path, readings: Sequence[Reading]) -> None:
-    """Write the file for `read_readings`, and its folder. Raises TableError if it cannot be written."""
+    """Write a file for `read_readings`, and make its folder. Raises TableError if the file cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside, beside.open("w", newline="", encoding="utf-8") as stream:
@@ -207,7 +230,7 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
 
 
 def _check_spread(v: Array, low: Array, high: Array) -> None:
-    """Raises InputError if a channel is constant or saturated, or both are the same."""
+    """Raises InputError if a channel is constant or saturated, or if all voltages lie on one line."""
     for name, values, least, most in zip(COLUMNS[:2], v.T, low, high, strict=True):
         end = "upper" if least > ENDS_V[1] else "lower"
         if least > ENDS_V[1] or most < ENDS_V[0]:
@@ -231,7 +254,7 @@ def _check_spread(v: Array, low: Array, high: Array) -> None:
 def _fit_axis(
     v: Array, y: Array, centre: Array, scale: Array, rng: np.random.Generator
 ) -> tuple[AxisFit, np.ndarray, Array]:
-    """The fit, used readings (N,) bool, and its value at each reading (N,)."""
+    """The fit of one axis, which readings it uses (N,) bool, and its value at each reading (N,)."""
     largest = max((s for s in SETS if len(y) >= 2 * len(s)), key=len, default=SETS[0])
     coarse = max((s for s in SETS[:3] if len(y) >= 2 * len(s)), key=len, default=SETS[0])
     good = _within_median(design(coarse, v, centre, scale), y, rng)
@@ -247,7 +270,7 @@ def _fit_axis(
         if not out or good.sum() - 1 < LEAST or good.sum() - 1 < 0.6 * len(y):
             break
         good[worst] = False
-    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # correct errors of the coarse step
+    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # take back readings that were excluded wrongly
     k, rms, _ = _leave_one_out(design(sets[chosen], v, centre, scale), y, good)
     said = design(sets[chosen], v, centre, scale) @ k
     left = (y - said)[good]
@@ -257,7 +280,7 @@ def _fit_axis(
 
 
 def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
-    """Readings near the fit with the least median of squared residuals, (N,) bool."""
+    """Which readings are near the fit with the least median of squared residuals, (N,) bool."""
     n, p = x.shape
     subsets = np.array([rng.choice(n, p + 1, replace=False) for _ in range(SUBSETS)])
     best, least = np.abs(y), math.inf
@@ -271,7 +294,7 @@ def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
 
 
 def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, Array]:
-    """Coefficients from the good readings, rms error at a left-out one, and studentised residuals (N,)."""
+    """Coefficients from the good readings, rms error at a left-out reading, and studentised residuals (N,)."""
     k, *_ = np.linalg.lstsq(x[good], y[good], rcond=None)
     inverse = np.linalg.pinv(x[good].T @ x[good])
     leverage = np.clip(np.einsum("ij,jk,ik->i", x[good], inverse, x[good]), 0.0, 0.999)
@@ -288,7 +311,9 @@ def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, 
 def _fit_servos(
     readings: Sequence[Reading], slips: set[tuple[int, str]]
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Pulse of each level axis, and us per degree; None without pulses or with hardly any motion."""
+    """Pulse of the level plate, us, and us per degree, for each axis.
+
+    None if the readings have no pulses or hardly any range of tilt."""
     found = []
     for i, axis in enumerate(("beta", "gamma")):
         rows = [

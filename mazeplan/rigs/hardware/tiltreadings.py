@@ -1,7 +1,7 @@
 """Takes the readings for `tiltcalibration`: moves the plate over a grid and asks for the clinometer's value.
 
-A board without commands for 200 ms levels its plate. So a thread repeats the current pulses while a person reads and
-types.
+The board levels the plate after 200 ms without a command. So a thread repeats the current pulses while a person reads
+the clinometer and types.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from mazeplan.rigs.hardware.settings import Servo
 from mazeplan.rigs.hardware.tiltcalibration import Reading
 from mazeplan.rigs.link.board import Board
 
-AGAIN_S = 0.05  # between commands
-SETTLE_S, AVERAGE_S = 0.8, 0.4
-REACH = 1.15  # of the tilt limit: a polynomial is worst at the end of its range
+AGAIN_S = 0.05  # s between commands
+SETTLE_S, AVERAGE_S = 0.8, 0.4  # s: wait for the plate to settle; average of the voltages
+REACH = 1.15  # the grid goes to this many times the tilt limit: a polynomial is worst at the end of its range
 Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
 
 
 def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]]:
-    """Pulses of count x count tilts about level, in rows of alternating direction."""
+    """Pulses (beta, gamma), us, for a grid of count x count tilts around level. The rows alternate in direction."""
     steps = np.linspace(-REACH * limit_deg, REACH * limit_deg, count)
     beta, gamma = (
         [min(max(axis.level_us + axis.us_per_deg * float(step), axis.min_us), axis.max_us) for step in steps]
@@ -35,11 +35,11 @@ def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]
 
 
 class Enough(Exception):  # noqa: N818
-    """Raised by `ask` to end the readings."""
+    """`ask` raises this to end the readings."""
 
 
 class Held:
-    """Repeats pulses until `end`."""
+    """Sends the same pulses again and again, until `end`."""
 
     def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
         self.board, self.pulses = board, pulses
@@ -57,14 +57,14 @@ class Held:
                 return
 
     def end(self) -> None:
-        """Stop sending."""
+        """Stop sending pulses."""
         self._ended.set()
         self._thread.join()
 
 
 @contextmanager
 def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
-    """Hold pulses inside the `with` block; then level the plate."""
+    """Hold the pulses inside the `with` block; at its end level the plate."""
     holding = Held(board, pulses)
     try:
         yield holding
@@ -76,10 +76,11 @@ def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
 def take_readings(
     board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
 ) -> list[Reading]:
-    """A reading at each of the pulses. Raises RigError if the board is lost.
+    """Take a reading at each pair of pulses. Raises RigError if the board is lost.
 
-    ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip them, or raises Enough;
-    keep: called with all readings after each one."""
+    ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip these pulses, or raises
+      Enough.
+    keep: called after each reading, with all readings so far."""
     readings: list[Reading] = []
     with held(board, pulses[0]) as holding:
         for number, pair in enumerate(pulses, start=1):

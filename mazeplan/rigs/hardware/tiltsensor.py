@@ -2,8 +2,8 @@
 
     beta = sum_k c_k a^i b^j,   a = (v0 - centre0) / scale0,   b = (v1 - centre1) / scale1,   gamma alike
 
-The plate turns a laser, and its spot on the diode moves nearly in proportion to both tilts. Products and powers correct
-a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients.
+The plate turns a laser. The laser's spot on the diode moves nearly in proportion to both tilts. Products and powers
+correct for a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients.
 """
 
 from __future__ import annotations
@@ -22,12 +22,15 @@ POWERS = {
     "one": (0, 0), "a": (1, 0), "b": (0, 1), "ab": (1, 1), "aa": (2, 0), "bb": (0, 2),
     "aaa": (3, 0), "aab": (2, 1), "abb": (1, 2), "bbb": (0, 3),
 }  # fmt: skip
-REACH = 1.3  # of the calibrated half range; the polynomial is not valid further out
+REACH = 1.3  # times the calibrated half range: farther out the polynomial is not valid
 
 
 @dataclass(frozen=True)
 class DiodeSensor:
-    """A calibrated sensor. centre, scale: V, of the two channels; beta, gamma: {name of a term: coefficient in deg}."""
+    """A calibrated sensor.
+
+    centre, scale: of the two channels, V.
+    beta, gamma: {name of a term: coefficient, deg}."""
 
     centre: tuple[float, float]
     scale: tuple[float, float]
@@ -35,7 +38,7 @@ class DiodeSensor:
     gamma: Mapping[str, float]
 
     def tilt(self, v0: float, v1: float) -> tuple[float, float]:
-        """beta, gamma in rad at these voltages."""
+        """beta, gamma, rad, at these voltages. Voltages beyond REACH are clamped."""
         a, b = (min(max((v - c) / s, -REACH), REACH) for v, c, s in zip((v0, v1), self.centre, self.scale, strict=True))
         beta, gamma = (
             sum(k * a ** POWERS[name][0] * b ** POWERS[name][1] for name, k in terms.items())
@@ -44,13 +47,13 @@ class DiodeSensor:
         return math.radians(beta), math.radians(gamma)
 
     def reaches(self, v0: float, v1: float) -> bool:
-        """Whether the voltages are in the calibrated range; else the laser's spot has left the diode."""
+        """Whether the voltages are within REACH. If not, the laser's spot has left the diode."""
         pairs = zip((v0, v1), self.centre, self.scale, strict=True)
         return all(abs(v - c) <= REACH * s for v, c, s in pairs)
 
 
 class TiltSection(RigSection):
-    """`tilt:` of a rig's file, as `mazeplan calibrate tilt` writes it."""
+    """The section `tilt:` of a rig's file, as `mazeplan calibrate tilt` writes it."""
 
     centre_v: tuple[float, float]
     scale_v: tuple[float, float]
@@ -76,7 +79,7 @@ class TiltSection(RigSection):
         return terms
 
     def sensor(self) -> DiodeSensor:
-        """The sensor."""
+        """The calibrated sensor of this section."""
         return DiodeSensor(self.centre_v, self.scale_v, self.beta_deg, self.gamma_deg)
 
 

@@ -5,8 +5,9 @@
       size: [640, 480]     # large                size: [1280, 720]    # large
                                                   focal_px: [...]
 
-New values replace old ones; new keys come last, missing keys are removed. A comment inside a removed value moves above
-it. The parser's marks give the places of the cuts. The result is parsed again and must have the new values.
+New values replace old ones. New keys come last, and keys that the new section lacks are removed. A comment inside a
+replaced or removed value stays, above the place of the value. The marks of the YAML parser say where to cut the text.
+The result is parsed again and must have the new values.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.maze.yamltree import parse_yaml
 
 WIDTH = 100
-Cut = tuple[int, int, str]  # from, to (characters of the text), replacement
+Cut = tuple[int, int, str]  # start and end in characters of the text, replacement
 
 
 def merged(text: str, key: str, value: Any, *, file: str | Path) -> str:
-    """The text with `key: value` at its top level. Raises SettingsError for text that is no YAML, or of another
-    form."""
+    """The text with `key: value` at its top level.
+
+    Raises SettingsError for text that is no YAML, or whose form this module cannot edit."""
     before = parse_yaml(text, file=file, error=SettingsError).data
     wanted = dict(before) | parse_yaml("\n".join(_dumped({key: value})), file=file, error=SettingsError).data
     edit = _Edit(text)
@@ -43,7 +45,7 @@ def merged(text: str, key: str, value: Any, *, file: str | Path) -> str:
 
 
 def _dumped(data: Mapping[str, Any], indent: int = 0, width: int = WIDTH) -> list[str]:
-    """Lines of a block; its innermost collections are on one line."""
+    """Lines of YAML for a mapping, as a block. The innermost collections are on one line each."""
     lines: list[str] = []
     for key, value in data.items():
         style = None if isinstance(value, Mapping | list | tuple) else False
@@ -62,7 +64,7 @@ class _Edit:
         self._cuts: list[Cut] = []
 
     def within(self, key: str, value: Any) -> str:
-        """Replace value by value, each in its place."""
+        """The text with each value of the section replaced in its place. Adds the section if it is missing."""
         self._cuts = []
         found = self._found(key)
         if found is None:
@@ -71,7 +73,7 @@ class _Edit:
         return self._result()
 
     def whole(self, key: str, value: Any) -> str:
-        """Replace the whole section; its comments move above it."""
+        """The text with the whole section replaced; the comments of the section move above it."""
         self._cuts = []
         found = self._found(key)
         if found is None:
@@ -138,11 +140,11 @@ class _Edit:
             return None
 
     def _rescued(self, begin: int, end: int, indent: str) -> list[str]:
-        """Comments between two places, as lines."""
+        """The comments between two places in the text, as lines."""
         return [f"{indent}{comment}" for at, comment in self._comments if begin <= at < end]
 
     def _end(self, node: yaml.Node) -> int:
-        """End of a node's own text: a block ends with its last value, not at the next key."""
+        """End of a node's text. For a block this is the end of its last value, not the start of the next key."""
         if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
             last = node.value[-1]
             return self._end(last[1] if isinstance(last, tuple) else last)
@@ -156,7 +158,7 @@ class _Edit:
 
 
 def _comments(text: str) -> list[tuple[int, str]]:
-    """Comments with their places: a # after a blank, outside scalars."""
+    """(place, comment) of each comment: from a # after a blank or at the start of a line, outside scalars."""
     spans = [
         (token.start_mark.index, token.end_mark.index)
         for token in yaml.scan(text, Loader=yaml.SafeLoader)

@@ -5,9 +5,10 @@
     number = board.command(1510.0, 1490.0)  # us; again at least every 200 ms, or the board levels the plate
     board.wait_newer(board.latest(), 0.1)   # the next TiltReport
 
-A thread reads. If the port is lost, or silent for `Patience.silence_s`, the thread opens it again, checks the board's
-identity and sends the limits. Commands in the meantime are lost, and the board levels the plate. After
-`Patience.reconnect_s` the board counts as lost: every call raises RigError, with the port and advice.
+A thread reads from the port. If the port is lost, or silent for `Patience.silence_s`, the thread opens the port again,
+checks the board's identity and sends the limits. Commands during this time are lost, and the board levels the plate.
+After `Patience.reconnect_s` without success the board counts as lost: every call raises RigError, with the port and
+advice.
 """
 
 from __future__ import annotations
@@ -29,16 +30,21 @@ from mazeplan.rigs.link.messages import BoardClock, BoardEvent, Flag, Identity, 
 if TYPE_CHECKING:
     import serial
 
-LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`, and s for each confirmation
-EVENTS = 100  # of the newest kept
-REPORTS = 100  # of the newest kept: a second
-CLOSE_S = 1.0  # for the thread that reads to end
-RETRY_S = 0.1  # between tries to open a lost port
+LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`; longest wait for a confirmation, s
+EVENTS = 100  # number of newest events that are kept
+REPORTS = 100  # number of newest reports that are kept: those of one second
+CLOSE_S = 1.0  # s, longest wait for the end of the reading thread
+RETRY_S = 0.1  # s between tries to open a lost port
 
 
 @dataclass
 class Counts:
-    """Errors on the line so far: unreadable frames, refused commands, losses of the port, restarts of the board."""
+    """Errors on the line so far.
+
+    bad_frames: unreadable frames.
+    refused: commands that the board refused.
+    lost: losses of the port.
+    restarts: restarts of the board."""
 
     bad_frames: int = 0
     refused: int = 0
@@ -47,10 +53,10 @@ class Counts:
 
 
 class Board:
-    """See the module. Calls may come from several threads."""
+    """The board; see the module's docstring. Several threads may call its methods."""
 
     def __init__(self, port: str, limits: ServoLimits, patience: Patience | None = None) -> None:
-        """Opens nothing yet."""
+        """Keeps the arguments, and opens nothing yet."""
         self.port, self.limits, self.patience = port, limits, patience or Patience()
         self.identity: Identity | None = None
         self.events: deque[BoardEvent] = deque(maxlen=EVENTS)
@@ -65,10 +71,12 @@ class Board:
         self._reports: deque[TiltReport] = deque(maxlen=REPORTS)
         self._sent = 0
         self._clock = BoardClock()
-        self._limits_again = 0.0  # earliest time, monotonic clock
+        self._limits_again = 0.0  # earliest time to send the limits again, monotonic clock, s
 
     def open(self) -> Identity:
-        """Connect: identity, limits, first report. Raises RigError with the port and advice."""
+        """Connect: check the identity, send the limits, wait for the first report.
+
+        Raises RigError with the port and advice."""
         if self._thread is not None:
             raise RigError(f"{self.port}: is open already")
         self._closing.clear()
@@ -88,7 +96,7 @@ class Board:
         return self._serial is not None and self._failure is None
 
     def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> int:
-        """Command both pulses, clamped to the limits. Returns the number with which a report confirms them.
+        """Command both pulses, clamped to the limits. Returns the command's number; a report confirms it.
 
         Raises RigError if the board is lost. Commands during a reconnection are lost."""
         beta, gamma = self.limits.beta.clamp(pulse_beta_us), self.limits.gamma.clamp(pulse_gamma_us)
@@ -107,21 +115,25 @@ class Board:
             return list(self._reports)
 
     def wait_newer(self, than: TiltReport | None, timeout_s: float) -> TiltReport | None:
-        """Wait for a report other than `than`; None after the timeout. Raises RigError as `latest`."""
+        """Wait for a report newer than the report `than`; None after the timeout. Raises RigError as `latest`."""
         with self._news:
             self._news.wait_for(lambda: self._failure or self._report is not than, timeout_s)
             self._check()
             return self._report if self._report is not than else None
 
     def wait_confirmed(self, number: int, timeout_s: float) -> TiltReport | None:
-        """Wait until the board has accepted this command or a later one; the report, or None. Raises as `latest`."""
+        """Wait until the board has accepted this command or a later one.
+
+        Returns the report that confirms it, or None after the timeout. Raises RigError as `latest`."""
         with self._news:
             self._news.wait_for(lambda: self._failure or self._confirmed(number), timeout_s)
             self._check()
             return self._report if self._confirmed(number) else None
 
     def level(self) -> TiltReport:
-        """Level now, without slew rate. Returns the report that confirms it. Raises RigError if none does."""
+        """Level the plate now, without the limit of the slew rate. Returns the report that confirms it.
+
+        Raises RigError if no report confirms it."""
         for _ in range(LEVEL_TRIES):
             report = self.wait_confirmed(self._send(messages.level), LEVEL_S)
             if report is not None and Flag.LEVEL in report.flags:
@@ -152,7 +164,7 @@ class Board:
     # ---- sending
 
     def _send(self, frame: Callable[[int], bytes]) -> int:
-        """Send the frame with a new number, and return the number. The reader handles a lost port."""
+        """Send the frame with a new number, and return the number. The reading thread handles a lost port."""
         with self._writing:
             self._check()
             if self._thread is None:
@@ -162,7 +174,7 @@ class Board:
             return self._sent
 
     def _write(self, data: bytes) -> None:
-        """Write, with the lock held. The reading thread notices a lost port."""
+        """Write to the port. The caller holds the lock; the reading thread notices a lost port."""
         if self._serial is not None:
             with contextlib.suppress(OSError):
                 self._serial.write(data)
@@ -183,7 +195,7 @@ class Board:
             trouble = None
             try:
                 frames = reader.feed(self._bytes())
-            except (OSError, TypeError):  # TypeError: pyserial's, for a port that was closed meanwhile
+            except (OSError, TypeError):  # pyserial raises TypeError for a port that was closed meanwhile
                 frames, trouble = [], "was lost (unplugged?)"
             self.counts.bad_frames += reader.take_bad()
             reports = [self._take(frame) for frame in frames]
@@ -204,7 +216,7 @@ class Board:
         return data + self._serial.read(self._serial.in_waiting) if data else data
 
     def _take(self, frame: Frame) -> bool:
-        """Handle a frame; count an unreadable one. True for a report."""
+        """Handle a frame, and count it if it is unreadable. Returns True for a report."""
         try:
             if frame.kind == "T":
                 self._take_report(messages.read_report(frame, self._sent, self._clock, monotonic()))
@@ -232,7 +244,7 @@ class Board:
             self._send_limits(monotonic())
 
     def _send_limits(self, now: float) -> None:
-        """Send the limits to a board that has restarted, and again with later reports, until it has them."""
+        """Send the limits to a board that has restarted. Later reports repeat this until the board has its limits."""
         if now < self._limits_again:
             return
         self._limits_again = now + LEVEL_S
@@ -241,7 +253,7 @@ class Board:
                 self._write(messages.set_limits(0, axis, limits))
 
     def _reconnect(self, trouble: str) -> bool:
-        """Open the port again within `reconnect_s`; False if the board is lost."""
+        """Open the port again within `reconnect_s`. Returns False if the board is lost."""
         self._drop_port()
         self.counts.lost += 1
         until, last = monotonic() + self.patience.reconnect_s, ""

@@ -1,4 +1,4 @@
-"""Frames of the line protocol of docs/protocol.md; tools/firmware/frame.c does the same on the board.
+"""Frames of the line protocol of docs/protocol.md. On the board, tools/firmware/frame.c reads and writes them.
 
     $T,17,123450,32768,32760,15000,15000,0,0,0*B6DC\\n
 
@@ -18,13 +18,16 @@ BEGIN, SUM, END, HEX = b"$"[0], b"*"[0], b"\n"[0], b"0123456789ABCDEF"
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame with a correct checksum: its letter, and the fields behind it."""
+    """A frame with a correct checksum.
+
+    kind: its letter.
+    fields: the fields after the letter."""
 
     kind: str
     fields: tuple[str, ...]
 
     def numbers(self, count: int, *, first: int = 0) -> tuple[int, ...]:
-        """`count` fields from the `first` on as whole numbers. Raises ValueError."""
+        """`count` fields, from number `first` on, as whole numbers. Raises ValueError if they are not numbers."""
         fields = self.fields[first : first + count]
         if len(fields) != count or not all(
             field.isascii() and field.isdigit() and len(field) <= 10 for field in fields
@@ -47,9 +50,9 @@ def encode(kind: str, *fields: int | str) -> bytes:
 
 
 class FrameReader:
-    """Converts bytes, in pieces of any size, to frames. After noise it continues with the next '$'.
+    """Converts bytes, in pieces of any size, to frames. After noise the reader continues at the next '$'.
 
-    bad: number of damaged frames; bytes outside frames do not count."""
+    bad: number of damaged frames. Bytes outside frames do not count."""
 
     def __init__(self) -> None:
         self.bad = 0
@@ -61,7 +64,7 @@ class FrameReader:
         return bad
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Frames that these bytes complete."""
+        """Take bytes, and return the frames that they complete."""
         found = []
         self._rest += data
         while True:
@@ -83,7 +86,9 @@ class FrameReader:
 
 
 def _look(data: bytearray) -> tuple[int, bool]:
-    """Number of bytes to remove from the start, and whether they are a good frame; (0, False): incomplete."""
+    """Number of bytes to remove from the start, and whether they are a good frame.
+
+    (0, False): the frame is incomplete so far."""
     for at in range(1, len(data)):
         byte = data[at]
         if byte == BEGIN:
@@ -96,7 +101,7 @@ def _look(data: bytearray) -> tuple[int, bool]:
 
 
 def _look_at_sum(data: bytearray, star: int) -> tuple[int, bool]:
-    """The same for a frame whose body ends before `star`."""
+    """As `_look`, for a frame whose body ends before the '*' at index `star`."""
     for at in range(star + 1, min(len(data), star + 6)):
         byte = data[at]
         if byte == BEGIN:

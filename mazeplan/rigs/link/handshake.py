@@ -18,16 +18,21 @@ from mazeplan.rigs.link.port import open_port
 if TYPE_CHECKING:
     import serial
 
-FIRST_BELOW = 60000  # numbers of questions start at random and stay below 65536
-HEARD_S = 0.05  # s, more than between two frames of a running board
+FIRST_BELOW = 60000  # numbers of questions start below this at random, so that they stay below 65536
+HEARD_S = 0.05  # s, longer than the time between two frames of a running board
 Answer = TypeVar("Answer")
 FLASH = "`make firmware` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
 
 
 @dataclass(frozen=True)
 class Patience:
-    """Time limits, s: for the first answer; for the first report before any question; between questions; for a report
-    before the port counts as lost; for a lost port."""
+    """Time limits, s.
+
+    answer_s: for the whole handshake when the board is opened.
+    listen_s: for the first report, before the first question.
+    again_s: before a question without an answer is repeated.
+    silence_s: without a report before the port counts as lost.
+    reconnect_s: without the port before the board counts as lost."""
 
     answer_s: float = 5.0
     listen_s: float = 2.5
@@ -41,7 +46,8 @@ def connect(
 ) -> tuple[serial.Serial, Identity]:
     """Open the port, check the identity, send the limits. Raises RigError with the port and advice.
 
-    until: latest time, monotonic clock; stop: ends it earlier."""
+    until: latest time for the answers, monotonic clock, s.
+    stop: when set, ends the attempt earlier."""
     port = open_port(name)
     try:
         talk = _Talk(name, port, patience.again_s, until, stop)
@@ -62,13 +68,13 @@ class _Talk:
         self._stop = stop
         self._name, self._port, self._again, self._until = name, port, again_s, until
         self._reader, self._bytes = FrameReader(), 0
-        self._wire = monotonic_ns() % FIRST_BELOW  # so that answers to an earlier program do not match
+        self._wire = monotonic_ns() % FIRST_BELOW  # at random, so that answers to an earlier program do not match
 
     def listen(self, most_s: float) -> None:
-        """Wait for reports of the board, at most so long.
+        """Wait for reports of the board, for at most `most_s`.
 
-        Opening a port restarts many boards. Their boot loader takes 1 to 2 s, and longer if it receives bytes. The
-        first frame may be from before the restart."""
+        Many boards restart when a program opens their port. The boot loader takes 1 to 2 s, and longer if it receives
+        bytes. The first frame may come from before the restart, so wait for another frame HEARD_S later."""
         end, first = min(monotonic() + most_s, self._until), float("inf")
         while monotonic() < end and not self._stop.is_set():
             if self._frames():
@@ -77,7 +83,7 @@ class _Talk:
                     return
 
     def identify(self) -> Identity:
-        """Ask for the identity, and check it."""
+        """Ask for the board's identity, and check it. Raises RigError for another firmware or protocol."""
         identity = self._ask("I", messages.identify, messages.read_identity)
         if identity.name != NAME:
             raise RigError(f"{self._name}: got {identity.name!r} at the other end, expected {NAME!r}: {FLASH}")
@@ -89,7 +95,7 @@ class _Talk:
         return identity
 
     def set_limits(self, axis: int, limits: AxisLimits, identity: Identity) -> None:
-        """Send the limits of one axis, and check that the board has accepted them."""
+        """Send the limits of one axis. Raises RigError unless the board has accepted them."""
         sent = limits.on_the_line()
         got, in_force = self._ask("L", lambda wire: messages.set_limits(wire, axis, limits), messages.read_limits)
         if (got, in_force) != (axis, sent):
@@ -100,7 +106,7 @@ class _Talk:
             )
 
     def _ask(self, kind: str, question: Callable[[int], bytes], read: Callable[[Frame], tuple[int, Answer]]) -> Answer:
-        """Repeat a question until an answer has its number."""
+        """Repeat a question until an answer comes with the number of the question."""
         while monotonic() < self._until and not self._stop.is_set():
             self._wire += 1
             with contextlib.suppress(OSError):

@@ -1,6 +1,6 @@
-"""Messages of the line protocol: frames of the board to records, commands to frames. See docs/protocol.md.
+"""Messages of the line protocol, see docs/protocol.md. Converts the board's frames to records, and commands to frames.
 
-On the line pulses are in tenths of a microsecond, times in tenths of a millisecond, conversions in 1/64 of a count.
+Units on the line: pulses in tenths of a microsecond, times in tenths of a millisecond, conversions in 1/64 of a count.
 """
 
 from __future__ import annotations
@@ -14,23 +14,25 @@ from mazeplan.rigs.link.frames import U16, U32, Frame, encode
 NAME, PROTOCOL = "mazeplan", 1
 AXES = ("beta", "gamma")
 HARD_US, HARD_SLEW = (800.0, 2200.0), 20000.0  # us, us/s: limits of the firmware (tools/firmware/control.h)
-SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
-SEQUENCES = U16 - 1  # numbers 1 to 65535; 0: no command accepted yet
+SUPPLY_V, FULL = 5.0, 1023.0  # voltage and count at the upper end of the board's converter
+SEQUENCES = U16 - 1  # how many numbers commands have on the line: 1 to 65535; 0 means that none is accepted yet
 
 
 class Flag(IntFlag):
     """State of the board in a report."""
 
-    WATCHDOG = 1  # struck: no valid command for 200 ms, so the plate is level until the next one
-    UNSET = 2  # no limits since its start: commands are refused
-    LEVEL = 4  # held level: by request, by the watchdog, or since the start
+    WATCHDOG = 1  # no valid command came for 200 ms: the plate is level until the next command
+    UNSET = 2  # the board has got no limits since its start: it refuses commands
+    LEVEL = 4  # the board holds the plate level: by request, by the watchdog, or since the start
     CLAMPED = 8  # the last command was outside the limits
-    MOVING = 16  # the slew rate holds the pulse back
+    MOVING = 16  # the pulse is still on its way to the command, at the slew rate
 
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """Pulses of one servo, us, and how fast they may change, us/s. Raises SettingsError."""
+    """Limits of the pulses of one servo, us, and of their rate of change, us/s.
+
+    Raises SettingsError for impossible limits."""
 
     min_us: float
     max_us: float
@@ -47,7 +49,7 @@ class AxisLimits:
             raise SettingsError(f"got slew rate {self.slew_us_per_s:g} us/s, expected 1 to {U16 - 1}")
 
     def clamp(self, pulse_us: float) -> float:
-        """The nearest allowed pulse; level for NaN and infinity."""
+        """The nearest allowed pulse; for NaN and infinity the pulse of the level plate."""
         if not abs(pulse_us) < float("inf"):
             return self.level_us
         return min(max(pulse_us, self.min_us), self.max_us)
@@ -59,7 +61,7 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class ServoLimits:
-    """Limits of both servos by the rig's file. The firmware has hard limits besides."""
+    """Limits of both servos, from the rig's file. The firmware has its own hard limits besides."""
 
     beta: AxisLimits
     gamma: AxisLimits
@@ -71,7 +73,14 @@ class ServoLimits:
 
 @dataclass(frozen=True)
 class Identity:
-    """Identity of the board; hard limits in us and us/s; cause: of its last start."""
+    """Identity of the board.
+
+    name, version: of the firmware.
+    protocol: number of its protocol.
+    min_us, max_us: hard limits of the pulses, us.
+    slew_us_per_s: hard limit of the slew rate, us/s.
+    watchdog_s: silence after which the board levels the plate, s.
+    cause: cause of the board's last start."""
 
     name: str
     protocol: int
@@ -85,11 +94,16 @@ class Identity:
 
 @dataclass(frozen=True)
 class TiltReport:
-    """One report, about a hundred a second.
+    """One report of the board. About a hundred come each second.
 
-    time_s: middle of the conversions by the board's clock, never decreasing; counts: mean of both channels, 0 to 1023;
-    sequence: of the last accepted command, 0: none; pulses_us: beta, gamma now; strikes: of the board's watchdog since
-    its start; bad_frames: unreadable for the board; received_s: monotonic clock of the host."""
+    time_s: middle of the conversions, by the board's clock, s; never decreases.
+    counts: mean of each of the two channels, 0 to 1023.
+    sequence: number of the last accepted command; 0: none.
+    pulses_us: present pulses of beta and gamma, us.
+    flags: state of the board.
+    strikes: how often the board's watchdog has struck since the board's start.
+    bad_frames: frames that the board could not read.
+    received_s: when the report arrived, monotonic clock of the host, s."""
 
     time_s: float
     counts: tuple[float, float]
@@ -108,7 +122,12 @@ class TiltReport:
 
 @dataclass(frozen=True)
 class BoardEvent:
-    """An event of the board: BOOT (value: bits of the cause), WATCHDOG (value: count so far)."""
+    """An event of the board.
+
+    number: number of the event.
+    word: BOOT or WATCHDOG.
+    time_s: time by the board's clock, s.
+    value: for BOOT the bits of the cause, for WATCHDOG the number of strikes so far."""
 
     number: int
     word: str
@@ -130,39 +149,39 @@ def cause_name(bits: int) -> str:
 
 
 def wire_number(sequence: int) -> int:
-    """1 to 65535 for sequence numbers from 1 on."""
+    """The number on the line, 1 to 65535, of a sequence number from 1 on."""
     return 1 + (sequence - 1) % SEQUENCES
 
 
 def unwrapped(wire: int, newest: int) -> int:
-    """The newest sequence number up to `newest` with this number on the line; 0 for none."""
+    """The newest sequence number, up to `newest`, that has the number `wire` on the line; 0: there is none."""
     if wire == 0 or newest < 1:
         return 0
     return max(newest - (wire_number(newest) - wire) % SEQUENCES, 0)
 
 
 def identify(wire: int) -> bytes:
-    """Question for the identity."""
+    """Frame that asks for the identity."""
     return encode("I", wire)
 
 
 def set_limits(wire: int, axis: int, limits: AxisLimits) -> bytes:
-    """Limits of one axis."""
+    """Frame that sets the limits of one axis."""
     return encode("L", wire, axis, *limits.on_the_line())
 
 
 def command(wire: int, beta_us: float, gamma_us: float) -> bytes:
-    """Both pulses."""
+    """Frame that commands both pulses."""
     return encode("C", wire, tenths(beta_us), tenths(gamma_us))
 
 
 def level(wire: int) -> bytes:
-    """Level now."""
+    """Frame that orders the board to level the plate now."""
     return encode("Z", wire)
 
 
 def read_identity(frame: Frame) -> tuple[int, Identity]:
-    """Number of the question, and the answer. Raises ValueError."""
+    """Number of the question, and the identity in the answer. Raises ValueError for another frame."""
     if len(frame.fields) < 4:
         raise ValueError("too few fields in an identity")
     (wire,), (protocol,) = frame.numbers(1), frame.numbers(1, first=2)
@@ -174,7 +193,7 @@ def read_identity(frame: Frame) -> tuple[int, Identity]:
 
 
 def read_limits(frame: Frame) -> tuple[int, tuple[int, tuple[int, ...]]]:
-    """Number of the request; axis, and accepted limits as `AxisLimits.on_the_line`. Raises ValueError."""
+    """(number of the request, (axis, accepted limits as `AxisLimits.on_the_line`)). Raises ValueError."""
     wire, axis, *values = frame.numbers(6)
     return wire, (axis, tuple(values))
 
@@ -185,15 +204,17 @@ def read_event(frame: Frame) -> BoardEvent:
     return BoardEvent(number, frame.fields[1], time / 1e4, value)
 
 
-RESTART = 20_000  # tenths of a ms, largest difference of both clocks between two reports
+RESTART = 20_000  # tenths of a ms; if both clocks differ by more between two reports, the board has restarted
 
 
 class BoardClock:
-    """The board's time without its wraps (every 119 h) and restarts; after a restart the host's clock continues it."""
+    """Continuous time of the board: removes the wraps of its counter (every 119 h) and the steps at its restarts.
+
+    Over a restart the time advances by the host's clock."""
 
     def __init__(self) -> None:
         self._raw: int | None = None
-        self._offset = 0  # of a raw time, tenths of a ms
+        self._offset = 0  # continuous time minus raw time, tenths of a ms
         self._received = 0.0
 
     def seconds(self, raw: int, received_s: float) -> float:
@@ -208,7 +229,11 @@ class BoardClock:
 
 
 def read_report(frame: Frame, newest: int, clock: BoardClock, received_s: float) -> TiltReport:
-    """A report; newest: sequence number sent last. Raises ValueError."""
+    """A report. Raises ValueError for another frame.
+
+    newest: sequence number of the command sent last.
+    clock: makes the board's time continuous.
+    received_s: when the report arrived, monotonic clock of the host, s."""
     wire, time, first, second, beta, gamma, flags, strikes, bad = frame.numbers(9)
     if wire >= U16 or time >= U32 or max(first, second) > 64 * 1023:
         raise ValueError(f"got {frame}, expected a report")

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     import serial
 
 BAUD = 115200
-POLL_S = 0.05  # s, for which a read waits for the first byte
-WRITE_S = 0.2  # s; a port that accepts no byte for so long is dead
+POLL_S = 0.05  # s, longest wait of a read for the first byte
+WRITE_S = 0.2  # s, longest wait of a write; a port that accepts no byte for so long is dead
 
 
 def ports_found() -> list[str]:
-    """Names of the serial ports behind USB: one may be a board."""
+    """Names of the serial ports behind USB. One of them may be the board."""
     from serial.tools.list_ports import comports
 
     return sorted(port.device for port in comports() if port.vid is not None)

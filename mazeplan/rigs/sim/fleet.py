@@ -1,8 +1,11 @@
-"""Many simulated rigs at once. The physics of each is the same, to the last bit, as that of a single SimulatedRig.
+"""Many simulated rigs at once. The physics of each equals that of a single SimulatedRig, to the last bit.
 
-The set points of the servos in each chunk (command delay, slew limit, play) do not depend on the physics: they are
-computed first, for all rigs at once. Then MuJoCo simulates all rigs in its own threads. Then come pictures, delays and
-noise, again for all rigs. Each rig draws its random numbers from its own generator, in the order of a single rig.
+1. The set points of the servos in each chunk (command delay, slew limit, play), for all rigs at once. They do not
+   depend on the physics.
+2. The physics: MuJoCo simulates all rigs in its own threads.
+3. Pictures, delays and noise, for all rigs at once.
+
+Each rig has its own generator of random numbers, and draws in the same order as a single rig.
 """
 
 from __future__ import annotations
@@ -30,7 +33,8 @@ from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import TOLERANCE
 from mazeplan.rigs.sim.surprise import surprised
 
-MUJOCO = ("_walls", "_batch", "_ctrl", "_qpos", "_qvel", "_near")  # what is made anew for a copy
+MUJOCO = ("_walls", "_batch", "_ctrl", "_qpos", "_qvel", "_near")  # attributes that a copy makes anew
+# settings that must have their defaults in a fleet
 PLAIN = [(name, SimulatedSettings.model_fields[name].default) for name in (
     "camera_scale", "lens_per_m2", "tilt_scale", "servo_gain", "servo_coupling",
 )]  # fmt: skip
@@ -38,7 +42,11 @@ PLAIN = [(name, SimulatedSettings.model_fields[name].default) for name in (
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of N rigs, each (N,): s, m, m (NaN for a ball that is not seen), rad, rad."""
+    """Samples of N rigs; each field has shape (N,).
+
+    t: s.
+    x, y: m; NaN for a ball that is not seen.
+    beta, gamma: rad."""
 
     t: Array
     x: Array
@@ -48,15 +56,20 @@ class Samples:
 
 
 def fits(settings: SimulatedSettings, maze: Maze) -> bool:
-    """Whether a fleet supports the settings: no faults, additional forces and friction, rendered pictures, and none of
-    the errors in `PLAIN`."""
+    """Whether a fleet supports the settings.
+
+    A fleet supports no faults, no additional forces or friction (`forces`), no rendered pictures, and only the defaults
+    of the settings in `PLAIN`."""
     drawn = surprised(settings, maze)
     own = any(kind(drawn, maze) for kind in (PlateForces, BallForces, FloorFriction, Kerb))
     return not drawn.faults and drawn.sense == "ideal" and not own and all(getattr(drawn, k) == v for k, v in PLAIN)
 
 
 class Fleet:
-    """N rigs. threads: by default one for each processor core. Raises SettingsError if `fits` is false."""
+    """N rigs. Raises SettingsError if `fits` is false.
+
+    number: N.
+    threads: by default one for each processor core."""
 
     def __init__(self, maze: Maze, settings: SimulatedSettings, number: int, threads: int | None = None) -> None:
         if not fits(settings, maze):
@@ -70,15 +83,15 @@ class Fleet:
         self._prepare()
 
     def _simulations(self) -> None:
-        """MuJoCo's simulations, in their first state."""
+        """Make MuJoCo's simulations, in their initial state."""
         self._walls = near_walls(self.maze, self.settings)
-        self._walls.most = MOST_OF_FLEET  # many balls come to all places, again and again
+        self._walls.most = MOST_OF_FLEET  # many balls visit all cells, again and again
         self._batch: Any = Batch(self._walls.any, self.number, self.threads)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._near = [self._walls.any] * self.number  # current model of each rig
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that a copy needs to go on as this fleet would, to the last bit."""
+        """The state that a copy needs to continue exactly like this fleet, to the last bit."""
         state = {name: value for name, value in vars(self).items() if name not in MUJOCO}
         return state | {"simulations": None if self._batch is None else self._batch.state.copy()}
 
@@ -107,7 +120,7 @@ class Fleet:
         self._points = np.zeros((n, CHUNKS, 2))
         self._went = np.zeros((n, CHUNKS, 9))  # MuJoCo's positions at the end of each chunk
         late = 1e-3 * settings.camera_late_ms * self.rate_hz * CHUNKS
-        self._part = late - math.floor(late)  # of a chunk
+        self._part = late - math.floor(late)  # fraction of a chunk
         self._path = np.zeros((math.floor(late) + 2, n, 5))  # scenes, the newest last
         self._seen = np.zeros((settings.camera_delay_frames + 1, n, 5))  # the oldest first
         self._lost, self._samples = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
@@ -121,7 +134,9 @@ class Fleet:
     def reset(
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Samples:
-        """Reset some of the rigs: balls at rest in the middle of rings, plates level, time 0. Returns their samples."""
+        """Reset the rigs `rows`, and return their first samples.
+
+        The balls are at rest in the middle of their rings, the plates are level, and the time is 0."""
         numbers = rows.astype(np.int32)
         self._batch.reset(numbers, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
@@ -139,9 +154,9 @@ class Fleet:
         return self._observe(rows)
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
-        """Command tilts (len(rows), 2), rad, and return the next samples of those rigs.
+        """Command tilts (len(rows), 2), rad, to the rigs `rows`, and return their next samples.
 
-        Raises RigError for NaN or beyond the tilt limit."""
+        Raises RigError for NaN and for a tilt beyond the limit."""
         limit = self.maze.tilt_limit
         if not np.all(np.abs(commands) <= limit + TOLERANCE):  # also refuses NaN
             raise RigError(f"command: got {commands.tolist()} rad, expected at most {limit:.4f} rad either way")
@@ -165,7 +180,7 @@ class Fleet:
         self._set[rows], self._played[rows] = now, played
 
     def _advance(self, rows: IntArray) -> None:
-        """One sample of physics for some of the rigs."""
+        """Simulate the physics of the rigs `rows` until the next sample."""
         steps = SUBSTEPS // CHUNKS
         for chunk in range(CHUNKS):
             self._ctrl[rows] = self._points[rows, chunk]
@@ -176,7 +191,7 @@ class Fleet:
             self._went[rows, chunk] = self._qpos[rows]
 
     def _simulate(self, rows: IntArray, steps: int) -> None:
-        """MuJoCo's steps for some of the rigs. Raises RigError if the simulation fails."""
+        """Make `steps` of MuJoCo's steps for the rigs `rows`. Raises RigError if the simulation fails."""
         self._show_walls(rows)
         try:
             self._batch.step(rows.astype(np.int32), steps)
@@ -184,7 +199,7 @@ class Fleet:
             raise RigError(f"the simulation broke down: {' '.join(str(problem).split())}") from None
 
     def _show_walls(self, rows: IntArray) -> None:
-        """Choose the models with the walls near the balls."""
+        """Give each of the rigs `rows` the model with the walls near its ball."""
         for row, model in zip(rows.tolist(), self._walls.at_all(self._qpos[rows, 2:4]), strict=True):
             self._near[row] = model
         self._batch.set_models(self._near)
@@ -192,7 +207,7 @@ class Fleet:
     # -- camera -----------------------------------------------------------------------------------------------------
 
     def _look(self, rows: IntArray) -> None:
-        """Delay the pictures."""
+        """Store the new scenes, and delay the pictures."""
         kept = len(self._path)
         new = min(kept, CHUNKS)
         scenes = _scene(self._went[rows, CHUNKS - new :]).swapaxes(0, 1)
@@ -201,7 +216,7 @@ class Fleet:
         self._seen[-1, rows] = (1.0 - self._part) * self._path[1, rows] + self._part * self._path[0, rows]
 
     def _observe(self, rows: IntArray) -> Samples:
-        """As `SimulatedRig.observe`, for some of the rigs."""
+        """As `SimulatedRig.observe`, for the rigs `rows`."""
         settings, n = self.settings, len(rows)
         normal, even = np.empty((n, 6)), np.empty((n, 2))
         for k, row in enumerate(rows.tolist()):
@@ -227,19 +242,20 @@ class Fleet:
         t = self._samples[rows] / self.rate_hz
         return Samples(t, position[:, 0], position[:, 1], tilt[:, 0], tilt[:, 1])
 
-    # -- what only a simulation knows ------------------------------------------------------------------------------
+    # -- true state, which only a simulation has -------------------------------------------------------------------
 
     def pictured(self, row: int) -> Array:
         """See `SimulatedRig.pictured`."""
         return self._seen[0, row].copy()
 
     def state(self, row: int) -> tuple[Array, Array]:
-        """MuJoCo's positions (9,) and velocities (8,) of a rig: hinges, then the ball."""
+        """MuJoCo's positions (9,) and velocities (8,) of a rig: first the hinges, then the ball."""
         return self._qpos[row].copy(), self._qvel[row].copy()
 
 
 def _scene(qpos: Array) -> Array:
-    """x, y, z of the ball in the plate frame, m, beta, gamma, rad, (..., 5), of MuJoCo's positions (..., 9)."""
+    """`Machine.scene` from MuJoCo's positions (..., 9): x, y, z of the ball in the plate frame, m, then beta, gamma,
+    rad; (..., 5)."""
     b, g, x, y, z = (qpos[..., k] for k in range(5))
     cb, sb, cg, sg = np.cos(b), np.sin(b), np.cos(g), np.sin(g)
     along = sb * x + cb * z

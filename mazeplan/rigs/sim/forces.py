@@ -1,15 +1,16 @@
-"""Forces and friction of a simulated rig that a planner's model need not have.
+"""Forces and friction of a simulated rig. A planner's model may lack them.
 
-magnet    A c (s / d) (1 + s^2 / d^2)^-4 towards its place, at distance s from it and depth d: the gradient of the
-          squared field of a dipole; c makes A the strongest pull, at s = d / sqrt(7)
-saddle    height H (r / R)^2 cos 2 (theta - phi), R the outer radius of the maze; downhill with g times the slope
-drag      the ball loses the rate (drag_per_s + drag_growth_per_s2 t + drag_per_m speed) times its speed, and the same
-          share of its spin, on the floor alone and along a wall
-pushes    accelerations along the ring, + counter-clockwise: steady, A sin(n (theta - crest)) of a wavy floor, and
-          A sin(rolled + phase) of a ball with an eccentric mass. A torque adds the spin of the added speed. The disc in
-          the middle has no direction along it, and no pushes
-wind      a force over the ball's mass in the room; it does not tilt with the plate
-rocking   gravity leans as on a table at beta, gamma = amplitude sin(2 pi f t + phase)
+magnet    acceleration A c (s / d) (1 + s^2 / d^2)^-4 towards the magnet, at distance s along the plate and depth d: the
+          gradient of the squared field of a dipole. The constant c makes A the strongest pull, at s = d / sqrt(7)
+saddle    height H (r / R)^2 cos 2 (theta - phi) of the floor, R the outer radius of the maze. The ball accelerates
+          downhill by g times the slope
+drag      the ball slows down by (drag_per_s + drag_growth_per_s2 t + drag_per_m speed) times its speed. Its spin
+          decreases at the same rate, on the floor alone and along a wall
+pushes    accelerations along the ring, + counter-clockwise: a steady one, A sin(n (theta - crest)) of a wavy floor, and
+          A sin(rolled + phase) of a ball with an eccentric mass. A torque adds the spin that belongs to the added
+          speed. In the disc in the middle there are no pushes, because it has no direction along a ring
+wind      a steady force in the frame of the room, divided by the ball's mass; it does not tilt with the plate
+rocking   gravity leans as on a table tilted by beta, gamma = amplitude sin(2 pi f t + phase)
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.settings import SimulatedSettings
 
-PULL = math.sqrt(7.0) * (8.0 / 7.0) ** 4  # makes the strongest pull along the plate 1
-SLOW = 2e-3  # m/s; below it, a ball's direction and spin of rolling are uncertain
+PULL = math.sqrt(7.0) * (8.0 / 7.0) ** 4  # the constant c: with it the strongest pull along the plate is 1
+SLOW = 2e-3  # m/s; below this speed, the ball's direction and its spin of rolling are uncertain
 
 
 class PlateForces:
-    """Forces of magnet and saddle on the ball, in the plate frame; false if there are none."""
+    """Forces of magnet and saddle on the ball, in the plate frame. The object is false if the rig has neither."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._mass, self._settings = maze.ball.mass, settings
@@ -79,12 +80,12 @@ class Motion:
 
 
 def turned(before: Motion, after: Motion) -> float:
-    """Angle about the middle from one to the other, rad."""
+    """Angle about the middle from the place before to the place after, rad."""
     return difference(after.theta, before.theta)
 
 
 class BallForces:
-    """Drag, pushes, wind and rocking on the ball; false if there are none."""
+    """Drag, pushes, wind and rocking on the ball. The object is false if the rig has none of them."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze = settings, maze
@@ -97,14 +98,15 @@ class BallForces:
         return any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
 
     def turns_per_turn(self, motion: Motion) -> float:
-        """Rolling angle of the ball per angle along its ring; 0 in the disc."""
+        """Rolling angle of the ball for each radian along the ring; 0 in the disc."""
         ring = self._maze.ring(self._maze.ring_at(motion.radius))
         return 0.0 if ring.is_disc else ring.track_radius / self._radius
 
     def on(self, t: float, motion: Motion, plate: Array, rolled: float) -> tuple[Array, Array]:
-        """Force (N) and torque (N m) in the room, (3,) each, t s after the start.
+        """Force (N) and torque (N m) on the ball in the frame of the room, (3,) each, at time t, s.
 
-        plate: its rotation (3, 3); rolled: angle by which the ball has rolled along its ring, rad."""
+        plate: rotation (3, 3) of the plate.
+        rolled: angle by which the ball has rolled along its ring, rad."""
         s = self._settings
         rate = s.drag_per_s + s.drag_growth_per_s2 * t + s.drag_per_m * float(np.linalg.norm(motion.velocity))
         faster, spun = -rate * motion.velocity, -rate * motion.spin
@@ -125,18 +127,19 @@ class BallForces:
         return s.ring_push_m_s2 + ripple + s.imbalance_m_s2 * math.sin(rolled + math.radians(s.imbalance_phase_deg))
 
     def _spin_of_rolling(self, motion: Motion, along: Array) -> Array:
-        """Spin (3,) per speed of a ball that rolls along the ring, 1/m: about the ring's radius by the floor, about
-        the vertical by a wall."""
+        """Spin (3,) of a ball that rolls along the ring, divided by its speed, 1/m.
+
+        The floor turns the ball about the ring's radius, a wall turns it about the vertical."""
         speed, most = float(motion.velocity @ along), 1.0 / self._radius
         upright = float(motion.spin[2]) * speed / (speed * speed + SLOW * SLOW)
         return np.array([-along[1] * most, along[0] * most, min(max(upright, -most), most)])
 
     def _wind(self) -> Array:
-        """m/s^2 in the room, (3,)."""
+        """Acceleration by the wind in the frame of the room, m/s^2, (3,)."""
         return np.array([*self._settings.draught_m_s2, 0.0])
 
     def _leaning(self, t: float) -> Array:
-        """Change of gravity in the room by rocking, m/s^2, (3,)."""
+        """Change of gravity in the frame of the room by rocking, m/s^2, (3,)."""
         s = self._settings
         swing = math.sin(math.tau * s.rocking_hz * t + math.radians(s.rocking_phase_deg))
         b, c = (math.radians(amplitude) * swing for amplitude in s.rocking_deg)
@@ -145,11 +148,12 @@ class BallForces:
 
 
 class FloorFriction:
-    """Additional rolling friction by place and direction; false if there is none."""
+    """Additional rolling friction by place and direction. The object is false if the rig has none."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze = settings, maze
-        self._metres = maze.ball.radius * (1.0 + settings.ball_inertia) / GRAVITY  # per m/s^2 of a ball on the floor
+        # m of rolling friction for each m/s^2 by which a ball on the floor slows down
+        self._metres = maze.ball.radius * (1.0 + settings.ball_inertia) / GRAVITY
         start, end = (math.radians(angle) for angle in settings.sticky_deg)
         self._start, self._span = start, (end - start) % math.tau
 
@@ -157,7 +161,7 @@ class FloorFriction:
         return self._settings.sticky_m_s2 > 0.0 or self._settings.nap_m_s2 != 0.0
 
     def extra(self, motion: Motion, gravity: Array) -> float:
-        """Additional rolling friction of the floor, m; gravity: (3,) m/s^2, in the plate's frame."""
+        """Additional rolling friction of the floor, m. gravity: (3,), m/s^2, in the plate's frame."""
         s, slows = self._settings, 0.0
         if (
             s.sticky_m_s2 > 0.0
@@ -168,14 +172,16 @@ class FloorFriction:
         if s.nap_m_s2 != 0.0:
             along = motion.along
             speed = float(motion.velocity @ along)
-            if abs(speed) < SLOW:  # at rest gravity decides whether it leans against the nap
+            if abs(speed) < SLOW:  # at rest, gravity decides whether the ball pushes against the nap
                 speed = float(gravity @ along)
             slows += abs(s.nap_m_s2) if speed * s.nap_m_s2 > 0.0 else 0.0
         return slows * self._metres
 
 
 class Kerb:
-    """A ridge across a ring that takes a share of the ball's speed; left: what remains; false if there is none."""
+    """A ridge across a ring that takes a share of the ball's speed. The object is false if the rig has none.
+
+    left: share of the speed that remains."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze, self.left = settings, maze, 1.0 - settings.kerb_loss
@@ -185,7 +191,7 @@ class Kerb:
         return self._settings.kerb_loss > 0.0
 
     def passed(self, before: Motion, after: Motion) -> bool:
-        """Whether the ball crossed it."""
+        """Whether the ball crossed the ridge."""
         if not self or self._maze.ring_at(after.radius) != self._settings.kerb_ring:
             return False
         was, way = difference(before.theta, self._at), turned(before, after)

@@ -21,16 +21,18 @@ from mazeplan.rigs.sim.nearwalls import OPEN, NearWalls
 
 
 class Gimbal:
-    """Plate and ball of the model that `mjcf` writes: joints beta, gamma, then the ball's; two actuators in that order.
+    """Plate and ball of the model that `mjcf` writes. Its joints are beta, gamma, then the ball's; its actuators are
+    beta, gamma.
 
-    steps: MuJoCo's steps in one chunk; ball: the ball's body, and where its free joint begins in qpos and in qvel."""
+    steps: number of MuJoCo's steps in one chunk.
+    ball: number of the ball's body, and addresses of its free joint in qpos and in qvel."""
 
     def __init__(self, model: mujoco.MjModel, steps: int, ball: tuple[int, int, int] | None = None) -> None:
         self.model, self.data, self.steps = model, mujoco.MjData(model), steps
         self._body, self._q, self._v = ball or (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball"), 2, 2)
 
     def reset(self, position: Array, *others: Array) -> None:
-        """Level plate, everything at rest, time 0, each ball at a position (3,) in the plate's frame, m."""
+        """Level the plate, set velocities and time to 0, put each ball at a position (3,) in the plate's frame, m."""
         self._to_start(position, *others)
         mujoco.mj_forward(self.model, self.data)
 
@@ -42,7 +44,7 @@ class Gimbal:
             self.data.qpos[q + 3] = 1.0
 
     def drive(self, tilt: Array) -> None:
-        """Set points of the servos: beta, gamma, rad, (2,)."""
+        """Give the servos their set points: beta, gamma, rad, (2,)."""
         self.data.ctrl[:] = tilt
 
     def advance(self) -> None:
@@ -55,7 +57,7 @@ class Gimbal:
         self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = PLUG_ON if there else PLUG_OFF
 
     def settle(self) -> None:
-        """Update what depends on a state that was set from outside. Here: nothing."""
+        """Update values that depend on the state after a caller has set the state. Here nothing is to be done."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -68,11 +70,11 @@ class Gimbal:
         b, c = float(data.qpos[0]), float(data.qpos[1])
         cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
         plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
-        # gamma turns about x, beta about the y axis outside
+        # the inner joint gamma turns about x, the outer joint beta turns about y
         return plate, np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
 
     def drawn(self) -> Array:
-        """The rotation (3, 3) at the beginning of MuJoCo's last step."""
+        """Rotation (3, 3) of the plate at the beginning of MuJoCo's last step."""
         return self.data.body("plate").xmat.reshape(3, 3)
 
     def place(self) -> Array:
@@ -107,21 +109,21 @@ class Gimbal:
         self.data.qvel[v : v + 6] = 0.0
 
     def kick(self, x: float, y: float, index: int = 0) -> None:
-        """Add to a ball's velocity, m/s."""
+        """Add x and y to a ball's velocity, m/s."""
         v = self._v + 6 * index
         self.data.qvel[v] += x
         self.data.qvel[v + 1] += y
 
     def pull(self, force: Array) -> None:
-        """Force on the ball from now on, (3,), N."""
+        """Apply a force to the ball from now on, (3,), N."""
         self.data.xfrc_applied[self._body, :3] = force
 
     def twist(self, torque: Array) -> None:
-        """Torque on the ball from now on, (3,), N m."""
+        """Apply a torque to the ball from now on, (3,), N m."""
         self.data.xfrc_applied[self._body, 3:] = torque
 
     def roughen(self, friction_m: float) -> None:
-        """Additional rolling friction of the floor from now on, m. Raises RigError if the model cannot change it."""
+        """Add rolling friction to the floor from now on, m. Raises RigError if the model cannot change its friction."""
         raise RigError("the floor of this model has one rolling friction, which stays")
 
     def _centre(self) -> Array | float:
@@ -129,7 +131,7 @@ class Gimbal:
         return 0.0
 
     def _drift(self) -> Array | float:
-        """Velocity of that point, m/s."""
+        """Velocity of the middle of the maze's floor, m/s."""
         return 0.0
 
     def _ball_rotation(self) -> Array:
@@ -140,9 +142,10 @@ class Gimbal:
 
 
 class MazeGimbal(Gimbal):
-    """The same with only the walls near the ball. The motion is the same to the last bit, in less than half the time.
+    """A gimbal that simulates only the walls near the ball. Its motion equals that of `Gimbal` to the last bit, in less
+    than half the time.
 
-    rougher: makes the walls of a floor with so much more rolling friction, m."""
+    rougher: makes the walls for a floor with additional rolling friction, m."""
 
     def __init__(self, walls: NearWalls, steps: int, rougher: Callable[[float], NearWalls] | None = None) -> None:
         super().__init__(walls.any, steps)
@@ -150,7 +153,7 @@ class MazeGimbal(Gimbal):
         self._by_friction = {0.0: walls}
 
     def reset(self, position: Array, *others: Array) -> None:
-        """See `Gimbal`; no opening has a plug."""
+        """See `Gimbal`. Removes all plugs and additional friction."""
         self._blocked, self._walls = OPEN, self._by_friction[0.0]
         self._to_start(position, *others)
         mujoco.mj_forward(self._walls.near(self.data), self.data)

@@ -1,8 +1,8 @@
 """The machine of the simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins.
 
-It simulates and gives the true state. Sensors are elsewhere (`simulated`, `emulation.world`). It shares no equation
-with the planner's models. Time advances in chunks, `CHUNKS` per sample, so that slew limit, command delay and faults
-act on a finer grid than the samples.
+The machine gives the true state. Sensors are elsewhere (`simulated`, `emulation.world`). The machine shares no equation
+with the planner's models. Time advances in chunks, `CHUNKS` per sample. So slew limit, command delay and faults act on
+a finer time grid than the samples.
 """
 
 from __future__ import annotations
@@ -28,16 +28,22 @@ from mazeplan.rigs.sim.mjcf import SUBSTEPS
 from mazeplan.rigs.sim.nearwalls import NearWalls, near_walls
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 
-APART = 1.2  # radii of a ball, from the middle of the disc to each of two balls in it
-CHUNKS = 5  # per sample; 1/150 s at 30 Hz
+APART = 1.2  # radii of a ball: distance from the middle of the disc to each of two balls in the disc
+CHUNKS = 5  # chunks per sample; a chunk is 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
 _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """MuJoCo's state; of the servos target, set point, set point after the play, and delayed commands; the angle by
-    which the ball has rolled, rad."""
+    """State of a machine.
+
+    state: MuJoCo's state.
+    target: tilt to which the servos move, (2,), rad.
+    ctrl: set points on the way to the target, within the slew limit, (2,), rad.
+    played: set points after the play, (2,), rad.
+    queue: delayed commands as (time at which the command acts, s; its tilt (2,), rad).
+    rolled: angle by which the ball has rolled along its ring, rad."""
 
     state: Array
     target: Array
@@ -50,12 +56,14 @@ class Snapshot:
 class Machine:
     """Plate, servos and ball of a maze. Call `reset` first.
 
-    chunk_s: duration of one `step`, s; data: MuJoCo's data; build: makes the model, by default from the map.
-    Raises SettingsError for a ring that the maze does not have."""
+    build: makes the model; by default `mjcf` generates it from the map.
+    chunk_s: duration of one `step`, s.
+
+    Raises SettingsError for an opening, ring or ball in `settings` that the maze does not have."""
 
     def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
         check_rings(settings, maze)
-        # no method of its own: a machine in a cycle of references would outlive its run
+        # _build is no bound method: with a cycle of references the machine would stay in memory after its run
         self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
         self._gimbal: Gimbal | None = None
@@ -71,7 +79,7 @@ class Machine:
         if self._gimbal is None:
             self._gimbal = self._build()
         radius, apart = self.maze.track_radius(ring), math.tau / self.maze.balls
-        if self.maze.balls > 1:  # in the disc beside its middle, where both have room
+        if self.maze.balls > 1:  # in the disc, place the balls beside its middle, so that both have room
             radius = max(radius, APART * self.maze.ball.radius)
         angles = [self.maze.clear_angle(ring, theta + k * apart) for k in range(self.maze.balls)]
         place, *others = (
@@ -97,7 +105,7 @@ class Machine:
     def close(self) -> None:
         """Release memory. A second call does nothing."""
         self._gimbal = None
-        vars(self).pop("_faults", None)  # they know the model, too
+        vars(self).pop("_faults", None)  # FaultBox also refers to the model
 
     @property
     def data(self) -> mujoco.MjData:
@@ -123,7 +131,7 @@ class Machine:
 
     @property
     def time(self) -> float:
-        """s since reset."""
+        """Time since reset, s."""
         return float(self.data.time)
 
     # -- motion -----------------------------------------------------------------------------------------------------
@@ -167,7 +175,7 @@ class Machine:
             self.set_ball(after.place, self._kerb.left * after.velocity, self._kerb.left * after.spin)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Make the servos hold this tilt, rad, after the command delay."""
+        """Make the servos move to this tilt, rad, and hold it, after the command delay."""
         wanted = np.array([u_beta, u_gamma], dtype=float)
         if self.settings.servo_coupling != (0.0, 0.0):
             wanted = self._mixed @ wanted
@@ -181,18 +189,18 @@ class Machine:
         self._target = np.array([beta, gamma])
 
     def level(self) -> None:
-        """Level the plate, now. Delayed commands are dropped."""
+        """Level the plate now, and drop delayed commands."""
         self._queue.clear()
         self._target = np.zeros(2)
 
     def inject(self, fault: Fault) -> None:
-        """Add a fault from its `at_s` on, at once if that time is over.
+        """Add a fault. It begins at its `at_s`, or at once if that time is over.
 
-        Raises SettingsError for an opening or ring that the maze does not have."""
+        Raises SettingsError for an opening, ring or ball that the maze does not have."""
         self.check()
         self._faults.add(fault)
 
-    # -- what only a simulation knows ------------------------------------------------------------------------------
+    # -- true state, which only a simulation has -------------------------------------------------------------------
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -205,11 +213,12 @@ class Machine:
         return self.scene()[:2]
 
     def scene(self) -> Array:
-        """x, y (NaN for a ball that is taken out), z of the ball in the plate frame, m, beta, gamma, rad; (5,)."""
+        """x, y, z of the ball in the plate frame, m, then beta, gamma, rad; (5,). A ball that is taken out has NaN for
+        x, y."""
         return self._scene_of(0)
 
     def others(self) -> list[Array]:
-        """As `scene`, of each ball after the first, (5,) each."""
+        """The `scene` of each ball after the first, (5,) each."""
         return [self._scene_of(index) for index in range(1, self.maze.balls)]
 
     def _scene_of(self, index: int) -> Array:
@@ -246,14 +255,14 @@ class Machine:
         gimbal.put(plate @ position, plate @ (velocity + _cross(omega, position)), plate @ (spin + omega))
 
     def snapshot(self) -> Snapshot:
-        """State of the machine, for `restore`. Old pictures and random numbers of the camera are not in it."""
+        """State of the machine, for `restore`, without the camera's old pictures and random numbers."""
         gimbal = self.gimbal
         state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
         mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
         return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._rolled)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Return to a snapshot of this rig. Faults injected since then stay."""
+        """Return to a snapshot of this machine. Faults that were injected after the snapshot stay."""
         mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
         self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
@@ -265,12 +274,12 @@ def _from_map(maze: Maze, settings: SimulatedSettings) -> Gimbal:
 
 
 def _rougher(maze: Maze, settings: SimulatedSettings, friction_m: float) -> NearWalls:
-    """Walls of a floor with so much more rolling friction, m."""
+    """The walls for a floor with `friction_m` of additional rolling friction, m."""
     more = {"rolling_friction_m": settings.rolling_friction_m + friction_m}
     return near_walls(maze, settings.model_copy(update=more))
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product (3,) of two vectors; NumPy's takes many times as long for one pair."""
+    """Cross product (3,) of two vectors (3,). For one pair, np.cross takes many times as long."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

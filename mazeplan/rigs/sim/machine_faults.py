@@ -18,7 +18,9 @@ ASIDE = 0.1  # m beside and above the plate's rim: place of a ball that is taken
 
 
 def check_fault(fault: Fault, key: str, maze: Maze) -> None:
-    """Raises SettingsError for an opening, ring or ball that the maze does not have; key: the fault's place."""
+    """Raises SettingsError for an opening, ring or ball that the maze does not have.
+
+    key: key of the fault in the rig's file."""
     names = [opening.name for opening in maze.openings]
     if fault.kind == "blocked" and fault.opening not in names:
         raise SettingsError(f"got {fault.opening!r}, expected {one_of(names, fault.opening)}", key=f"{key}.opening")
@@ -29,12 +31,12 @@ def check_fault(fault: Fault, key: str, maze: Maze) -> None:
 
 
 class FaultBox:
-    """Applies the faults of one run, which `check_fault` has checked, to a MuJoCo model."""
+    """Applies the faults of one run to a MuJoCo model. `check_fault` must have accepted the faults."""
 
     def __init__(self, faults: Sequence[Fault], gimbal: Gimbal, maze: Maze) -> None:
         self._faults, self._gimbal, self._maze = list(faults), gimbal, maze
         self._done: set[int] = set()
-        self._held = dict[int, Array]()  # (3,) place in the plate of each ball that is held, by index
+        self._held = dict[int, Array]()  # {index of a held ball: its place (3,) in the plate's frame}
         self._taken_from = dict[int, Array]()
         self._reached = np.zeros(2)  # set points of the servos after their faults
         self._at = 0.0
@@ -49,18 +51,18 @@ class FaultBox:
         return [f for f in self._faults if f.kind == kind and f.at_s <= t < f.at_s + f.duration_s]
 
     def blackout(self, t: float) -> bool:
-        """Whether the camera sees nothing."""
+        """Whether the camera sees nothing at time t."""
         return bool(self.active("blackout", t))
 
     def out(self, t: float, index: int = 0) -> bool:
-        """Whether a ball is taken out; the first one has index 0."""
+        """Whether a ball is taken out at time t; the first ball has index 0."""
         return self._acts("removed", t, index)
 
     def _acts(self, kind: str, t: float, index: int) -> bool:
         return any(fault.ball == index + 1 for fault in self.active(kind, t))
 
     def servo(self, t: float, wanted: Array) -> Array:
-        """Set points that reach the servos, (2,) rad. A dead axis keeps its last one, at first the middle."""
+        """Set points that reach the servos, (2,), rad. A dead axis keeps its last set point, at first its middle."""
         out, dt, last = np.array(wanted, dtype=float), t - self._at, self._reached
         for fault in self.active("slow_axis", t):
             most = math.radians(fault.slew_deg_s) * dt
@@ -79,7 +81,7 @@ class FaultBox:
         return out
 
     def before_step(self, t: float) -> None:
-        """Plugs, kicks, and a ball in another place."""
+        """Apply the faults that act before a step: plugs, kicks, and moves of a ball to another place."""
         blocked = {fault.opening for fault in self.active("blocked", t)}
         for fault in self._faults:
             if fault.kind == "blocked" and fault.opening is not None:
@@ -101,7 +103,7 @@ class FaultBox:
         self._gimbal.rest(self._gimbal.drawn() @ position, index)
 
     def after_step(self, t: float) -> None:
-        """Move a ball that is glued or held with the plate: restore its place in the plate after each step."""
+        """Make glued and removed balls move with the plate: restore their places in its frame after each step."""
         for index in range(self._maze.balls):
             self._hold(t, index)
 

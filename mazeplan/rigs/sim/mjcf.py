@@ -1,11 +1,14 @@
 """The MuJoCo model (MJCF) of a maze on its gimbal, generated from the map and the settings.
 
-The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta) Rx(gamma),
-with position actuators. The floor is a box, as a plane must not move. MuJoCo has no arcs: a wall is a row of boxes that
-touch at their edges. Beside an opening the boxes are narrower, do not reach into it, and end at a flat box, the cheek.
-So the opening has the map's width from the wall's inner circle to its outer one, without hollows beside it. The ball's
-own friction is 0: MuJoCo takes the larger of two, so floor and walls set it. Gravity is not vertical on a table that
-leans.
+The plate is a real gimbal with two hinges and position actuators. The outer hinge is pitch beta about y, the inner
+hinge is roll gamma about x: R = Ry(beta) Rx(gamma). The floor is a box, because a plane in MuJoCo cannot move.
+
+MuJoCo has no arcs, so a wall is a row of boxes that touch at their edges. Beside an opening the boxes are narrower, so
+that they do not reach into it. The row ends at a flat box, the cheek. So the opening has the map's width all the way
+from the wall's inner circle to its outer circle, without hollows at its sides.
+
+The ball's friction is 0: MuJoCo uses the larger friction of two touching bodies, so floor and walls set it. For a table
+that leans, the model's gravity is not vertical.
 """
 
 from __future__ import annotations
@@ -19,22 +22,26 @@ from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 from mazeplan.rigs.sim.settings import SimulatedSettings
 
-SUBSTEPS = 20  # per sample; at 30 Hz a time step of 1/600 s
-ARMATURE = 0.05  # kg m^2 per axis; with less the ball's weight tilts the plate
-CHEEK = 1.5e-4  # m, half thickness of the box at the side of an opening; a thick one leaves the wall's arc
-SHOULDER = 2e-4  # m of arc per box beside an opening; a cheek covers the gap between them
-# collision bits; the ball has 1. Without any bit a plug would not be in MuJoCo's search tree
+SUBSTEPS = 20  # MuJoCo's steps per sample; at 30 Hz a time step of 1/600 s
+ARMATURE = 0.05  # kg m^2 per axis; with less inertia the ball's weight would tilt the plate
+CHEEK = 1.5e-4  # m, half thickness of a cheek; a thick cheek would stand out of the wall's arc
+SHOULDER = 2e-4  # m, arc of each box beside an opening; the cheek covers the gap between these boxes and the opening
+# collision bits of a plug; the ball has bit 1. A plug without any bit would not be in MuJoCo's search tree
 PLUG_ON, PLUG_OFF = 1, 2
 FLOOR = 0.005  # m, half thickness of the floor
-TORSIONAL = 2e-5  # m, friction against spinning on a spot
+TORSIONAL = 2e-5  # m, friction against a spin of the ball about the normal of a contact
 SOLID = 0.4  # inertia of a solid sphere over m r^2
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
-TIME_CONSTANT = 0.004  # s, of contacts
+TIME_CONSTANT = 0.004  # s, time constant of contacts
 
 
 def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
-    """MJCF text. Bodies: plate, ball, and ball2 of a maze with two; joints: beta, gamma, those of the balls; actuators:
-    beta, gamma; a plug geom `plug:NAME` per opening."""
+    """MJCF text of a maze, with these names:
+
+    bodies: plate, ball, and ball2 if the maze has two balls
+    joints: beta, gamma, and one for each ball
+    actuators: beta, gamma
+    geoms: `plug:NAME`, the plug of each opening"""
     geoms: list[str] = []
     for wall in maze.walls:
         geoms += _wall(wall, maze.wall_height, settings)
@@ -44,12 +51,12 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
 
 
 def bare_mjcf(maze: Maze, settings: SimulatedSettings) -> str:
-    """The same without walls and plugs."""
+    """MJCF text of a maze without walls and plugs."""
     return _document(maze, settings, [])
 
 
 def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
-    """MJCF text: boxes stand on the plate's floor."""
+    """MJCF text with these boxes on the plate's floor."""
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     wn, zeta = settings.servo_gamma_frequency_rad_s or wn, settings.servo_gamma_damping or zeta
@@ -61,7 +68,7 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     floor = f'friction="{settings.floor_friction} {TORSIONAL} {settings.rolling_friction_m}"'
     geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
     radius, mass = maze.ball.radius, maze.ball.mass
-    inertia = ""  # MuJoCo's own, of a solid sphere
+    inertia = ""  # MuJoCo then computes the inertia of a solid sphere
     if settings.ball_inertia != SOLID:
         about = settings.ball_inertia * mass * radius**2
         inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
@@ -89,7 +96,7 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
 
 
 def ball_name(index: int) -> str:
-    """Name of body, joint and geom of a ball, the first of which has index 0."""
+    """Name of body, joint and geom of a ball; the first ball has index 0."""
     return "ball" if index == 0 else f"ball{index + 1}"
 
 
@@ -98,7 +105,12 @@ def _safe(name: str) -> str:
 
 
 def _box(x: float, y: float, angle: float, along: float, across: float, height: float, more: str) -> str:
-    """A standing box, turned by `angle`: half sizes along and across that direction."""
+    """A box that stands on the floor with its middle at x, y, m.
+
+    angle: direction of the box, rad.
+    along, across: half sizes along and across that direction, m.
+    height: whole height, m.
+    more: further attributes of the geom."""
     return (
         f'<geom type="box" size="{along:.8g} {across:.8g} {0.5 * height:.8g}" pos="{x:.8g} {y:.8g} {0.5 * height:.8g}" '
         f'euler="0 0 {angle:.8g}" {more}/>'
@@ -121,7 +133,7 @@ def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
 
 
 def _surface(settings: SimulatedSettings) -> str:
-    """Attributes of all walls."""
+    """Friction and contact attributes of all walls."""
     friction = f"{settings.wall_grip} {TORSIONAL} {settings.wall_rolling_friction_m}"
     return f'friction="{friction}" {_bounce(settings.contact_damping_ratio)}'
 
@@ -135,27 +147,27 @@ def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
 
 
 def _bounce(damping_ratio: float) -> str:
-    """Attributes of a wall with little damping and the usual stiffness: the ball bounces off.
+    """Contact attributes of a wall. With a damping ratio below 1 the ball bounces off, at the usual stiffness.
 
-    MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. With only the ratio lowered it would be
-    too stiff for the time step, and every contact would add energy. Without priority MuJoCo would take the mean of wall
-    and ball."""
+    MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. A lower ratio alone would make the wall
+    too stiff for the time step, and every contact would add energy. So the time constant grows as the ratio falls.
+    Without priority MuJoCo would use the mean of the values of wall and ball."""
     if damping_ratio >= 1.0:
         return f'solref="{TIME_CONSTANT} {damping_ratio}" priority="1"'
     return f'solref="{TIME_CONSTANT / damping_ratio:.8g} {damping_ratio}" priority="1"'
 
 
 def _even(start: float, end: float, step: float) -> list[float]:
-    """Angles from start to end, evenly and at most a step apart; empty if end is not past start."""
+    """Angles from start to end, at equal distances of at most a step; empty if end lies a step or more before start."""
     n = math.ceil((end - start) / step)
     return [start + (end - start) * i / n for i in range(n + 1)]
 
 
 def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step: float) -> list[float]:
-    """Angles of the edges of the boxes from one opening to the following, `apart` rad further on.
+    """Angles of the edges of the boxes from one opening to the next one, which is `apart` rad further on.
 
-    Beside an opening the boxes are SHOULDER wide, up to the angle at which boxes of a full step do not reach into
-    it."""
+    Beside an opening the boxes are SHOULDER wide. Boxes of a full step begin where they no longer reach into the
+    opening."""
     shoulder = SHOULDER / wall.outer_radius
     halves = [0.5 * o.width + CHEEK for o in (opening, following)]
     outer = [math.asin(half / wall.outer_radius) for half in halves]
@@ -171,8 +183,8 @@ def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step:
 def _clear_from(wall: Wall, half: float, step: float) -> float:
     """Angle from an opening's middle line at which a row of boxes of this step may begin.
 
-    Its first box, whole from inner to outer circle, then stays `half` away from that line."""
-    across = wall.outer_radius * math.tan(0.5 * step)  # the box's side is parallel to its own middle line
+    There the first box, which reaches from the inner to the outer circle, stays `half` (m) away from that line."""
+    across = wall.outer_radius * math.tan(0.5 * step)  # half width of a box; its sides are parallel to its middle line
     corner = math.hypot(wall.inner_radius, across)
     return math.asin(min(1.0, half / corner)) + math.atan2(across, wall.inner_radius) - 0.5 * step
 
@@ -180,8 +192,9 @@ def _clear_from(wall: Wall, half: float, step: float) -> float:
 def _row(
     wall: Wall, edges: Sequence[float], height: float, friction: str, between: Sequence[Opening] = ()
 ) -> list[str]:
-    """Boxes from edge to edge (angles, rad). Their faces touch the wall's circles in the middle; boxes that would reach
-    into an opening are cut off on the inside."""
+    """Boxes from edge to edge (angles, rad). The middles of their faces touch the wall's circles.
+
+    A box that would reach into an opening of `between` is cut off on the inside."""
     boxes = []
     for start, end in pairwise(edges):
         angle, half_across = 0.5 * (start + end), wall.outer_radius * math.tan(0.5 * (end - start))
@@ -194,7 +207,9 @@ def _row(
 
 
 def _cut(opening: Opening, angle: float, half_across: float) -> float:
-    """Radius, m, outside which a box at this angle is inside the cheek's middle; 0 far from the opening."""
+    """Smallest radius, m, of the inner face of a box at this angle that does not pass the cheek's middle plane.
+
+    0 far from the opening."""
     turn = abs(difference(angle, opening.angle))
     if turn >= 0.5 * math.pi:
         return 0.0
@@ -202,9 +217,10 @@ def _cut(opening: Opening, angle: float, half_across: float) -> float:
 
 
 def _cheeks(wall: Wall, opening: Opening, height: float, friction: str) -> list[str]:
-    """The two flat sides of an opening, parallel to its middle line, exactly its width apart.
+    """The two cheeks of an opening: flat boxes parallel to its middle line, exactly its width apart.
 
-    They end before their back would leave the wall's outer circle: the edge is rounded by less than their thickness."""
+    A cheek ends before its back would leave the wall's outer circle. This rounds the edge by less than a cheek's
+    thickness."""
     half = 0.5 * opening.width
     near = math.sqrt(wall.inner_radius**2 - half**2)
     far = math.sqrt(wall.outer_radius**2 - (half + 2.0 * CHEEK) ** 2)
@@ -218,7 +234,7 @@ def _cheeks(wall: Wall, opening: Opening, height: float, friction: str) -> list[
 
 
 def _plug(maze: Maze, opening: Opening) -> str:
-    """A box that fills an opening; it touches nothing unless a fault switches it on."""
+    """A box that fills an opening. It collides with nothing unless a fault switches it on."""
     near, far = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
     along = 0.5 * (near + far)
     x, y = along * math.cos(opening.angle), along * math.sin(opening.angle)

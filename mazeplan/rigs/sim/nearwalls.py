@@ -1,9 +1,9 @@
 """Faster walls: MuJoCo simulates only the boxes of the walls near the ball.
 
-Walls of 360 boxes a circle are 1,700 boxes, and MuJoCo moves all of them in every step. Here the floor is divided into
-square cells. Each cell has a model with only the boxes near it; the rest is a copy of the whole model. The plate's mass
-does not depend on its boxes. All contacts are those of the whole model, in the same order. So the ball's motion is the
-same to the last bit.
+Walls with 360 boxes to a circle are 1,700 boxes in all, and MuJoCo moves all of them in every step. This module divides
+the floor into square cells. Each cell has its own model with only the boxes near the cell; everything else is a copy of
+the whole model. The plate's mass does not depend on its boxes. The contacts equal those of the whole model, in the same
+order. So the ball's motion is the same to the last bit.
 """
 
 from __future__ import annotations
@@ -27,25 +27,27 @@ from mazeplan.rigs.sim.mjcf import PLUG_ON, bare_mjcf, mjcf, plug_name
 from mazeplan.rigs.sim.settings import SimulatedSettings
 
 CELL = 0.004  # m, side of a cell
-FREE = 0.003  # m, least distance of the ball before the model is chosen again
-FASTEST = 2.0  # m/s, of a ball; gravity alone makes 0.6
-TILT = 1.5  # times the tilt limit: largest swing of the plate
-# models that are kept, of 0.23 MB each; to make one takes 0.8 ms. The maze cme has 2,800 cells; a run needs about 60
+FREE = 0.003  # m, minimum distance that the ball may go before a new model is chosen
+FASTEST = 2.0  # m/s, largest speed of a ball; gravity alone gives 0.6
+TILT = 1.5  # the plate swings to at most this many times the tilt limit
+# maximum number of kept models, for one rig and for a fleet. A model has 0.23 MB and takes 0.8 ms to make. The maze cme
+# has 2,800 cells; a run needs about 60
 MOST_MODELS, MOST_OF_FLEET = 128, 4000
-ARENA = 1 << 21  # bytes for contacts of a ball; MuJoCo would take 14 MB a ball
+ARENA = 1 << 21  # bytes of MuJoCo's memory for contacts; the default of MuJoCo would be 14 MB a ball
 BOX = mujoco.mjtGeom.mjGEOM_BOX
 OPEN: frozenset[str] = frozenset()  # no opening has a plug
-SEEN_WITH = ("geom_bodyid", "geom_dataid", "geom_matid", "geom_plugin")  # the same for all boxes
+SEEN_WITH = ("geom_bodyid", "geom_dataid", "geom_matid", "geom_plugin")  # fields that are the same for all boxes
 
 
 class NearWalls:
-    """Models of one plate, by the place of the ball.
+    """Models of one plate, one for each cell of the floor.
 
-    any: a model whose data fit all of them; slots: largest number of boxes in a model; most: models that are kept,
-    the newest ones."""
+    any: a model without walls, whose MjData fit all models.
+    slots: largest number of boxes in a model.
+    most: maximum number of kept models; the newest are kept."""
 
     def __init__(self, text: str, bare: str, maze: Maze) -> None:
-        """text, bare: MJCF with all walls and without any (`mjcf`)."""
+        """text: MJCF with all walls. bare: MJCF without walls. See `mjcf`."""
         self._whole = mujoco.MjModel.from_xml_string(text)
         self._boxes = _boxes(self._whole)
         self._plugs = {opening.name: _plug(self._whole, opening.name) for opening in maze.openings}
@@ -65,10 +67,12 @@ class NearWalls:
             if name.startswith("geom_") and name not in SEEN_WITH and len(getattr(self.any, name)) == self.any.ngeom
         ]
         self._models: dict[tuple[Any, frozenset[str]], mujoco.MjModel] = {}
-        self.most = MOST_MODELS  # models that are kept
+        self.most = MOST_MODELS
 
     def at(self, x: float, y: float, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
-        """The model for a ball at x, y, m in the room, and up to `free` around. blocked: openings with a plug."""
+        """The model for a ball at x, y, m, in the frame of the room, and for places up to `_free` m away.
+
+        blocked: openings with a plug."""
         return self._of_cell(self._cell(x, y), blocked)
 
     def _cell(self, x: float, y: float) -> int:
@@ -78,11 +82,11 @@ class NearWalls:
         return row * self._side + column
 
     def near(self, data: mujoco.MjData, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
-        """The model for the ball where it is now."""
+        """The model for the present place of the ball."""
         return self.at(data.qpos.item(2), data.qpos.item(3), blocked)
 
     def at_all(self, places: Array) -> list[mujoco.MjModel]:
-        """The same for balls at places (N, 2)."""
+        """The models for balls at places (N, 2), m, in the frame of the room, without plugs."""
         column, row = np.clip((places + self._half) / CELL, 0.0, self._side - 1.0).astype(np.int64).T
         return [self._of_cell(cell) for cell in (row * self._side + column).tolist()]
 
@@ -91,12 +95,12 @@ class NearWalls:
         return self._make(cell, blocked) if model is None else model
 
     def slow(self, velocities: Array, steps: int) -> np.ndarray:
-        """Whether balls with velocities (N, 2), m/s, can use one model for so many steps, (N,) bool."""
+        """Whether each ball, with velocities (N, 2), m/s, can use one model for `steps` steps, (N,) bool."""
         most = steps * self._timestep
         return np.hypot(velocities[:, 0], velocities[:, 1]) * most + GRAVITY * most * most <= self._free
 
     def step(self, data: mujoco.MjData, steps: int, blocked: frozenset[str] = OPEN) -> None:
-        """Simulate so many of MuJoCo's steps; with a new model in each step for a fast ball."""
+        """Simulate `steps` of MuJoCo's steps. For a fast ball, choose the model anew in each step."""
         x, y, vx, vy = (*data.qpos[2:4].tolist(), *data.qvel[2:4].tolist())
         most = steps * self._timestep
         if math.hypot(vx, vy) * most + GRAVITY * most * most <= self._free:
@@ -106,11 +110,11 @@ class NearWalls:
             mujoco.mj_step(self.near(data, blocked), data)
 
     def _make(self, cell: int, blocked: frozenset[str]) -> mujoco.MjModel:
-        """Two threads may do this at once: both make the same model."""
+        """Make the model of a cell. Two threads may do this at once, because both make the same model."""
         return self._filled((cell, blocked), self._near.get(cell, self._boxes[:0]))
 
     def _filled(self, key: tuple[Any, frozenset[str]], boxes: IntArray) -> mujoco.MjModel:
-        """A model with these boxes, kept by a key: where the balls are, and the openings with a plug."""
+        """Make a model with these boxes and keep it under a key: (cells of the balls, openings with a plug)."""
         model, blocked = self._blank(), key[1]
         slots = slice(1, 1 + len(boxes))  # behind the floor, in the order of the whole model
         for name in self._own:
@@ -123,8 +127,9 @@ class NearWalls:
         return model
 
     def _blank(self) -> mujoco.MjModel:
-        """A model without boxes: a new one, or where there are enough the oldest, if nobody else has it. New ones for
-        old ones leave holes in the memory of the process."""
+        """A model without boxes: a new model until `most` are kept, then the oldest one again if nothing else uses it.
+
+        Reuse avoids holes in the memory of the process, which new models in place of old ones would leave."""
         model = None
         while len(self._models) >= self.most:
             with suppress(KeyError, RuntimeError, StopIteration):  # another thread was faster
@@ -137,9 +142,9 @@ class NearWalls:
         return model
 
     def _boxes_near(self, reach: float) -> dict[int, IntArray]:
-        """{cell: numbers of the boxes within `reach` of its middle}, in the whole model's order.
+        """{cell: numbers of the boxes within `reach` (m) of its middle}, in the whole model's order.
 
-        Goes from box to box: each is near few cells."""
+        The search goes from box to box, because each box is near few cells."""
         whole, walls = self._whole, self._boxes
         place, size, quaternion = whole.geom_pos[walls], whole.geom_size[walls], whole.geom_quat[walls]
         turn = 2.0 * np.arctan2(quaternion[:, 3], quaternion[:, 0])
@@ -166,13 +171,13 @@ class NearWalls:
             spec.body("plate").add_geom(type=BOX, size=[1e-4] * 3, contype=0, conaffinity=0)
         spec.memory = ARENA
         model = spec.compile()
-        # the search tree of boxes is for other places, and ball and plate are the only island
+        # MuJoCo's search tree of boxes would hold wrong places, and ball and plate are the only island
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND)
         return model
 
 
 class PairWalls(NearWalls):
-    """The same for two balls: the boxes near either of them."""
+    """Models for two balls: each has the boxes near either ball."""
 
     def step(self, data: mujoco.MjData, steps: int, blocked: frozenset[str] = OPEN) -> None:
         """See `NearWalls.step`."""
@@ -185,7 +190,7 @@ class PairWalls(NearWalls):
             mujoco.mj_step(self.near(data, blocked), data)
 
     def near(self, data: mujoco.MjData, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
-        """The model for the balls where they are now."""
+        """The model for the present places of both balls."""
         one, other = (self._cell(data.qpos.item(q), data.qpos.item(q + 1)) for q in (2, 9))
         model = self._models.get(((one, other), blocked))
         if model is not None:
@@ -196,7 +201,7 @@ class PairWalls(NearWalls):
 
 
 def _alone() -> int:
-    """What `sys.getrefcount` says of something that only the asking function has."""
+    """The result of `sys.getrefcount` for an object to which only the calling function refers."""
     something = object()
     return sys.getrefcount(something)
 
@@ -205,13 +210,13 @@ _ALONE = _alone()
 
 
 def near_walls(maze: Maze, settings: SimulatedSettings) -> NearWalls:
-    """The models of a maze; rigs with the same physics share them."""
+    """The models of a maze. Rigs with the same physics share these models."""
     return _of_settings(maze, settings)  # pyright: ignore[reportArgumentType] frozen, so pydantic gives them a hash
 
 
 @lru_cache(maxsize=4)
 def _of_settings(maze: Maze, settings: SimulatedSettings) -> NearWalls:
-    """The text takes 10 ms to write."""
+    """A cache by settings, because the text of a model takes 10 ms to write."""
     return _shared(mjcf(maze, settings), bare_mjcf(maze, settings), maze)
 
 

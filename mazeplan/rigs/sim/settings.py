@@ -1,6 +1,6 @@
-"""Settings of a simulated rig, as they stand in its YAML file. Units are in the names.
+"""Settings of a simulated rig. They are the keys of its YAML file; units are in the names.
 
-The keys of the file are flat. Here they are grouped: each class has the keys of one part of the rig.
+The file has all keys at its top level. Here they are grouped: each class has the keys of one part of the rig.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SurpriseName = Literal[
     "gain", "slow_servo", "coupling", "late_command", "deadband",
     "tilt_scale", "turned_camera", "shifted_camera", "scaled_camera", "lens",
 ]  # fmt: skip
-NEEDS = {  # keys that have no effect without another one
+NEEDS = {  # {key: the other key without which it has no effect}
     "ball_lost_frames": "ball_lost_probability", "outlier_mm": "outlier_probability", "lens_mm": "lens_per_m2",
     "rocking_hz": "rocking_deg", "rocking_phase_deg": "rocking_deg", "backlash_axis": "backlash_deg",
     "imbalance_phase_deg": "imbalance_m_s2", "magnet_mm": "magnet_m_s2", "magnet_depth_mm": "magnet_m_s2",
@@ -36,13 +36,21 @@ Turn = Annotated[float, Field(ge=-360.0, le=360.0)]  # deg
 
 
 class Fault(RigSection):
-    """A fault of the machine, from at_s on for duration_s.
+    """A fault of the machine. It begins at at_s and lasts for duration_s.
 
-    A ball (`ball`: 1 is the first): stuck (glued to the floor), push (a kick of `speed_m_s` towards `direction_deg`),
-    teleport (at rest in `ring` at `direction_deg`), removed (taken out, then put back). blackout: the camera sees
-    nothing. blocked: a plug is in `opening`. The servo `axis`: dead_axis (follows no command), slow_axis (follows at
-    `slew_deg_s` at most), offset_axis (`offset_deg` off), brown_out (without current, a spring moves it to its
-    middle)."""
+    Kinds that act on a ball (`ball`: 1 is the first):
+      stuck: it is glued to the floor.
+      push: it gets a kick of `speed_m_s` towards `direction_deg`.
+      teleport: it is put to rest in `ring` at `direction_deg`.
+      removed: it is taken out, and put back at the end of the fault.
+    Kinds that act on the servo of `axis`:
+      dead_axis: it follows no command.
+      slow_axis: it follows at `slew_deg_s` at most.
+      offset_axis: it stands `offset_deg` beside its set point.
+      brown_out: it has no current, and a spring moves it to its middle.
+    Other kinds:
+      blackout: the camera sees nothing.
+      blocked: a plug is in `opening`."""
 
     kind: Literal[
         "stuck", "blackout", "dead_axis", "blocked", "push",
@@ -61,7 +69,7 @@ class Fault(RigSection):
 
 
 class Change(RigSection):
-    """Settings that change from run `from_run` of a campaign on; the first run is 1."""
+    """Settings that change in a campaign, from the run `from_run` on; the first run is 1."""
 
     from_run: int = Field(ge=1)
     rolling_friction_m: float | None = Field(default=None, ge=0.0, le=1e-3)
@@ -175,7 +183,7 @@ class PlateSettings(RigSection):
 
 
 class LocalSettings(RigSection):
-    """Friction with a direction or a place: a nap, a sticky part of a ring, a kerb."""
+    """Losses that depend on direction or place: a nap, a sticky part of a ring, a kerb."""
 
     nap_m_s2: Push = Field(default=0.0, description="dry friction of a ball that rolls counter-clockwise; -: clockwise")
     sticky_m_s2: float = Field(default=0.0, ge=0.0, le=1.0, description="dry friction in a part of a ring")
@@ -203,7 +211,7 @@ class SimulatedSettings(
     ContactSettings, LocalSettings, PlateSettings, BallSettings, ServoSettings, TableSettings, CameraGeometry,
     CameraNoise, RigSetup,
 ):  # fmt: skip
-    """All keys of a simulated rig's file. The defaults are an ideal machine."""
+    """All keys of a simulated rig's file. The defaults describe an ideal machine."""
 
     faults: tuple[Fault, ...] = ()
     changes: tuple[Change, ...] = Field(default=(), description="settings that change from some run of a campaign on")
@@ -213,18 +221,18 @@ class SimulatedSettings(
     surprise_seed: int = Field(default=0, ge=0, description="seed of the surprise's kind, size and place")
 
     def in_run(self, number: int) -> SimulatedSettings:
-        """The settings in a run of a campaign; the first run is 1."""
+        """The settings in run `number` of a campaign; the first run is 1."""
         due = sorted((c for c in self.changes if c.from_run <= number), key=lambda change: change.from_run)
         changed = {k: v for c in due for k, v in c.model_dump(exclude={"from_run"}).items() if v is not None}
         return self.model_copy(update=changed) if changed else self
 
 
 def settings_from(data: Mapping[str, Any]) -> SimulatedSettings:
-    """Validated settings. Raises SettingsError with the key, and with the place if the data are from a file."""
+    """Validated settings. Raises SettingsError with the key, and with file and line if the data are from a file."""
     return validated(SimulatedSettings, data)
 
 
 def without_effect(data: FileSettings) -> list[str]:
-    """Messages about the keys of a file that have no effect, as a key that they need is not in it."""
+    """Messages about keys that have no effect, because the file lacks another key that they need (`NEEDS`)."""
     alone = ((key, needed) for key, needed in NEEDS.items() if key in data and needed not in data)
     return [str(placed(SettingsError(f"has no effect without {needed}", key=key), data)) for key, needed in alone]

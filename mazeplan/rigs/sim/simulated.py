@@ -1,6 +1,6 @@
 """A simulated rig: the machine of `machine`, and a camera with delay and noise.
 
-Time is the simulation's. Samples come `rate_hz` times a second.
+The simulation sets the time. Samples come `rate_hz` times a second.
 """
 
 from __future__ import annotations
@@ -25,12 +25,15 @@ if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
     from mazeplan.rigs.camera.tracks import Tracks
 
-TOLERANCE = 1e-9  # rad, of the tilt limit
+TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 
 
 class _Trail:
-    """What the camera needs of one ball: `Machine.scene` of the last chunks and of the last pictures, and for how many
-    more samples the ball stays lost."""
+    """Memory of the camera for one ball.
+
+    path: `Machine.scene` at the ends of the last chunks.
+    seen: scenes of the last pictures; the present sample shows the oldest of them.
+    lost: number of samples for which the ball stays lost."""
 
     def __init__(self, scene: Array, chunks: int, pictures: int) -> None:
         self.path: deque[Array] = deque([scene] * chunks, maxlen=chunks)
@@ -41,7 +44,7 @@ class _Trail:
 class SimulatedRig:
     """See `interface.Rig`. settings: keys of a file such as ideal.yaml, or SimulatedSettings; build: see `Machine`."""
 
-    realtime = False  # its time advances only in observe(): no watchdog
+    realtime = False  # time advances only in observe(), so it needs no watchdog
 
     def __init__(
         self,
@@ -62,7 +65,7 @@ class SimulatedRig:
         self._sense: CameraSense | None = None
 
     def begin_run(self, number: int) -> None:
-        """Take the settings of a run of a campaign (`changes`) from the next `reset` on; the first run is 1."""
+        """Use the settings of a run of a campaign (`changes`) from the next `reset` on; the first run is 1."""
         settings = self._at_first.in_run(number)
         if settings != self.settings:
             self.machine.close()
@@ -71,15 +74,15 @@ class SimulatedRig:
     # -- life -------------------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Place the ball at rest in the middle of a ring, level the plate, time 0."""
+        """Place the ball at rest in the middle of a ring, level the plate, and set time to 0."""
         self.machine.reset(ring=ring, theta=theta)
         self._rng, self._samples = rng, 0
         late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
-        self._late = late - math.floor(late)  # of a chunk
+        self._late = late - math.floor(late)  # fraction of a chunk
         frames = self.settings.camera_delay_frames + 1
         self._balls = [_Trail(scene, math.floor(late) + 2, frames) for scene in self._scenes()]
         if self.settings.sense == "camera":
-            self._light = rng.spawn(1)[0]  # only for pictures: the other noise stays the same
+            self._light = rng.spawn(1)[0]  # a generator for pictures alone, so that the other noise stays the same
             self._tracks: Tracks | None = None
             self._pictured: tuple[float, list[tuple[float, float] | None]] = (math.nan, [])
 
@@ -116,7 +119,7 @@ class SimulatedRig:
         return [self.machine.scene(), *self.machine.others()]
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""
+        """Hold this tilt from now on. Raises RigError for NaN and for a tilt beyond the limit."""
         self.machine.check()
         limit = self.maze.tilt_limit + TOLERANCE
         for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
@@ -125,7 +128,7 @@ class SimulatedRig:
         self.machine.command(u_beta, u_gamma)
 
     def level(self) -> None:
-        """Level the plate, now. Delayed commands are dropped."""
+        """Level the plate now, and drop delayed commands."""
         if self.machine.ready:
             self.machine.level()
 
@@ -175,7 +178,8 @@ class SimulatedRig:
         return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
 
     def _sorted(self, sense: CameraSense, t: float) -> list[tuple[float, float] | None]:
-        """x, y of each ball in the picture of this sample, which is taken once; None for a ball that is not found."""
+        """x, y of each ball in the picture at time t, or None for a ball that is not found. Renders one picture for all
+        balls."""
         if self._pictured[0] != t:
             scenes = [trail.seen[0] for trail in self._balls]
             there = [scene[:3] for scene in scenes if not math.isnan(scene[0])]
@@ -192,14 +196,14 @@ class SimulatedRig:
         """See `Machine.inject`."""
         self.machine.inject(fault)
 
-    # -- what only a simulation knows ------------------------------------------------------------------------------
+    # -- true state, which only a simulation has -------------------------------------------------------------------
 
     def truth(self) -> Array:
         """See `Machine.truth`."""
         return self.machine.truth()
 
     def pictured(self) -> Array:
-        """The scene in the picture of the last sample, with its delay: see `Machine.scene`, (5,)."""
+        """The scene in the delayed picture of the last sample, (5,): see `Machine.scene`."""
         return self._balls[0].seen[0].copy()
 
     def others(self) -> list[Array]:
@@ -224,7 +228,7 @@ class SimulatedRig:
 
 
 def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], Gimbal] | None) -> None:
-    """Raises SettingsError for what a simulated rig has for one ball only."""
+    """Raises SettingsError for several balls with a user's model or with forces that act on one ball only."""
     parts = (
         PlateForces(settings, maze),
         BallForces(settings, maze),

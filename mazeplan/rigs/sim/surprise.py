@@ -1,8 +1,9 @@
-"""Surprises: one effect of a simulated rig that its model lacks. `improve` is tested on them.
+"""A surprise is one effect of a simulated rig that its model lacks. `improve` is tested on surprises.
 
-`KINDS` lists them, each with the name of the effect and the settings that it changes. With `surprise: drawn` a seed
-draws one of the first seven: seeds 0 to 6 draw each of them once, in random order, 7 to 13 again. `surprise: KIND`
-names one; the seed then draws only direction and ring. `answer` gives the drawn effect with its true values.
+`KINDS` lists the kinds, each with the name of the effect and the settings that it changes. With `surprise: drawn` the
+seed draws one of the first seven kinds. Seeds 0 to 6 draw each of the seven once, in random order; so do seeds 7 to 13.
+`surprise: KIND` names a kind; then the seed draws only direction and ring. `answer` gives the drawn effect with its
+true values.
 """
 
 from __future__ import annotations
@@ -19,12 +20,17 @@ from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.truths import Values, true_by_ring
 
 DRAWN = ("table", "friction", "hollow", "magnet", "camera", "backlash", "warp")
-PLACES = 3  # rings, from the outermost, in which an effect with a place may be
+PLACES = 3  # an effect with a place is in one of this many outermost rings
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Direction (rad) and ring that a seed draws, with the settings without the surprise."""
+    """The draw of a seed.
+
+    settings: settings of the rig without the surprise.
+    maze: maze of the rig.
+    angle: drawn direction, rad.
+    ring: drawn ring."""
 
     settings: SimulatedSettings
     maze: Maze
@@ -37,11 +43,11 @@ class Draw:
         return math.degrees(self.angle)
 
     def first(self, changed: Any, other: Any) -> tuple[Any, Any]:
-        """(beta, gamma) of which one value is changed."""
+        """A pair (beta, gamma) with the value `changed` for one axis and `other` for the other axis."""
         return (changed, other) if self.angle < 0.0 else (other, changed)
 
     def arrow(self, length: float) -> tuple[float, float]:
-        """x, y of a vector in the direction."""
+        """x, y of a vector of this length in the drawn direction."""
         return length * math.cos(self.angle), length * math.sin(self.angle)
 
 
@@ -60,7 +66,8 @@ def _table(d: Draw) -> dict[str, Any]:
 
 
 def _magnet(d: Draw) -> dict[str, Any]:
-    return {"magnet_m_s2": 0.35, "magnet_mm": d.arrow(1e3 * d.maze.track_radius(d.ring))}  # as strong as 2 deg of tilt
+    # the pull is as strong as a tilt of 2 deg
+    return {"magnet_m_s2": 0.35, "magnet_mm": d.arrow(1e3 * d.maze.track_radius(d.ring))}
 
 
 def _sticky(d: Draw) -> dict[str, Any]:
@@ -93,7 +100,7 @@ KINDS: dict[str, SurpriseKind] = {
         "surface_profile", "the plate is bent to a saddle, 1 mm at its edge",
         lambda d: {"warp_mm": 1.0, "warp_deg": d.deg},
     ),
-    # only by name
+    # kinds that `surprise: drawn` never draws
     "viscous": SurpriseKind("viscous_friction", "the ball loses 0.3 of its speed a second", {"drag_per_s": 0.3}),
     "air": SurpriseKind("quadratic_drag", "the ball loses 0.02 of its speed every centimetre", {"drag_per_m": 2.0}),
     "push": SurpriseKind(
@@ -158,9 +165,13 @@ KINDS: dict[str, SurpriseKind] = {
 
 @dataclass(frozen=True)
 class Answer:
-    """A drawn surprise: its kind, the name of the effect, the settings that it changes.
+    """A drawn surprise.
 
-    by_ring: true parameters of the effect in each ring that has it; known_before: those without the surprise."""
+    kind: key of `KINDS`.
+    effect: name of the effect.
+    changes: settings that it changes, with the new values.
+    by_ring: {ring: true parameters of the effect}, for the rings that have the effect.
+    known_before: {ring: true parameters without the surprise}, for the same rings."""
 
     kind: str
     effect: str
@@ -197,6 +208,6 @@ def answer(settings: SimulatedSettings, maze: Maze) -> Answer | None:
 
 
 def surprised(settings: SimulatedSettings, maze: Maze) -> SimulatedSettings:
-    """The settings with the changes of their surprise."""
+    """The settings with the changes of their surprise applied."""
     drawn = answer(settings, maze)
     return settings if drawn is None else settings.model_copy(update={**drawn.changes, "surprise": None})

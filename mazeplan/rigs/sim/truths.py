@@ -1,8 +1,8 @@
 """True values of a simulated rig, as parameters of mazeplan's effects: rad, m, s, and rad/s^2 along a ring.
 
-They follow from the settings without a fit. Those of gravity and of the floor's friction (table, friction, hollow,
-magnet, warp, nap, sticky) are for a ball that rolls on the floor alone. A ball that also rolls along a wall has
-(1 + k) / (1 + 2 k) of them, with the inertia k m r^2.
+The values follow from the settings, without a fit. The values for gravity and for the floor's friction (table,
+friction, hollow, magnet, warp, nap, sticky) hold for a ball that rolls on the floor alone. For a ball that also rolls
+along a wall, they are (1 + k) / (1 + 2 k) times as large; the ball's inertia is k m r^2.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ AXES = ("beta", "gamma")
 
 @dataclass(frozen=True)
 class RigInRing:
-    """Settings of a rig, seen from one ring."""
+    """Settings of a rig, and one ring of its maze."""
 
     settings: SimulatedSettings
     maze: Maze
@@ -34,7 +34,7 @@ class RigInRing:
 
     @property
     def rolling(self) -> float:
-        """Share of a force that accelerates a ball that rolls on the floor."""
+        """Acceleration of a ball that rolls on the floor, divided by that of a ball that slides without friction."""
         return 1.0 / (1.0 + self.settings.ball_inertia)
 
 
@@ -60,20 +60,22 @@ def _dry_friction(a: RigInRing) -> Values:
 
 
 def _wall_friction(a: RigInRing) -> Values:
-    """The wall carries (1 + k) v^2 / R: the floor turns the spin of a ball on a curve and pushes it outwards."""
+    """The force of the wall on the ball, divided by the ball's mass, is (1 + k) v^2 / R.
+
+    On a curve the floor turns the direction of the ball's spin, and so pushes the ball outwards; this adds the k."""
     k = a.settings.ball_inertia
     return {"coefficient": (1.0 + k) / (1.0 + 2.0 * k) * a.settings.wall_rolling_friction_m / a.maze.ball.radius}
 
 
 def _surface_profile(a: RigInRing) -> Values:
-    """Downhill on the saddle: 2 g H / R^2 sin 2 (theta - phi), R the edge's radius."""
+    """Angular acceleration downhill on the saddle: 2 g H / R^2 sin 2 (theta - phi), R the radius of the edge."""
     edge, phi = a.maze.rings[0].outer_radius, math.radians(a.settings.warp_deg)
     size = a.rolling * 2e-3 * GRAVITY * a.settings.warp_mm / edge**2
     return {"cos2": -size * math.sin(2.0 * phi), "sin2": size * math.cos(2.0 * phi)}
 
 
 def _surface_bump(a: RigInRing) -> Values:
-    """The magnet's pull is strongest at depth / sqrt(7) from its place."""
+    """A magnet as a bump: its pull is strongest at the distance depth / sqrt(7) along the plate."""
     x, y = (1e-3 * part for part in a.settings.magnet_mm)
     if a.maze.ring_at(math.hypot(x, y)) != a.ring:
         return {}

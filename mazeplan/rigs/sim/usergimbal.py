@@ -1,8 +1,8 @@
 """Plate, servos and ball in a user's own MuJoCo model: finds them by the names in the rig's file, and checks them.
 
-The plate's frame is that of a body or site: x and y as in the map, z up from the floor, origin in the middle of the
-maze. beta = sign (q - zero) of its joint, gamma likewise. The set point of a position actuator is scale times the
-joint's angle; the default of scale is the actuator's gear.
+The frame of a body or site is the plate's frame: x and y as in the map, z up from the floor, origin in the middle of
+the maze. With the angle q of its joint, beta = sign (q - zero); gamma likewise. The set point of a position actuator is
+`scale` times the joint's angle. The default of `scale` follows from the actuator's gear.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.sim.gimbal import Gimbal
 
-NUDGE = 1e-3  # rad: a small turn of each joint shows what it does
-AWRY = 0.02  # of a nudge, or rad of a level plate: more is no rounding error
-ALIKE = 0.02  # relative difference allowed between the ball's radius and the map's
-LYING_S, SUNK = 0.2, 0.5  # s for which a ball must lie still; of its radius, by which it may rise or sink
-FAST, SHARE = 0.6, 0.25  # m/s of a ball, as gravity alone makes it; of its radius, that it may then go in a step
-OFF = 1e-6  # m, of the ball's sphere from its body's origin
-WHOLE = 1e-6  # relative difference allowed between a number of steps and a whole one
+NUDGE = 1e-3  # rad; a turn of a joint by this angle shows what the joint does to the plate
+AWRY = 0.02  # share of a nudge; a larger error is no rounding error
+ALIKE = 0.02  # relative difference allowed between the ball's radius in the model and in the map
+LYING_S, SUNK = 0.2, 0.5  # test of the floor: duration, s; share of its radius by which the ball may rise or sink
+FAST, SHARE = 0.6, 0.25  # speed that gravity alone gives a ball, m/s; share of its radius that it may go in a step
+OFF = 1e-6  # m, largest distance of the ball's sphere from the origin of its body
+WHOLE = 1e-6  # relative difference allowed between a number of steps and a whole number
 JOINT, ACTUATOR, BODY, SITE = (
     getattr(mujoco.mjtObj, f"mjOBJ_{name}") for name in ("JOINT", "ACTUATOR", "BODY", "SITE")
 )
@@ -40,10 +40,12 @@ UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 
 
 class AxisSection(RigSection):
-    """A joint and its actuator (None: the only one of that joint).
+    """A joint and its actuator.
 
-    sign: -1 if it turns the other way; scale: set point per rad of the joint (None: by the gear); zero_deg: the joint's
-    angle at a level plate."""
+    actuator: None: the only actuator of that joint.
+    sign: -1 if a positive angle of the joint is a negative tilt.
+    scale: set point of the actuator for 1 rad of the joint; None: from the actuator's gear.
+    zero_deg: the joint's angle when the plate is level."""
 
     joint: str
     actuator: str | None = None
@@ -53,8 +55,13 @@ class AxisSection(RigSection):
 
 
 class ModelSection(RigSection):
-    """Keys of the rig's file that describe the model: its file, axes, the ball's body, the plate's body or site, and
-    the floor's height in the plate's frame."""
+    """Keys of the rig's file that describe the model.
+
+    mjcf: file of the model.
+    beta, gamma: axes.
+    ball: body of the ball.
+    plate: body or site whose frame is the plate's frame.
+    floor_mm: height of the floor in that frame."""
 
     mjcf: str
     beta: AxisSection
@@ -66,7 +73,12 @@ class ModelSection(RigSection):
 
 @dataclass(frozen=True)
 class _Drive:
-    """An axis as MuJoCo's numbers: address of the joint in qpos, the actuator, and its set point per rad."""
+    """An axis in MuJoCo's numbers.
+
+    q: address of the joint in qpos.
+    actuator: number of the actuator.
+    sign, zero: beta or gamma is sign (qpos[q] - zero), rad.
+    scale: set point of the actuator for 1 rad of the joint."""
 
     q: int
     actuator: int
@@ -76,7 +88,7 @@ class _Drive:
 
 
 def read_model(path: Path) -> mujoco.MjModel:
-    """A model from a file. Raises SettingsError in one line."""
+    """A model from a file. Raises SettingsError with a message of one line."""
     if not path.is_file():
         raise SettingsError(f"no such file: {path}", key="mjcf")
     try:
@@ -90,7 +102,9 @@ def read_model(path: Path) -> mujoco.MjModel:
 
 
 class UserGimbal(Gimbal):
-    """See `Gimbal`; chunks: per second. Raises SettingsError, with its key, if the model does not fit the names."""
+    """See `Gimbal`. Raises SettingsError, with a key of the rig's file, if the model does not fit the names.
+
+    chunks: number of chunks in a second."""
 
     def __init__(self, model: mujoco.MjModel, names: ModelSection, maze: Maze, chunks: float) -> None:
         _check_contacts(model)
@@ -112,7 +126,7 @@ class UserGimbal(Gimbal):
     # -- checks -----------------------------------------------------------------------------------------------------
 
     def _check_level(self) -> None:
-        """The plate's z axis points up when both joints are at their zeros."""
+        """Raises SettingsError unless the plate's z axis points up when both joints are at their zeros."""
         self._pose((0.0, 0.0))
         up = self.drawn()[:, 2]
         gravity = np.array(self.model.opt.gravity)
@@ -124,7 +138,7 @@ class UserGimbal(Gimbal):
             raise SettingsError(f"{what}, expected it to point up", key="plate")
 
     def _check_axis(self, i: int) -> None:
-        """Positive beta lowers the +x side, positive gamma lifts the +y side, and neither does the other's."""
+        """Raises SettingsError unless beta alone lowers the +x side, and gamma alone lifts the +y side."""
         name, other = ("beta", "gamma")[i], ("gamma", "beta")[i]
         axis = (self._names.beta, self._names.gamma)[i]
         self._pose((0.0, 0.0))
@@ -147,13 +161,13 @@ class UserGimbal(Gimbal):
         raise SettingsError(f"{what}; expected {about}1 and 0 of the other", key=f"{name}.joint")
 
     def _check_floor(self, maze: Maze) -> None:
-        """A ball in the middle of each ring stays on the floor of the level plate."""
+        """Raises SettingsError unless a ball in the middle of each ring stays on the floor of the level plate."""
         radius = maze.ball.radius
         for ring in maze.rings:
             far, theta = ring.track_radius, maze.clear_angle(ring.number, 0.0)
             self.reset(np.array([far * math.cos(theta), far * math.sin(theta), radius]))
             mujoco.mj_step(self.model, self.data, nstep=max(1, round(LYING_S / float(self.model.opt.timestep))))
-            if self._unstable():  # a run reports that
+            if self._unstable():  # the run itself reports an unstable model
                 return
             self.settle()
             above = float(self.drawn()[:, 2] @ self.place()) - radius
@@ -162,10 +176,10 @@ class UserGimbal(Gimbal):
                 what = f"a ball that is put on the floor in the middle of ring {ring.number} is {where}"
                 raise SettingsError(f"{what}; expected a floor at {self._names.floor_mm:g} mm", key="floor_mm")
 
-    # -- as the machine needs it ------------------------------------------------------------------------------------
+    # -- methods that `machine.Machine` calls -----------------------------------------------------------------------
 
     def reset(self, position: Array, *others: Array) -> None:
-        """Level plate, everything at rest, time 0, the ball at a position (3,) in the plate's frame, m."""
+        """Level the plate, set velocities and time to 0, put the ball at a position (3,) in the plate's frame, m."""
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         self._pose((0.0, 0.0))
@@ -206,7 +220,7 @@ class UserGimbal(Gimbal):
         return turned, turned.T @ self._motion()[:3]
 
     def drawn(self) -> Array:
-        """The rotation now, (3, 3)."""
+        """Rotation (3, 3) of the plate now."""
         kind, number = self._frame
         return np.array((self.data.xmat if kind == BODY else self.data.site_xmat)[number]).reshape(3, 3)
 
@@ -221,7 +235,7 @@ class UserGimbal(Gimbal):
     # -- frames -----------------------------------------------------------------------------------------------------
 
     def _pose(self, tilt: tuple[float, float]) -> None:
-        """Joints at a tilt, and the frames with them."""
+        """Set the joints to a tilt (beta, gamma), rad, and update the frames."""
         for drive, angle in zip(self._drives, tilt, strict=True):
             self.data.qpos[drive.q] = drive.zero + drive.sign * angle
         mujoco.mj_kinematics(self.model, self.data)
@@ -232,7 +246,7 @@ class UserGimbal(Gimbal):
         return origin + self._floor * self.drawn()[:, 2]
 
     def _motion(self) -> Array:
-        """Angular and linear velocity (6,) of the plate's frame, in the room."""
+        """Angular and linear velocity (6,) of the plate's frame, in the frame of the room."""
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
         kind, number = self._frame
@@ -267,14 +281,14 @@ def _find(model: mujoco.MjModel, key: str, name: str, *kinds: str) -> tuple[Any,
 
 
 def _check_contacts(model: mujoco.MjModel) -> None:
-    """Raises SettingsError if one friction takes the place of that of all parts."""
+    """Raises SettingsError if a global friction of the model overrides the friction of its geoms."""
     if int(model.opt.enableflags) & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE):
         what = "its flag override puts o_friction, o_solref and o_solimp in the place of what the geoms say"
         raise SettingsError(f"{what}; expected the flag off and the friction in the geoms", key="mjcf")
 
 
 def _check_moved(model: mujoco.MjModel, name: str, frame: tuple[Any, int]) -> None:
-    """Raises SettingsError if the plate is moved by motion capture."""
+    """Raises SettingsError if the plate is a mocap body or fixed to one: no joint moves it."""
     kind, number = frame
     body = number if kind == BODY else int(model.site_bodyid[number])
     if int(model.body_mocapid[int(model.body_weldid[body])]) >= 0 or int(model.body_mocapid[body]) >= 0:
@@ -284,7 +298,10 @@ def _check_moved(model: mujoco.MjModel, name: str, frame: tuple[Any, int]) -> No
 
 
 def _steps(model: mujoco.MjModel, chunks: float, radius: float) -> int:
-    """MuJoCo's steps in a chunk; chunks: per second; radius: of the ball, m."""
+    """Number of MuJoCo's steps in a chunk. Raises SettingsError for an unsuitable time step of the model.
+
+    chunks: number of chunks in a second.
+    radius: radius of the ball, m."""
     most = SHARE * radius / FAST
     if float(model.opt.timestep) > most:
         good = 1.0 / (chunks * math.ceil(1.0 / (chunks * most)))
@@ -300,7 +317,7 @@ def _steps(model: mujoco.MjModel, chunks: float, radius: float) -> int:
 
 
 def _ball(model: mujoco.MjModel, name: str, maze: Maze) -> tuple[int, int, int]:
-    """The ball's body, and where its free joint begins in qpos and in qvel."""
+    """Number of the ball's body, and addresses of its free joint in qpos and in qvel."""
     _, body = _find(model, "ball", name, "body")
     joint = int(model.body_jntadr[body])
     free = int(mujoco.mjtJoint.mjJNT_FREE)
@@ -324,7 +341,7 @@ def _ball(model: mujoco.MjModel, name: str, maze: Maze) -> tuple[int, int, int]:
 
 
 def _drive(model: mujoco.MjModel, key: str, axis: AxisSection, maze: Maze) -> _Drive:
-    """An axis as MuJoCo's numbers."""
+    """An axis in MuJoCo's numbers. Raises SettingsError if the model does not fit."""
     if axis.sign not in (-1, 1):
         raise SettingsError(f"got {axis.sign}, expected 1 or -1", key=f"{key}.sign")
     _, joint = _find(model, f"{key}.joint", axis.joint, "joint")
@@ -343,7 +360,7 @@ def _drive(model: mujoco.MjModel, key: str, axis: AxisSection, maze: Maze) -> _D
 
 
 def _actuator(model: mujoco.MjModel, key: str, axis: AxisSection, joint: int) -> int:
-    """The position actuator of an axis."""
+    """Number of the position actuator of an axis."""
     if axis.actuator is not None:
         _, number = _find(model, f"{key}.actuator", axis.actuator, "actuator")
     else:
@@ -362,7 +379,7 @@ def _actuator(model: mujoco.MjModel, key: str, axis: AxisSection, joint: int) ->
 
 
 def _check_reach(model: Any, key: str, axis: AxisSection, joint: int, drive: _Drive, limit: float) -> None:
-    """Raises SettingsError if joint or actuator do not reach the map's tilt limit."""
+    """Raises SettingsError if the joint or its actuator does not reach the map's tilt limit."""
     ends = [drive.zero - limit, drive.zero + limit]
     if model.jnt_limited[joint] and not _within(ends, model.jnt_range[joint]):
         low, high, first, last = (math.degrees(float(end)) for end in (*model.jnt_range[joint], *ends))

@@ -1,7 +1,8 @@
 """A rig simulated on a user's own MuJoCo model: `class: mazeplan.rigs.sim.usermodel:ModelRig` in a rig's YAML file.
 
-The model, in MuJoCo's own format (MJCF), has a plate on two joints, a position actuator for each, and a ball with a
-free joint. The file names them and `usergimbal` checks them. Camera, delays and play are those of any simulated rig.
+The model, in MuJoCo's own format (MJCF), has a plate on two joints, a position actuator for each joint, and a ball with
+a free joint. The rig's file gives the names of these parts, and `usergimbal` checks the parts. Camera, delays and play
+are simulated as for any simulated rig.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from mazeplan.rigs.sim.settings import (
 from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.rigs.sim.usergimbal import ModelSection, UserGimbal, read_model
 
-SHARED = [  # keys of a simulated rig that are not about the generated machine
+SHARED = [  # keys of a simulated rig that do not describe the generated machine
     name
     for group in (RigSetup, CameraNoise, CameraGeometry, ServoSettings)
     for name in group.model_fields
@@ -36,9 +37,9 @@ SHARED = [  # keys of a simulated rig that are not about the generated machine
 
 
 class ModelRig(SimulatedRig):
-    """See `interface.Rig`. cannot: kinds of faults that the model has no parts for.
+    """See `interface.Rig`. Raises SettingsError for keys and names that do not fit the model.
 
-    Raises SettingsError for keys and names that do not fit the model."""
+    cannot: kinds of faults for which the model has no parts."""
 
     cannot = ("blocked",)
 
@@ -67,6 +68,6 @@ class ModelRig(SimulatedRig):
 
 
 def _path(name: str, settings: Mapping[str, Any]) -> Path:
-    """The model's file: beside the rig's file, or from the current folder."""
+    """The model's file: beside the rig's file if it exists there, else relative to the current folder."""
     beside = settings.file.parent / name if isinstance(settings, FileSettings) else Path(name)
     return beside if beside.exists() else Path(name)
