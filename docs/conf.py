@@ -26,6 +26,7 @@ autodoc_default_options = {"members": True}
 autodoc_type_aliases = {"Array": "Array"}
 maximum_signature_line_length = 100
 
+FIELD = re.compile(r"\w+(, \w+)*( \([^)]*\))?:\s")  # a line of a docstring about an argument or field
 ELSEWHERE = {
     "../BENCHMARKS.md": "benchmarks.md",
     "../CHANGELOG.md": "changes.md",
@@ -40,13 +41,15 @@ def within_the_site(app: Any, name: str, source: list[str]) -> None:
 
 
 def as_markup(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text with `code` in it: what Sphinx would take for markup stays what it is, and what was
-    set as a table stays as it was set."""
+    """Docstrings are plain text with `code` in it. This keeps what Sphinx would read as markup, tables as they were set,
+    and a line for each argument."""
     out: list[str] = []
     for paragraph in "\n".join(lines).split("\n\n"):
         rows = paragraph.strip("\n").split("\n")
         if any(re.search(r"^ |\S {2,}\S", row) for row in rows):
             out += ["::", "", *(f"  {row}" for row in rows), ""]
+        elif FIELD.match(rows[0]) and len(rows) > 1:
+            out += [*(f"| {_escaped(row)}" if FIELD.match(row) else f"  {_escaped(row)}" for row in rows), ""]
         else:
             out += [*(_escaped(row) for row in rows), ""]
     lines[:] = out
