@@ -41,7 +41,7 @@ def within_the_site(app: Any, name: str, source: list[str]) -> None:
 
 
 def as_markup(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text with `code` in it. This keeps what Sphinx would read as markup, tables as they were set,
+    """Docstrings are plain text with `code` in it. This keeps what Sphinx would read as markup, tables as they are,
     and a line for each argument."""
     out: list[str] = []
     for paragraph in "\n".join(lines).split("\n\n"):
