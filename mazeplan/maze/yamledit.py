@@ -1,7 +1,7 @@
-"""Edits of one list in a YAML text that keep the rest of the file: comments, order, spacing, line ends.
+"""Edits one list in a YAML text and keeps the rest of the file: comments, order, spacing, line ends.
 
 The parser's marks give the place of a value in the text. An edit replaces only these characters, or adds or removes
-lines. (A round trip by ruamel.yaml would change spacing and line breaks.)
+lines. (To read and write the file with ruamel.yaml would change spacing and line breaks.)
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Span = tuple[int, int, str]  # start and end of characters, and what replaces th
 
 
 def applied(text: str, spans: Iterable[Span]) -> str:
-    """Replace characters of a text at several places, which do not overlap."""
+    """The text with all spans replaced. Spans must not overlap."""
     for start, end, by in sorted(spans, reverse=True):
         text = text[:start] + by + text[end:]
     return text
@@ -33,8 +33,11 @@ def applied(text: str, spans: Iterable[Span]) -> str:
 class ListText:
     """A YAML text with the places of one of its lists.
 
-    section: key of the list, in the mapping at the top; optional: the list may be missing. `text` is without the byte
-    order mark; the edits return whole texts with it. Raises MapError for a text that cannot be edited."""
+    section: key of the list in the top mapping
+    optional: whether the list may be missing
+
+    The attribute `text` is without the byte order mark; the edits return whole texts with it. Raises MapError for a
+    text that cannot be edited."""
 
     def __init__(self, text: str, section: str, *, optional: bool = False) -> None:
         self.section = section
@@ -50,7 +53,7 @@ class ListText:
         place = next(((key, value) for key, value in pairs if key.value == section), None)
         if place is None and not (optional and pairs):
             raise MapError(f"missing, expected a list of {section}", file="map", key=section)
-        self.key: Any = place and place[0]  # None where there is no list
+        self.key: Any = place and place[0]  # None if there is no list
         self.list: Any = place and place[1]
         if place and not isinstance(self.list, yaml.SequenceNode) and self.tree.data[section] is not None:
             raise self.refused(f"got {shown(self.tree.data[section])}, expected a list of {section}")
@@ -59,7 +62,7 @@ class ListText:
         self.comments = list(self._find_comments(self.root))
 
     def refused(self, problem: str, index: int | None = None) -> MapError:
-        """The error of the list, or of one entry, with its line."""
+        """The error about the list, or about one entry, with its line."""
         node = self.key if index is None else self.items[index]
         key = self.section if index is None else f"{self.section}[{index}]"
         return MapError(problem, file="map", line=None if node is None else node.start_mark.line + 1, key=key)
@@ -67,7 +70,7 @@ class ListText:
     # -- places -----------------------------------------------------------------------------------------------------
 
     def _find_comments(self, root: Any) -> Iterator[tuple[int, int]]:
-        """Start and end of every comment: a # that is in no scalar."""
+        """Start and end of every comment. A comment begins with a # outside all scalars."""
         scalars = sorted((node.start_mark.index, node.end_mark.index) for node in _scalars(root))
         place, scalars = 0, [*scalars, (len(self.text), len(self.text))]
         for start, end in scalars:
@@ -77,7 +80,8 @@ class ListText:
             place = max(place, end)
 
     def end_of(self, node: Any) -> int:
-        """Where a node's own characters end: the parser ends one in block style only where the next thing begins."""
+        """Where the characters of a node end. The parser's mark is of no use in block style: it is where the next node
+        begins."""
         if isinstance(node, yaml.ScalarNode):
             start, end = node.start_mark.index, node.end_mark.index
             return start + len(self.text[start:end].rstrip())
@@ -87,16 +91,16 @@ class ListText:
         return self.end_of(last[1] if isinstance(last, tuple) else last)
 
     def line_end(self, place: int) -> int:
-        """Where the line ends, before its break."""
+        """Where the line of a place ends, before its line break."""
         found = re.compile(r"\r?\n|\Z").search(self.text, place)
         return len(self.text) if found is None else found.start()
 
     def line_start(self, place: int) -> int:
-        """Where the line begins."""
+        """Where the line of a place begins."""
         return self.text.rfind("\n", 0, place) + 1
 
     def next_mark(self, place: int) -> int:
-        """The next character that is neither blank nor comment."""
+        """Place of the next character that is neither blank nor in a comment."""
         ends = dict(self.comments)
         while place < len(self.text) and (self.text[place].isspace() or place in ends):
             place = ends.get(place, place + 1)
@@ -117,26 +121,26 @@ class ListText:
             yield from ((mark, stop) for mark, stop in self.comments if start <= mark < end)
 
     def node(self, index: int, key: str) -> Any:
-        """The node of a value; None where the entry has no such key."""
+        """The node of a value; None if the entry does not have this key."""
         return next((node for name, node in self.entry(index).value if name.value == key), None)
 
     def span(self, node: Any, value: str) -> Span:
-        """What replaces a scalar."""
+        """The span that replaces a scalar by `value`."""
         return node.start_mark.index, self.end_of(node), value
 
     def replaced(self, start: int, end: int, by: str) -> str:
-        """The whole text with other characters at a place."""
+        """The whole text with `by` in place of the characters from start to end."""
         return self.bom + self.text[:start] + by + self.text[end:]
 
     def new_lines(self, place: int, lines: list[str]) -> str:
-        """With lines below the one that holds `place`."""
+        """The whole text with new lines below the line of `place`."""
         end = self.line_end(place)
         return self.replaced(end, end, "".join(self.newline + line for line in lines))
 
     # -- edits ------------------------------------------------------------------------------------------------------
 
     def with_value(self, index: int, key: str, value: str) -> str:
-        """Set a value of an entry, or add it."""
+        """Set a value of an entry, or add the key with this value."""
         item = self.entry(index)
         if (node := self.node(index, key)) is not None:
             start, end = node.start_mark.index, self.end_of(node)
@@ -147,7 +151,7 @@ class ListText:
         if item.flow_style:
             last = item.value[-1][1]
             end = self.end_of(last)
-            gap = " " if end == last.start_mark.index else ""  # behind a bare colon
+            gap = " " if end == last.start_mark.index else ""  # the last key has no value: a blank after its colon
             return self.replaced(end, end, f"{gap}, {key}: {value}")
         return self.new_lines(end, [" " * item.start_mark.column + f"{key}: {value}"])
 
@@ -164,7 +168,7 @@ class ListText:
             raise self.refused(f"got the number {index}, expected one of the {len(self.items)} {self.section}")
 
     def added(self, index: int, pairs: Pairs) -> str:
-        """Add an entry, which gets this index, in the style of its neighbour."""
+        """Add an entry at this index, in the style of its neighbour."""
         flow = "{" + ", ".join(f"{key}: {value}" for key, value in pairs) + "}"
         if not self.items:
             return self._added_first(flow)
@@ -180,7 +184,7 @@ class ListText:
         return self.replaced(above, above, "".join(row + self.newline for row in rows))
 
     def _rows(self, near: int, flow: str, pairs: Pairs) -> list[str]:
-        """The lines of an entry in the style of another one."""
+        """The lines of a new entry, in the style of entry `near`."""
         dash, item = self.dash(near), self.items[near]
         indent = " " * self.column(dash)
         if item.flow_style or not isinstance(item, yaml.MappingNode):
@@ -191,19 +195,19 @@ class ListText:
         return [f"{indent}-{inner}{rows[0]}", *(f"{indent} {inner}{row}" for row in rows[1:])]
 
     def _added_first(self, flow: str) -> str:
-        """Into an empty list: on a line of its own, where the list has no lines yet."""
+        """Add the first entry of an empty or missing list, on a new line if the style of the file allows it."""
         if self.key is None:
             return self._with_list(flow)
         start, end = self.list.start_mark.index, self.list.end_mark.index
         row = " " * (self.key.start_mark.column + 2) + f"- {flow}"
-        if not isinstance(self.list, yaml.SequenceNode):  # nothing behind the colon
+        if not isinstance(self.list, yaml.SequenceNode):  # there is nothing after the colon
             return self.replaced(start, self.end_of(self.list), f" [{flow}]") if self.in_flow else self._below(row, "")
         if self.in_flow or self.text[start:end].strip("[] "):
             return self.replaced(start + 1, start + 1, flow)
         return self._below(row, self.text[start:end])
 
     def _with_list(self, flow: str) -> str:
-        """With the list itself, at the end of the file."""
+        """Add the list with its first entry at the end of the file."""
         end = self.end_of(self.root.value[-1][1])
         if self.in_flow:
             return self.replaced(end, end, f", {self.section}: [{flow}]")
@@ -212,7 +216,7 @@ class ListText:
         return self.replaced(len(kept), len(self.text), self.newline.join(lines))
 
     def _below(self, row: str, instead_of: str) -> str:
-        """A first line below the key, instead of what stood beside it."""
+        """Add the first line below the key, and remove the text `instead_of` beside the key."""
         start = self.list.start_mark.index
         end = start + len(instead_of) if instead_of else self.end_of(self.list)
         head = self.text[:start].rstrip(" ")
@@ -221,7 +225,7 @@ class ListText:
         return self.bom + head + rest[:stop].rstrip() + self.newline + row + rest[stop:]
 
     def removed(self, index: int, called: str) -> str:
-        """Remove an entry. Its comments stay as lines that say what was removed; called: the name of the entry."""
+        """Remove an entry. Its comments stay as lines that say what was removed. called: the name of the entry."""
         self._check_index(index)
         if self.list.flow_style:
             return self._removed_from_flow(index)
@@ -251,14 +255,14 @@ class ListText:
         return self.replaced(start, end, kept)
 
     def _kept(self, index: int, called: str) -> Iterator[str]:
-        """The comments of an entry as lines of their own."""
+        """The lines that keep the comments of a removed entry."""
         for mark, stop in self.comments_of(index):
             first = self.line_start(mark)
             if not self.text[first:mark].strip():
                 yield self.text[first:stop]
                 continue
             indent, comment = " " * self.column(self.dash(index)), self.text[mark:stop].lstrip("# ")
-            # a comment that begins with the name says it already
+            # a comment that begins with the name does not need it again
             yield f"{indent}# removed {comment if comment.startswith(called) else f'{called}: {comment}'}"
 
 

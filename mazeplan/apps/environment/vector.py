@@ -1,4 +1,4 @@
-"""The environment with many rigs: the same episodes as so many environments with one, given the same seeds."""
+"""The environment with many rigs. With the same seeds, it gives the same episodes as environments with one rig."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from mazeplan.core.errors import SettingsError
 
 
 class CircularMazeVectorEnv(VectorEnv):
-    """N rigs. An episode that ended begins anew at the next step, whose action for it counts for nothing.
+    """N rigs, each with its own episodes. The step after the end of an episode resets its rig, and ignores its action.
 
-    threads: of the physics, None: one a processor core. Raises as `CircularMazeEnv`."""
+    num_envs: N.
+    max_episode_steps: an episode is truncated after so many steps.
+    threads: threads of the physics; None: one for each processor core.
+    options: those of `task.Task`.
+
+    Raises the same errors as `CircularMazeEnv`."""
 
     metadata = {**CircularMazeEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  Gymnasium has it so
 
@@ -49,7 +54,7 @@ class CircularMazeVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin N episodes, with seeds seed, seed + 1, ... or those of a list."""
+        """Begin N episodes, with the seeds seed, seed + 1, ..., or with the seeds of a list."""
         seeds = (
             [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, list) else seed
         )
@@ -63,7 +68,7 @@ class CircularMazeVectorEnv(VectorEnv):
         return observed, _masked(info)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One sample of all rigs; of those whose episode ended, the first of the next one."""
+        """Command all rigs, and return their next samples. A rig whose episode has ended begins its next episode."""
         if not self._rngs:
             raise RuntimeError("reset() comes first")
         n, anew, on = self.num_envs, np.flatnonzero(self._ended), np.flatnonzero(~self._ended)
@@ -82,18 +87,18 @@ class CircularMazeVectorEnv(VectorEnv):
         return observations, reward, terminated, truncated, _masked(info)
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """rgb_array: what each camera sees."""
+        """For rgb_array, the pictures of all cameras."""
         if self.render_mode is None:
             return None
         return tuple(self.episodes.picture(row) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Level the plates and give the rigs back."""
+        """Level the plates and release the rigs."""
         self.episodes.close()
 
 
 def _joined(parts: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]], n: int) -> tuple[np.ndarray, dict]:
-    """Observations and info of all rows, from those of some."""
+    """Observations and info of all N rows, joined from parts that have some rows each."""
     if len(parts) == 1:
         return parts[0][1], parts[0][2]
     order = np.argsort(np.concatenate([rows for rows, _, _ in parts]))
@@ -102,5 +107,5 @@ def _joined(parts: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]], n
 
 
 def _masked(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    """As Gymnasium has it: beside each array, for which of the environments it is."""
+    """Info in Gymnasium's form: beside each array, a mask of the environments that it holds for."""
     return info | {f"_{name}": np.ones(len(values), dtype=bool) for name, values in info.items()}
