@@ -109,7 +109,7 @@ class RunContext:
     rollout: tries commands in front of an opening; None: only the law for openings commands there
     rerouted: whether closed or opened openings have changed the route since it was planned
     since: index of the first entry of `failures` that belongs to this goal
-    left_from: the ring that the ball will leave by the chosen opening
+    leaving_ring: the ring that the ball will leave by the chosen opening
     heading: the ring to which the tree planned its last route; None: no route yet
     out: a ball that has left the maze, and where it is; None: none has
     policy: a learned policy, for `FollowPolicy`
@@ -148,7 +148,7 @@ class RunContext:
     rollout: OpeningRollout | None = None
     rerouted: bool = False
     since: int = 0
-    left_from: int | None = None
+    leaving_ring: int | None = None
     heading: int | None = None
     out: Out | None = None
     policy: Policy | None = None
@@ -209,7 +209,7 @@ class RunContext:
             return
         self.ball, self.ahead = ball, self.aheads[ball - 1]
         self._entering = self._falling = self.refused = self.prepared = self.plan = self.opening = None
-        self.goal_theta = self.left_from = None
+        self.goal_theta = self.leaving_ring = None
         self.state, self.measured = self.views[ball - 1].state, self.views[ball - 1].measured
 
     def again(self) -> None:
@@ -268,7 +268,7 @@ class RunContext:
         """Write an event of your own to the log; detail: plain data."""
         self.report(OtherEvent(kind, detail))
 
-    def follow(self, law: str) -> None:
+    def log_law(self, law: str) -> None:
         """Log the law that steers the ball along its ring, if it has changed (`events.LawChanged`)."""
         if law != self.law:
             self.law = law

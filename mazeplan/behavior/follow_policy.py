@@ -66,7 +66,7 @@ class FollowPolicy(MazeLeaf):
         distance = policy.distance(inputs)
         if not distance <= self.get("max_distance"):  # also where it is no number
             return self.fail_as(FailureKind.UNFAMILIAR, f"distance {distance:.2f} on the way to {opening.name}")
-        run.follow("policy")
+        run.log_law("policy")
         run.steer(self.name, policy.command(inputs, run.plate))
         return Status.RUNNING
 

@@ -61,7 +61,7 @@ class ChooseOpening(MazeLeaf):
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)
-        run.opening, run.left_from = choice.opening, here.ring
+        run.opening, run.leaving_ring = choice.opening, here.ring
         self.set("opening", run.opening.name)
         run.report(OpeningChosen(run.opening.name, round(choice.expected_s, 3)))
         return Status.SUCCESS

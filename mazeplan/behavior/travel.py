@@ -222,11 +222,11 @@ class Track(MazeLeaf):
         run, options = self.context, self.context.options.tracking
         radius = run.maze.track_radius(run.here.ring)
         if not plan.ok:
-            run.follow("pd")
+            run.log_law("pd")
             lean = lean_to(run, opening, travel_options(self))
             return pd_to_angle(run.here, run.turn_to(opening), run.plate, options, radius, lean)
         if self.get("law") == "pd":
-            run.follow("plan_pd")
+            run.log_law("plan_pd")
             return follow_pd(plan, run.here, run.plate, options, radius)
-        run.follow("mpc" if self._fresh else "gains")
+        run.log_law("mpc" if self._fresh else "gains")
         return follow_gains(plan, run.here, run.plate)

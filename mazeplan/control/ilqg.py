@@ -38,8 +38,8 @@ from mazeplan.core.maths.compiled import address_of
 from mazeplan.core.records import Array, Certificate, Plan, StopReason
 
 PATIENCE = 5  # iterations
-NEARLY = 1.1  # maximum ratio to the cost of the last plan for an early stop
-MUCH = 0.01  # share of the cost; a warm search goes on while an iteration lowers the cost by more
+MAX_COST_RATIO = 1.1  # maximum ratio to the cost of the last plan for an early stop
+WORTHWHILE_GAIN = 0.01  # share of the cost; a warm search goes on while an iteration lowers the cost by more
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class IlqgOptions:
     max_iterations     maximum number of iterations of a search
     tolerance          a search stops at a smaller relative reduction of the cost
     warm_tolerance     the same for a search from the last tick's plan, which the next tick improves again
-    warm_iterations    iterations after which a search from the last plan may stop early (`enough` of `Planner.solve`)
+    warm_iterations    iterations after which a search from the last plan may stop early (see `Planner.solve`)
     control_tolerance  a search stops if the largest correction of a control is smaller, rad
     min_ratio          minimum of the actual reduction of the cost over the expected reduction
     mu                 first regularisation, added to the control Hessian
@@ -175,7 +175,7 @@ class Planner:
         t0: float = 0.0,
         deadline_ms: float | None = None,
         tolerance: float | None = None,
-        enough: int | None = None,
+        early_stop_after: int | None = None,
         trace: Callable[[int, float], None] | None = None,
     ) -> Plan:
         """A plan from s0 (n,).
@@ -185,8 +185,9 @@ class Planner:
         t0:           rig time of s0, s
         deadline_ms:  counts from the call, ms; one iteration is always made; None: that of the options
         tolerance:    relative tolerance of the cost; None: that of the options
-        enough:       after this many iterations, the search stops as soon as an iteration lowers the cost by less than
-                      the share MUCH; it goes on if the former plan now costs more than NEARLY times as much as before
+        early_stop_after:  number of iterations, after which the search stops as soon as an iteration lowers the cost
+                      by less than the share WORTHWHILE_GAIN; it goes on if the former plan now costs more than
+                      MAX_COST_RATIO times as much as before
         trace:        trace(iteration, cost) receives every cost, the first included
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
@@ -199,9 +200,9 @@ class Planner:
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
-        if isinstance(warm, Plan) and float(w.numbers[workspace.COST]) > NEARLY * (1.0 + warm.cost):
-            enough = None
-        reason, done = self._improve(q, rules, code, enough, trace)
+        if isinstance(warm, Plan) and float(w.numbers[workspace.COST]) > MAX_COST_RATIO * (1.0 + warm.cost):
+            early_stop_after = None
+        reason, done = self._improve(q, rules, code, early_stop_after, trace)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
@@ -220,7 +221,7 @@ class Planner:
         q: Array,
         rules: workspace.Rules,
         code: int,
-        enough: int | None,
+        early_stop_after: int | None,
         trace: Callable[[int, float], None] | None,
     ) -> tuple[StopReason, int]:
         """Iterate until a stopping rule holds. Returns the reason and the number of iterations."""
@@ -239,9 +240,9 @@ class Planner:
             got = costs[-2] - costs[-1]
             if (
                 code == workspace.GO_ON
-                and enough is not None
-                and done >= enough
-                and got < MUCH * (1.0 + abs(costs[-1]))
+                and early_stop_after is not None
+                and done >= early_stop_after
+                and got < WORTHWHILE_GAIN * (1.0 + abs(costs[-1]))
             ):
                 break
             if code == workspace.GO_ON and self._stalls(costs, rules):

@@ -108,7 +108,9 @@ class RingPlanner:
         if warm is not None:
             wide, most = self.options.warm_tolerance, self.options.warm_iterations
             q = self._cost_vector(target)
-            return self._planner.solve(state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, enough=most)
+            return self._planner.solve(
+                state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, early_stop_after=most
+            )
         guess = first_guess(
             self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
         )

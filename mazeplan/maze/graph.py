@@ -1,17 +1,18 @@
 """Routes through the maze with the shortest expected time, from the map and the memory of openings.
 
 Rings are nodes, openings are edges. The cost of a ring depends on the place of entry, so the search runs over states
-(opening, ring entered by it): the directed line graph of the maze. From an opening at angle alpha to the next one at
-beta the ball travels s = r |beta - alpha| along its ring. At best it accelerates for half of s and brakes for the rest:
+(opening, ring entered by it): the directed line graph of the maze. From an opening at the angle
+theta_1 to the next one at theta_2 the ball travels s = r |theta_2 - theta_1| along its ring. At best it accelerates for
+half of s and brakes for the rest:
 
     travel = 2 sqrt(s / a) + servo lag,    a = f g sin(tilt limit),   f = 5/9 for a ball that rolls on floor and wall
 
-In a ring with radial walls, |beta - alpha| is the length of the open way. The ring does not join openings in different
-sectors, so a route may leave the ring and come back.
+In a ring with radial walls, |theta_2 - theta_1| is the length of the open way. The ring does not join openings in
+different sectors, so a route may leave the ring and come back.
 
 The passage of an opening costs a fixed time, the extra cost in the map, and a fixed loss for every expected attempt
-beyond the first. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
-number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
+beyond the first. With the probability of success p ~ Beta(A, B), A = prior + successes and B = prior + failures, the
+expected number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
 """
 
 from __future__ import annotations

@@ -62,12 +62,12 @@ def attempt_job(
         try:
             ended.append((run.drive(), None))
         except RigError as error:
-            ended.append((run.broken(error), error))
+            ended.append((run.result_after_rig_failure(error), error))
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
                 messages.result(run.result(False, "interrupted").to_json())
             elif isinstance(error, Exception):
-                messages.result(run.broke_off(error).to_json())
+                messages.result(run.result_after_error(error).to_json())
             raise
         messages.result(ended[0][0].to_json())
     return ended.pop()  # an error that stays in this frame would be in a cycle with it, and keep the rig

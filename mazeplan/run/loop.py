@@ -86,19 +86,19 @@ class Run:
         self._rig, self._setup, self._job = rig, setup, job
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
-        self._most, self.sent = slew / rig.rate_hz, LEVEL
+        self._most, self.last_wanted = slew / rig.rate_hz, LEVEL
         self._gears = Gears(model.stage, setup.maze.tilt_limit)
         self._balls = Balls(setup, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
         # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
-        self._watch = watch or Live()
+        self._stopwatch = watch or Live()
         cost = setup.settings.leaves.cost
-        self._planners = planners_of(setup.maze, model, cost, self._watch, late_s=self._late_s)
+        self._planners = planners_of(setup.maze, model, cost, self._stopwatch, late_s=self._late_s)
         self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
         self._keeper = keeper_of(setup.maze, model)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
-        self._held = LEVEL  # the last command sent to the rig
+        self._last_sent = LEVEL  # the last command sent to the rig
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
         self._leaves = registry_with(setup.behavior_modules)
@@ -148,7 +148,7 @@ class Run:
             self._rollout.warm_up()
         if self._keeper is not None:
             self._keeper.warm_up()
-        self._watch.taken()
+        self._stopwatch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin a new tree towards another ring, from where the ball is. It does not use the openings `closed`.
@@ -275,7 +275,7 @@ class Run:
 
         observation: a sample that no tick has used; the first tick of winding down uses it."""
         result = self.result(success, reason)
-        winding = WindDown(self._tree, self.sent, self.context.plate)
+        winding = WindDown(self._tree, self.last_wanted, self.context.plate)
         while winding.going or observation is not None:
             seen, observation = observation or self._admit(self._rig.observe()), None
             if seen is None:
@@ -287,12 +287,12 @@ class Run:
         self._rig.level()
         return result
 
-    def broken(self, error: RigError) -> NavigationResult:
+    def result_after_rig_failure(self, error: RigError) -> NavigationResult:
         """The result of a run whose rig failed."""
         self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
         return self.result(False, str(FailureKind.RIG_FAILED))
 
-    def broke_off(self, error: Exception) -> NavigationResult:
+    def result_after_error(self, error: Exception) -> NavigationResult:
         """The result of a run that an error of the log, of a leaf, or of the program itself ended."""
         if isinstance(error, LogError) and not blames_a_node(error):
             self.context.failed(Failure(FailureKind.LOG_FAILED, "log", self.context.now, str(error)))
@@ -318,7 +318,7 @@ class Run:
         """The usable part of a sample. None if there is none; the last command then goes out again."""
         admitted = self._scrutiny.admit(observation)
         if admitted is None:
-            self._rig.command(self._held.u_beta, self._held.u_gamma)
+            self._rig.command(self._last_sent.u_beta, self._last_sent.u_gamma)
         return admitted
 
     def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
@@ -345,12 +345,12 @@ class Run:
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and log the tick. lead: compensate the backlash of the servos, if the model has any."""
-        self.sent = command
+        self.last_wanted = command
         passed_on = command
         if self._gears.loose:
             command = self._gears.lead(command) if lead else command
             passed_on = self._gears.sent(command)
-        self._held = command
+        self._last_sent = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._balls.sent(passed_on, observation.t)
         self._record.tick(
@@ -359,7 +359,7 @@ class Run:
             command,
             status=status,
             ms=1e3 * (perf_counter() - began),
-            cut_off=self._watch.taken(),
+            cut_off=self._stopwatch.taken(),
             doubts=" ".join(sorted(self._scrutiny.found)) or None,
         )
         self._record.statuses(observation.t, self._tree)
@@ -368,7 +368,7 @@ class Run:
 
     def _slewed(self, wanted: Command) -> Command:
         """The wanted command, limited to the change that one sample allows."""
-        last, most = self.sent, self._most
+        last, most = self.last_wanted, self._most
         return Command(
             min(max(wanted.u_beta, last.u_beta - most), last.u_beta + most),
             min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),

@@ -29,10 +29,10 @@ from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import LEVEL, Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact, predict, predict_given_tilt, ring_index
 
-APART = math.radians(1.5)  # rad; allowed difference between the tilt and the tilt predicted from the commands alone
-APART_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
+MAX_TILT_MISMATCH = math.radians(1.5)  # rad; allowed difference from the tilt predicted from the commands alone
+MISMATCHED_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
 Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
 HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
@@ -77,8 +77,8 @@ class Estimator:
         self._stage = stage = model.true_stage
         self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
         self._checks = (TiltCheck(), TiltCheck())
-        self._obedient = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
-        self._apart = 0
+        self._by_commands = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
+        self._mismatched = 0
         self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
         self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
         self._z: Array | None = None  # (9,) ball at the last measured moment
@@ -197,7 +197,7 @@ class Estimator:
             since = self._tilts[-1][0]
             for start, end, u in self._acting(since, t):
                 reached = self._stage.mixed(*u)
-                for axes in (self._axes, self._obedient):
+                for axes in (self._axes, self._by_commands):
                     for axis, value in zip(axes, reached, strict=True):
                         axis.predict(value, end - start)
         tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
@@ -206,9 +206,9 @@ class Estimator:
                 axis.update(angle)
             else:
                 self.doubts.add("tilt")
-        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._obedient, strict=True))
-        self._apart = self._apart + 1 if apart > APART else 0
-        if self._apart >= APART_SAMPLES:
+        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
+        self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
+        if self._mismatched >= MISMATCHED_SAMPLES:
             self.doubts.add("plate")
         self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
         while self._tilts[0][0] < t - HISTORY_S:
@@ -316,9 +316,9 @@ class Estimator:
             return int(ring_index(r, rings)) + 1
         margin = self._options.ring_margin
         index = current - 1
-        while index + 1 < len(rings) and r < 0.5 * (rings[index, 0] + rings[index + 1, 1]) - margin:
+        while index + 1 < len(rings) and r < 0.5 * (rings[index, INNER] + rings[index + 1, OUTER]) - margin:
             index += 1
-        while index > 0 and r > 0.5 * (rings[index - 1, 0] + rings[index, 1]) + margin:
+        while index > 0 and r > 0.5 * (rings[index - 1, INNER] + rings[index, OUTER]) + margin:
             index -= 1
         return index + 1
 

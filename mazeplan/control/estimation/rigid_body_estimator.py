@@ -1,6 +1,6 @@
 """Estimator for a ball modelled as a rigid body: it knows the spin, the place in the channel and the walls.
 
-It is an `Estimator` whose ball moves by `physics.rigid_body`. Pictures correct the ball by the filter of
+It is an `Estimator` whose ball moves by `physics.dynamics.rigid_body`. Pictures correct the ball by the filter of
 `rigid_body_filter`. `Estimator` handles the plate, outliers, lost pictures and the steps up to the next command.
 """
 
@@ -111,7 +111,9 @@ class BodyEstimator(Estimator):
         return rows
 
     def _rows(self, motions: Sequence[tuple[float, ...]], start: float, end: float) -> tuple[Array, float]:
-        """Rows of `physics.plate` from start to end, and the sub-step; motions: t, and the plate's motion (6) at t."""
+        """Rows of `physics.dynamics.plate` from start to end, and the sub-step.
+
+        motions: t, and the plate's motion (6) at t"""
         count = max(1, math.ceil((end - start) / SUBSTEP - 1e-6))
         h = (end - start) / count
         history = np.array(motions)

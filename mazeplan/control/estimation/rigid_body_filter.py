@@ -1,7 +1,7 @@
-"""Cubature Kalman filter for a ball modelled as a rigid body: state (x, y, vx, vy, w) of `physics.rigid_body`.
+"""Cubature Kalman filter for a ball modelled as a rigid body: state (x, y, vx, vy, w) of `physics.dynamics.rigid_body`.
 
     points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten points of equal weight
-    motion     each point through `physics.rigid_body.step` at the moments that the camera shows: t - delay
+    motion     each point through `physics.dynamics.rigid_body.step` at the moments that the camera shows: t - delay
     picture    y = scale Rot(angle) (x, y) + offset + noise; linear, so the update is exact
     noise      white accelerations in x, y and w; a contact with a wall adds an error of the velocities, which is a
                share of the change that the contact made
@@ -37,7 +37,7 @@ BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that do not count
 EARLY = 24  # first pictures of a stretch that do not count; more than those that show the time before it
 FAR = 36.0  # limit of nu' S^-1 nu; a picture beyond it is rejected
-TWICE = 3  # number of rejected pictures in a row that restart the filter
+REJECTED_TO_RESTART = 3  # number of rejected pictures in a row that restart the filter
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
 STRAIGHTENED = 4  # fixed-point iterations that remove the distortion of the lens
 LEAST = 1e-18  # minimum variance, so that a Cholesky factor exists
@@ -94,7 +94,7 @@ class BallPictures:
 
 
 class BodyModel(NamedTuple):
-    """The model of the filter. terms: further effects on the ball (`physics.rigid_body_effects`)."""
+    """The model of the filter. terms: further effects on the ball (`physics.dynamics.rigid_body_effects`)."""
 
     ball: Ball = Ball()
     tilting: Tilting = Tilting()
@@ -286,7 +286,7 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
             u, v, near = _straightened(lens, y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y)
             a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
-            if not running or unseen > gap or doubted >= TWICE:
+            if not running or unseen > gap or doubted >= REJECTED_TO_RESTART:
                 begin(mean, P, lens, a, b)
                 starts += 1
                 unseen, age, doubted, running = 0, 0, 0, True
@@ -334,7 +334,9 @@ class BodyFilter:
         return BodyFilter(seen, self.plate, self.walls, self.substeps)
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
-        """Rows (N substeps, ROW) of `physics.plate` between the pictures, as the camera shows them `delay` s later."""
+        """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.
+
+        delay: time after which the camera shows them, s"""
         key = (tilting, delay)
         if key != self._key:
             h = self.pictures.dt / self.substeps

@@ -119,7 +119,7 @@ def _at(core, k, i):
 
 
 @njit(cache=True, error_model="numpy")
-def _some(core, p, first, end, x, v, t, w):
+def _sum_range(core, p, first, end, x, v, t, w):
     """Sum of the terms from index `first` up to, but not including, `end`."""
     total = 0.0
     for i in range(first, end):
@@ -128,9 +128,9 @@ def _some(core, p, first, end, x, v, t, w):
 
 
 @njit(cache=True, error_model="numpy")
-def _smooth(core, p, x, v, t, w):
+def _sum_terms(core, p, x, v, t, w):
     """Sum of all terms."""
-    return _some(core, p, 0, core.n_terms, x, v, t, w)
+    return _sum_range(core, p, 0, core.n_terms, x, v, t, w)
 
 
 @njit(cache=True, error_model="numpy")
@@ -169,10 +169,10 @@ def _advance(core, p, k, x, v):
     for i in range(SUBSTEPS):
         t = core.t[k] + i * h
         w0, w1, w2 = _at(core, k, 2 * i), _at(core, k, 2 * i + 1), _at(core, k, 2 * i + 2)
-        a1 = _smooth(core, p, x, v, t, w0)
-        a2 = _smooth(core, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
-        a3 = _smooth(core, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
-        a4 = _smooth(core, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
+        a1 = _sum_terms(core, p, x, v, t, w0)
+        a2 = _sum_terms(core, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
+        a3 = _sum_terms(core, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
+        a4 = _sum_terms(core, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
@@ -201,9 +201,9 @@ def _whole_turns(a, x):
 def _tangent(core, p, k, x, v, held):
     """Derivatives of `_advance` to second order in dt: x by x, x by v, v by x, v by v."""
     dt, t, w = core.dt, core.t[k] + 0.5 * core.dt, _at(core, k, SUBSTEPS)
-    here = _smooth(core, p, x, v, t, w)
-    by_x = (_smooth(core, p, x + STEP, v, t, w) - here) / STEP
-    by_v = (_smooth(core, p, x, v + STEP, t, w) - here) / STEP
+    here = _sum_terms(core, p, x, v, t, w)
+    by_x = (_sum_terms(core, p, x + STEP, v, t, w) - here) / STEP
+    by_v = (_sum_terms(core, p, x, v + STEP, t, w) - here) / STEP
     if held:
         return 1.0, 0.0, 0.0, 0.0
     half = 0.5 * dt * dt
@@ -233,16 +233,16 @@ def _move(core, p, k, before, after, held, moves, d):
         pj, step, m = pointer_to(moves.p, j * moves.p.shape[1]), moves.step[j], moves.which[j]
         if moves.span[j, 0] != first or moves.span[j, 1] != end:
             first, end = moves.span[j, 0], moves.span[j, 1]
-            here = _some(core, p, first, end, x, v, t, w)
-            here_0, here_1 = _some(core, p, first, end, x, v, t, w0), _some(core, p, first, end, x, v, t, w1)
+            here = _sum_range(core, p, first, end, x, v, t, w)
+            here_0, here_1 = _sum_range(core, p, first, end, x, v, t, w0), _sum_range(core, p, first, end, x, v, t, w1)
         if m < 0:
-            faster = _some(core, pj, first, end, x, v, t, w) - here
+            faster = _sum_range(core, pj, first, end, x, v, t, w) - here
             if rubs:
                 faster -= math.copysign(1.0, v) * (_resistance(core, pj, x, v, t, w) - most)
             further = faster
         else:
-            faster = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 0)) - here_0
-            further = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 1)) - here_1
+            faster = _sum_range(core, p, first, end, x, v, t, _mean(moves.w, m, k, 0)) - here_0
+            further = _sum_range(core, p, first, end, x, v, t, _mean(moves.w, m, k, 1)) - here_1
         d[j, 0] += 0.5 * dt * dt * further / step
         d[j, 1] += dt * faster / step
     for i in range(core.n_openings):
@@ -332,7 +332,7 @@ def accelerations(problem, p, x, v, out):
     """Accelerations (N,) in the states (x, v) at the samples, into out."""
     core, at = _core(problem), pointer_to(p, 0)
     for k in range(len(x)):
-        out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
+        out[k] = _sum_terms(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
         if v[k] != 0.0:
             out[k] -= math.copysign(_resistance(core, at, x[k], v[k], problem.t[k], _at(core, k, 0)), v[k])
 
@@ -343,7 +343,7 @@ def _coast(core, p, k, x, v):
     h = core.dt / SUBSTEPS
     for i in range(SUBSTEPS):
         w, middle = _at(core, k, 2 * i + 1), x + 0.5 * h * v
-        free = v + h * _smooth(core, p, middle, v, core.t[k] + (i + 0.5) * h, w)
+        free = v + h * _sum_terms(core, p, middle, v, core.t[k] + (i + 0.5) * h, w)
         before, new = x, free
         if core.n_holds > 0:
             most = h * _resistance(core, p, middle, free, core.t[k], w)
@@ -369,7 +369,7 @@ def coasts(problem, p, starts, out):
         k = starts[j]
         x = problem.y[k]
         v = (x - problem.y[k - 1]) / problem.dt
-        v += 0.5 * problem.dt * _smooth(core, at, x, v, problem.t[k], _at(core, k, 0))
+        v += 0.5 * problem.dt * _sum_terms(core, at, x, v, problem.t[k], _at(core, k, 0))
         out[j, 0] = x
         for i in range(out.shape[1] - 1):
             x, v = _coast(core, at, k + i, x, v)

@@ -26,7 +26,7 @@ PARTS = ("before", "after")
 def rig_evidence(done: RigVerdict, maze: Maze, map_text: str, title: str) -> dict[str, Any]:
     """Errors by samples ahead (rad) and by place (m), gain by blocks of time, correlations of the innovations."""
     found, pictures = done.searched, done.body.pictures
-    parts = {"before": found.first.filtered, "after": found.fit.filtered}
+    parts = {"before": found.without.filtered, "after": found.fit.filtered}
     counted = max(int(np.isfinite(parts["after"].nu[:, 0]).sum()), 1)
     gain = done.held.gain.tolist()
     return {
@@ -69,7 +69,7 @@ def _by_place(done: RigVerdict, maze: Maze) -> dict[str, Any]:
 
     An error belongs to the sector in which the ball was after half of these samples."""
     held, rings = done.held, [ring for ring in maze.rings if ring.track_radius]
-    x, y = done.searched.first.filtered.state[held.starts + MAPPED // 2, :2].T
+    x, y = done.searched.without.filtered.state[held.starts + MAPPED // 2, :2].T
     r, sector = np.hypot(x, y), ((np.arctan2(y, x) + math.pi) / (2.0 * math.pi) * SECTORS).astype(int) % SECTORS
     out: dict[str, Any] = {"ahead": MAPPED, "rings": [[ring.inner_radius, ring.outer_radius] for ring in rings]}
     for when in PARTS:

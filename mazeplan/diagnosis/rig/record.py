@@ -2,8 +2,8 @@
 
 The model of one ring is a bead on a circle. A real ball has play in its channel, spins against walls, and loses speed
 at edges. In a model of beads, these look like wrong friction or inertia. Here, the commands move the plate, the filter
-follows the ball (`physics.rigid_body`), and the fit finds the numbers of the ball. If the physics is right, only the
-camera's noise is left: innovations without autocorrelation.
+follows the ball (`physics.dynamics.rigid_body`), and the fit finds the numbers of the ball. If the physics is right,
+only the camera's noise is left: innovations without autocorrelation.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, values_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
-from mazeplan.diagnosis.rig.search import Searched
+from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.physics.registry import EFFECTS
@@ -78,7 +78,7 @@ class RigVerdict:
     held: HeldOut
     memory: float
     remaining: float
-    searched: Searched
+    searched: SearchResult
     body: BodyFilter
     stage: Stage | None
     was: RigReference

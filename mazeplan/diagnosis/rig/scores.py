@@ -13,7 +13,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel,
 from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.rig.search import ENOUGH, NOISE, STEPS, Searched
+from mazeplan.diagnosis.rig.search import ENOUGH, NOISE, STEPS, SearchResult
 from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 
@@ -69,16 +69,16 @@ class HeldOut:
         return {f"rollout{ahead}": _mean(errors[ahead - 1]) for ahead in (AHEAD // 2, AHEAD)}
 
 
-def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Searched, maze: Maze) -> HeldOut:
+def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: SearchResult, maze: Maze) -> HeldOut:
     """Predictions of a record without and with what was found.
 
     old: the filter with the plate moved by the old model's stage
     was: the old model"""
-    n, plain = len(body.pictures), searched.first.filtered
+    n, plain = len(body.pictures), searched.without.filtered
     starts = starts_of(body, plain, maze)
-    before = roll_out_errors(old, was._replace(wander=searched.first.model.wander), starts)
+    before = roll_out_errors(old, was._replace(wander=searched.without.model.wander), starts)
     gain, blocks = np.zeros(n), np.arange(0, n, round(BLOCK_S / body.pictures.dt))
-    alone = roll_out_errors(body, searched.first.model, starts)
+    alone = roll_out_errors(body, searched.without.model, starts)
     if not searched.found:
         rings = errors_by_ring(body, plain, starts, alone, maze)
         return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone, rings)
@@ -91,7 +91,7 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
     return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone, rings)
 
 
-def _by_rows(body: BodyFilter, searched: Searched, rows: np.ndarray) -> BodyModel:
+def _by_rows(body: BodyFilter, searched: SearchResult, rows: np.ndarray) -> BodyModel:
     """The model with what was found, fitted to some pictures."""
     names: Sequence[str] = [*NOISE, *(name for c in searched.found for name in c.fitted)]
     return fit_body(body.part(rows), searched.fit.model, names, STEPS, ENOUGH).model

@@ -43,9 +43,12 @@ ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
 MOST_FOUND = 4  # maximum number of effects
 PLANE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
-PART_S, SHORT, HALF = 15.0, 6000, 0.45  # s, of a stretch; pictures, of a short record; gain of half a record
+PART_S = 15.0  # length of a stretch, s
+SHORT_RECORD = 6000  # pictures
+HALF = 0.45  # share of the gain that half of a record brings
 CLEARLY = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
-FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
+FURTHER = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)  # factors by which a leap moves all numbers away from the reference
+LEAPS = 3  # maximum number of leaps
 
 
 @dataclass(frozen=True)
@@ -64,23 +67,23 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Searched:
+class SearchResult:
     """The result of a search.
 
     found: found candidates, in the order of the search
     gains: gain of -2 log L by each found candidate
     rivals: for each found candidate, the candidates that gained nearly as much
     fit: with all found candidates
-    first: fit without any candidate"""
+    without: fit without any candidate"""
 
     found: tuple[Candidate, ...]
     gains: tuple[float, ...]
     rivals: tuple[tuple[Candidate, ...], ...]
     fit: BodyFit
-    first: BodyFit
+    without: BodyFit
 
 
-def smallest(model: BodyModel, name: str) -> float:
+def smallest_reportable(model: BodyModel, name: str) -> float:
     """Smallest change of a number to report, in its unit."""
     if "." in name:
         effect, _, key = name.partition(".")
@@ -92,12 +95,12 @@ def smallest(model: BodyModel, name: str) -> float:
     )
 
 
-def moved(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
+def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
     """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
     for name in free:
         before = known_value(was.model, name)
         sigma = ROUGH * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
-        if abs(value_of(model, name) - before) > max(smallest(model, name), SURE * sigma):
+        if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
             return True
     return False
 
@@ -113,7 +116,7 @@ def known_value(model: BodyModel, name: str) -> float:
 def search_rig(
     body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None,
     own: Sequence[Effect] = (),
-) -> Searched:  # fmt: skip
+) -> SearchResult:  # fmt: skip
     """Find what differs from the reference.
 
     tell: reports progress
@@ -137,7 +140,7 @@ def search_rig(
         tell(f"{len(chosen) + 1} found, its size")
         with_it = _polished(part, model, was, (*free, *new.candidate.fitted))
         new = replace(new, gain=best.minus2 - with_it.minus2)
-        if new.gain < least or not _still(with_it, was, new):
+        if new.gain < least or not _still_differs(with_it, was, new):
             refused.add(new.candidate)
             continue
         best, chosen = with_it, [*chosen, new]
@@ -165,25 +168,25 @@ def _left(candidates: Sequence[Candidate], found: Sequence[Candidate], refused: 
 def _on_the_whole(
     body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     first: BodyFit,
-) -> Searched:  # fmt: skip
+) -> SearchResult:  # fmt: skip
     """Fit the findings in a part of the record to the whole record. Drop findings that the whole does not confirm."""
     if not chosen:
-        return Searched((), (), (), first, first)
+        return SearchResult((), (), (), first, first)
     if part is not body:
         best = fit_body(body, best.model, _free(always, [c.candidate for c in chosen]), POLISH, ENOUGH)
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
-        weak = [c for c in chosen if c.gain < CLEARLY * NEEDED or not _still(best, was, c)]
+        weak = [c for c in chosen if c.gain < CLEARLY * NEEDED or not _still_differs(best, was, c)]
         best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
     if not chosen:
-        return Searched((), (), (), first, first)
+        return SearchResult((), (), (), first, first)
     found, gains, rivals = zip(*((c.candidate, c.gain, c.like) for c in chosen), strict=True)
-    return Searched(found, gains, rivals, best, first)
+    return SearchResult(found, gains, rivals, best, first)
 
 
-def _still(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
-    return moved(fit.model, fit.stderr, was, c.candidate.free)
+def _still_differs(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
+    return surely_differs(fit.model, fit.stderr, was, c.candidate.free)
 
 
 def _pruned(
@@ -195,7 +198,7 @@ def _pruned(
         rest = [other for other in chosen if other is not c]
         free = _free(always, [other.candidate for other in rest])
         without = fit_body(body, _without(best.model, was, c.candidate), free, STEPS, ENOUGH)
-        if _still(best, was, c) and without.minus2 - best.minus2 >= least:
+        if _still_differs(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
         chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # its rivals stood beside the dropped finding
@@ -205,7 +208,7 @@ def _pruned(
 def alternate(body: BodyFilter) -> BodyFilter:
     """Every other stretch of PART_S s of a record. This is enough to choose candidates. A short record stays whole."""
     n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
-    return body if n < SHORT else body.part(np.arange(n) // rows % 2 == 0)
+    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % 2 == 0)
 
 
 def _best(
@@ -231,7 +234,7 @@ def _best(
     tried += [c for c in left if c.effect in simpler and c not in tried]
     fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
     gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
-    sure = [c for c in tried if gained[c] >= least and moved(fits[c].model, fits[c].stderr, was, c.free)]
+    sure = [c for c in tried if gained[c] >= least and surely_differs(fits[c].model, fits[c].stderr, was, c.free)]
     if not sure:
         return None, base
     worth = {c: gained[c] - PRICE * len(c.free) for c in sure}

@@ -29,7 +29,16 @@ from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import in_registry
 from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, POLISH, Reference, Searched, moved, search_rig
+from mazeplan.diagnosis.rig.search import (
+    ENOUGH,
+    NEEDED,
+    NOISE,
+    POLISH,
+    Reference,
+    SearchResult,
+    search_rig,
+    surely_differs,
+)
 from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
 from mazeplan.diagnosis.stage.held_out import nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
@@ -211,7 +220,7 @@ def _of_the_stage(
 
 
 def _of_the_ball(
-    was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float], sensor: Entry | None
+    was: RigReference, searched: SearchResult, found: Sequence[Candidate], radii: dict[int, float], sensor: Entry | None
 ) -> tuple[list[Entry], list[tuple[str, ...]]]:
     """Effects of ball, table and camera, and names that the record cannot tell apart."""
     effects, alike, others = list[Entry](), list[tuple[str, ...]](), {name for c in found for name in c.instead}
@@ -244,7 +253,9 @@ def _with_asymmetry(effects: list[Entry]) -> list[Entry]:
     return [effect for effect in effects if effect is not push]
 
 
-def _of_open_numbers(body: BodyFilter, searched: Searched, was: RigReference, radii: dict[int, float]) -> list[Entry]:
+def _of_open_numbers(
+    body: BodyFilter, searched: SearchResult, was: RigReference, radii: dict[int, float]
+) -> list[Entry]:
     """Effects of numbers that the reference does not know.
 
     Against a textbook ball, these are all numbers that differ from it. Against a model of beads, this is friction, if
@@ -252,7 +263,8 @@ def _of_open_numbers(body: BodyFilter, searched: Searched, was: RigReference, ra
     fit = searched.fit
     if was.body.start is not None:
         some = [c for c in CANDIDATES if c.effect and set(c.free) <= set(was.body.open)]
-        return [in_registry(c, fit, was.body, radii) for c in some if moved(fit.model, fit.stderr, was.body, c.free)]
+        sure = [c for c in some if surely_differs(fit.model, fit.stderr, was.body, c.free)]
+        return [in_registry(c, fit, was.body, radii) for c in sure]
     if was.friction is None:
         return []
     value, (low, high) = value_of(fit.model, "rolling"), was.friction
@@ -276,7 +288,7 @@ def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:
 
 
 def _unknown(
-    searched: Searched, found: Sequence[Candidate], memory: float, remaining: float, was: RigReference
+    searched: SearchResult, found: Sequence[Candidate], memory: float, remaining: float, was: RigReference
 ) -> Unknown | None:
     """Something without a name: a candidate without a name, or innovations that are larger or more correlated than
     before. Otherwise None."""

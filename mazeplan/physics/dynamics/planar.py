@@ -138,7 +138,7 @@ def _free_factor(maze: Maze, model: RigNumbers) -> float:
 def ring_index(r, rings):
     """Index of the ring whose floor, widened to the middle of its walls, holds radius r."""
     for i in range(rings.shape[0] - 1):
-        if r > 0.5 * (rings[i, 0] + rings[i + 1, 1]):
+        if r > 0.5 * (rings[i, INNER] + rings[i + 1, OUTER]):
             return i
     return rings.shape[0] - 1
 
@@ -208,7 +208,7 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
     touched = False
     for w in range(walls.shape[0]):
-        if r <= rings[w, 0] or r >= rings[w, 1]:
+        if r <= rings[w, INNER] or r >= rings[w, OUTER]:
             continue
         for j in range(int(walls[w, 3]), int(walls[w, 4])):
             c, s, reach = gaps[j, 0], gaps[j, 1], gaps[j, 2] + radius
@@ -230,7 +230,7 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
 @njit(cache=True)
 def contact(z, radius, rings, walls, gaps, restitution):
     """Resolve contacts with walls (in place); returns whether the ball touches a wall."""
-    touched = _limit_radius(z, rings[0, 1] - radius, False, restitution)
+    touched = _limit_radius(z, rings[0, OUTER] - radius, False, restitution)
     radial = walls.shape[1] > OPENINGS_ONLY
     if radial:
         touched = _meet_radial_walls(z, radius, rings, walls, gaps, restitution) or touched
