@@ -1,6 +1,6 @@
-"""A test kit for those who write trees and leaves; docs/testing-trees.md shows it at work.
+"""A kit to test trees and leaves; docs/testing-trees.md has examples.
 
-    run_tree, tick_tree       run a tree on a rig where things go wrong, or its leaves alone; both return a Record
+    run_tree, tick_tree       run a tree on a rig with mishaps, or without a rig; both return a Record
     script                    what a leaf does in place of its work: "RUNNING x3 then SUCCESS"
     scripted_rig              a rig with a script of mishaps, from a few lines of YAML
     Record                    what happened, and claims about it: reaches, never, within, visits, ends_with, halts

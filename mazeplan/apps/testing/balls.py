@@ -150,7 +150,7 @@ class PlayedRig:
         self._placed = False
 
     def reset(self, *, ring: int, theta: float, rng: Any) -> None:
-        """Time 0; the ball is where its behaviour begins."""
+        """Start at time 0, with the ball at the start of its behaviour."""
         self._k, self._u, self._placed = None, (0.0, 0.0), True
 
     @property

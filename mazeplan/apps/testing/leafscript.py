@@ -103,7 +103,7 @@ class Player:
         return {} if self._conditions is None else self._conditions.given
 
     def decide(self, status: Result) -> Result | None:
-        """The leaf's own preconditions, then the script's SKIPPED."""
+        """The decision of the tree's preconditions for the leaf, otherwise SKIPPED if the script says so."""
         decided = None if self._conditions is None else self._conditions.decide(status)
         if decided is None and self.script.acts[self.at].status is SKIPPED:
             self._next()
@@ -111,7 +111,7 @@ class Player:
         return decided
 
     def after(self, result: Result) -> None:
-        """The leaf's own postconditions."""
+        """The postconditions that the tree gives to the leaf."""
         if self._conditions is not None:
             self._conditions.after(result)
 

@@ -1,4 +1,4 @@
-"""The check of each request to the page, before viser, which has no check of its own, sees it.
+"""Checks each request to the page before viser sees it, because viser itself checks nothing.
 
 A page of another origin can make a browser connect to any port of this machine, but it cannot forge these headers:
 

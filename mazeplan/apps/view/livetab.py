@@ -18,7 +18,7 @@ from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault" | "pause" ...}
-STATE = "state"  # topic of the session's phase, beside the topics of a run
+STATE = "state"  # topic of the session's phase, in addition to the topics of a run
 PLANNED = "planned"  # topic of what the next run will do
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # s of simulated time in 1 s of wall time
 PHASES = {  # sign, words, name in the palette

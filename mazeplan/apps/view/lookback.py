@@ -99,7 +99,7 @@ class LookBack:
             self.past.jump(1 if what == "next" else -1)
 
     def show(self, moment: Moment, now: float) -> Moment:
-        """Keep the newest moment; returns the one to draw. now: s of any clock."""
+        """Keep the newest moment. Returns the moment to draw. now: s of any clock"""
         with self._lock:
             self.past.keep(moment)
             shown = self.past.shown() or moment

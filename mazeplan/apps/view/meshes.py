@@ -99,7 +99,7 @@ def floor_mesh(inner: float, outer: float, z: float) -> Mesh:
 
 
 def ring_floor(maze: Maze, ring: int) -> Mesh:
-    """The floor of a ring, under half of the walls beside it."""
+    """The floor of a ring. It reaches to the middle of the walls on both sides."""
     walls = maze.walls
     outer = 0.5 * (walls[ring - 1].inner_radius + walls[ring - 1].outer_radius)
     inner = 0.5 * (walls[ring].inner_radius + walls[ring].outer_radius) if ring < len(maze.rings) else 0.0

@@ -184,7 +184,9 @@ class Scene:
 
 
 class _OpeningMark:
-    """An opening as drawn: a mark on its floor, a frame while it is the next, a plug or a label when needed."""
+    """The drawing of an opening: a mark on its floor, a frame while it is the next opening, a plug while it is closed.
+
+    A label shows that it is closed, or its chance of getting through once it was tried."""
 
     def __init__(self, scene: Scene, opening: Opening, on_click: Callable[[str], None] | None) -> None:
         maze, name = scene._maze, f"opening/{opening.name}"
@@ -254,7 +256,7 @@ def wall_meshes(maze: Maze) -> dict[str, Mesh]:
 
 
 def opening_colour(known: OpeningShown) -> Colour:
-    """Grey for an untried opening, else by the chance of getting through."""
+    """Grey for an untried opening; otherwise the colour shows the chance of getting through."""
     if not known.tried:
         return rgb("skipped")
     share = min(max(known.chance, 0.0), 1.0)

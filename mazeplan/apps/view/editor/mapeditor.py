@@ -274,8 +274,11 @@ class MapEditor:
         name: another file in the same folder, which must not exist yet
         with_errors: whether to save a map that has errors
 
-        Raises MapError with the first error of the map, for a file that another program has changed, or for a file
-        that cannot be written. Then the file does not change."""
+        Raises MapError in three cases, in which the file does not change:
+
+        - the map has errors and `with_errors` is false: the first error of the map
+        - another program has changed the file
+        - the file cannot be written"""
         path = self.path if name in (None, self.path.name) else self._other(name)
         if self.check.errors and not with_errors:
             raise self.check.errors[0]

@@ -25,7 +25,7 @@ KINDS: dict[str, Section] = {"opening": "openings", "radial wall": "radial_walls
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
     "font-size:11px!important;font-family:ui-monospace,Menlo,Consolas,monospace!important}"
-    # and keeps room for a label beside them
+    # hides the room that viser keeps for a label beside the text field
     ".mantine-Flex-root:has(> * .mantine-Textarea-input) > :first-child:not(:has(textarea)){display:none}"
 )
 
