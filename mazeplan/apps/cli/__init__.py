@@ -2,8 +2,8 @@
 
 Exit status: 0 success, 1 the job ran without success, 2 bad input or usage, 3 the rig failed, 130 Ctrl-C, 143 SIGTERM,
 129 SIGHUP. A signal ends a run like Ctrl-C: the plate is level and the log complete.
-Streams: a full or closed stderr changes nothing. A stdout that cannot be written turns 0 into 1 and gives one line, or
-none where the reader left (`| head`).
+Streams: a full or closed stderr changes nothing. A stdout that cannot be written turns status 0 into 1 and prints one
+line; if the reader left (`| head`), it prints nothing.
 Each command imports what it needs when it runs, so that `--help` answers at once.
 """
 
@@ -31,11 +31,11 @@ _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, bu
 
 INTERRUPTED = 130  # exit status
 UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as in `mazeplan log export ... | head`
-UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # of a path
+UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # the system refuses a path
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 OWN: dict[type[InputError], str] = {ModelError: "--model", MapError: "--map", TreeError: "--behavior"}
-NEVER_A_LOG = ("--model", "--map", "--behavior", "--rig", "--settings", "--policy")  # in these options
-EXPECTED = {  # how typer begins its message about a number: our words
+NEVER_A_LOG = ("--model", "--map", "--behavior", "--rig", "--settings", "--policy")  # these options never name a log
+EXPECTED = {  # beginning of typer's message about a number: words of mazeplan
     "valid integer": "a whole number",
     "valid number": "a number",
     "greater than or equal to": "a number >=",
@@ -55,7 +55,7 @@ def keep_compiled() -> None:
 
 @contextmanager
 def ended_as_interrupted() -> Iterator[list[int]]:
-    """Turn the first ending signal into KeyboardInterrupt; yields a list that receives its number."""
+    """Turn the first signal of ENDING into KeyboardInterrupt. Yields a list that receives the number of the signal."""
     received: list[int] = []
     before: dict[int, Any] = {}
 
@@ -118,7 +118,7 @@ def flush_output(status: int, stdout: Any) -> int:
 
 
 def end_unwritable(problem: OSError, status: int = 0) -> NoReturn:
-    """End at once: stdout takes no more, and its buffer would fail again. A reader that left knows it."""
+    """End at once, because the buffer of stdout would fail again. Print nothing if the reader left."""
     if problem.errno != errno.EPIPE:
         print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
     sys.stderr.flush()
@@ -126,7 +126,7 @@ def end_unwritable(problem: OSError, status: int = 0) -> NoReturn:
 
 
 def with_option(error: MazeplanError, words: Sequence[str]) -> str:
-    """The error message, preceded by the option whose value is wrong; words: the command line."""
+    """The error message, preceded by the option whose value is wrong. words: the command line"""
     text = str(error)
     if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
         return text
@@ -142,7 +142,7 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
 
 
 def _likely_first(error: InputError, words: Sequence[str]) -> list[tuple[str, str]]:
-    """The options with their values, those first which such an error is about: several may have the same value."""
+    """The options with their values. The most likely options come first, because several may have the same value."""
     pairs = list(_option_values(words))
     if isinstance(error, LogError | TableError):
         return [pair for pair in pairs if pair[0] not in NEVER_A_LOG]
@@ -150,7 +150,7 @@ def _likely_first(error: InputError, words: Sequence[str]) -> list[tuple[str, st
 
 
 def _usage_message(error: Any, words: Sequence[str]) -> str:
-    """A usage error in our form: option, value, allowed values."""
+    """A usage error in the form of mazeplan's messages: option, value, allowed values."""
     text = " ".join(error.format_message().split())
     if text.startswith("No such option") and error.ctx is not None:
         name = error.option_name.lstrip("-").upper()
@@ -196,7 +196,7 @@ def main() -> None:
 
 
 def _run(received: list[int]) -> int:
-    """Run the command and return its exit status; received: number of the signal that ended it."""
+    """Run the command and return its exit status. received: number of the signal that ended it, if any"""
     try:
         with short_warnings():
             status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
@@ -204,13 +204,13 @@ def _run(received: list[int]) -> int:
         others = error.others if isinstance(error, InputError) else ()
         return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
-        if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its message is the help
+        if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command; the message is the help
             print(error.format_message(), file=sys.stderr)
             return InputError.exit_status
         return _fail(_usage_message(error, sys.argv[1:]), InputError.exit_status)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
-    except typer.Exit as end:  # typer makes one of Ctrl-C
+    except typer.Exit as end:  # typer also turns Ctrl-C into Exit
         status = end.exit_code
     except OSError as problem:
         if problem.errno in UNUSABLE and problem.filename is not None:

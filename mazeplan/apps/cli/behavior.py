@@ -105,7 +105,7 @@ def check(
 
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
-    """What there is to say of one tree."""
+    """The result of the check of one tree, as a document."""
     from mazeplan.behavior.check import Findings, Unrun, check_file
     from mazeplan.behavior.own_nodes import registry_with
 
@@ -154,7 +154,7 @@ def show(
 
 
 def _title(log: RunLog) -> str:
-    """With what the run was done, and below how it ended."""
+    """The title of a picture: log, rig and seed, and in a second line how the run ended."""
     from mazeplan.apps.report.run import lead
 
     return f"{log.path.name}: rig {log.header.get('rig')}, seed {log.header.get('seed')}\n{lead(log)}"
@@ -200,7 +200,7 @@ def _print_node(name: str, node: type[TreeNode], owner: str) -> None:
 
 
 def _purpose(node: type[TreeNode]) -> str:
-    """The first paragraph of its docstring, in one line."""
+    """The first paragraph of a node's docstring, in one line."""
     paragraph, _, _ = cleandoc(node.__doc__ or "").partition("\n\n")
     return " ".join(paragraph.split())
 
@@ -271,7 +271,7 @@ def palette(
 
 
 def _tree_text(file: Path, modules: list[str] | None) -> str:
-    """The text of a tree's file, with its ends of lines. Raises InputError, also for a tree with mistakes."""
+    """The text of a tree's file, with its line ends unchanged. Raises InputError, also for a tree with errors."""
     if not file.is_file():
         raise InputError("no such file; expected the XML file of a tree", file=file)
     _load(str(file.absolute()), modules)

@@ -92,7 +92,7 @@ def _servos(fit: TiltFit) -> dict[str, dict[str, float]]:
 
 
 def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> list[Reading]:
-    """Move the plate from tilt to tilt and ask for the readings; each answer is written to `keep` at once."""
+    """Move the plate from tilt to tilt and ask for the readings. Each answer is written to the file `keep` at once."""
     from mazeplan.rigs.files import placed
     from mazeplan.rigs.hardware.parts import open_board
     from mazeplan.rigs.hardware.tiltcalibration import write_readings
@@ -123,7 +123,7 @@ def _ask(question: str) -> tuple[float, float] | None:
     while True:
         try:
             answer = typer.prompt(question, default="", show_default=False, err=True)
-        except typer.Abort as end:  # Ctrl-D as well as Ctrl-C
+        except typer.Abort as end:  # typer raises it for Ctrl-D as well as for Ctrl-C
             if isinstance(end.__context__, EOFError):
                 say("")
                 raise Enough from None
@@ -141,7 +141,7 @@ def _ask(question: str) -> tuple[float, float] | None:
 
 
 def _report(fit: TiltFit, readings: Path | None, as_json: bool, written: str | None) -> None:
-    """Print the fit; written: the rig's file, if it was written."""
+    """Print the fit. written: the rig's file, if it was written"""
     axes, servos = {"beta": fit.beta, "gamma": fit.gamma}, _servos(fit)
     if as_json:
         found = {

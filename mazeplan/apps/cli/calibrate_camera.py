@@ -76,7 +76,7 @@ def _calibrate(
     file: RigFile, given: dict[str, Any], boards: str | None, plate: str | None, board: tuple[tuple[int, int], float],
     maze: Maze, markers: Markers | None,
 ) -> tuple[LensCalibration, Calibration]:  # fmt: skip
-    """Lens and place of the camera; board: inner corners of the chessboard, and side of its squares, m."""
+    """Find lens and place of the camera. board: inner corners of the chessboard, and side of its squares, m"""
     import numpy as np
 
     from mazeplan.apps.cli.progress import ProgressBar
@@ -93,7 +93,7 @@ def _calibrate(
 
 
 def _lens_of(boards: str, board: tuple[tuple[int, int], float], bar: ProgressBar) -> LensCalibration:
-    """The lens by pictures of the chessboard. Raises InputError that names the pictures, or all of them."""
+    """The lens from pictures of the chessboard. Raises InputError that names the bad picture, or their source."""
     from mazeplan.rigs.camera.calibration import calibrate_lens
     from mazeplan.rigs.camera.source import pictures
 
@@ -104,7 +104,7 @@ def _lens_of(boards: str, board: tuple[tuple[int, int], float], bar: ProgressBar
 
 
 def _shown(found: Iterator[Any], bar: ProgressBar) -> Iterator[Any]:
-    """The pictures, with their names in the bar."""
+    """Yield the pictures, and show their names in the bar."""
     for name, image in found:
         bar.show(Path(name).name)
         yield name, image
@@ -131,7 +131,7 @@ def _lens(given: dict[str, Any], file: RigFile) -> LensCalibration:
 
 
 def _markers(given: dict[str, Any], maze: Maze, file: RigFile) -> Markers:
-    """The markers in the rig's file, else those that `--sheet` draws."""
+    """The markers in the rig's file; without them, the markers that `--sheet` draws."""
     from mazeplan.rigs.camera.markers import corner_markers
     from mazeplan.rigs.camera.section import marker_section
 
@@ -141,7 +141,7 @@ def _markers(given: dict[str, Any], maze: Maze, file: RigFile) -> Markers:
 
 
 def _section(done: Calibration, markers: Markers | None, given: dict[str, Any], file: RigFile) -> dict[str, Any]:
-    """The section `camera` of the rig's file."""
+    """The section `camera` for the rig's file."""
     from datetime import date
 
     from mazeplan.rigs.camera.section import mapping

@@ -1,4 +1,4 @@
-"""Options of `calibrate tilt` and `calibrate camera`, as in `options`."""
+"""Options of `calibrate tilt` and `calibrate camera`, in the same form as in `options`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verdict on a campaign of `evaluate`: what its runs show, and what to do next."""
+"""The verdict on a campaign of `evaluate`: what the runs show, and what to do next."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from typing import Any
 from mazeplan.core.records import FailureKind
 
 NO_ROUTE = FailureKind.NO_ROUTE.value
-SURE = 0.9  # lower end of the 95 % interval of the share that arrives, from which on nothing is left to do
-MANY = 64  # runs that show it, if all arrive
+SURE = 0.9  # good enough: minimum of the lower end of the 95 % interval of the share of runs that arrive
+MANY = 64  # runs that are enough for SURE, if all of them arrive
 OF_THE_RUN = ("--runs", "--report", "--force", "--json")  # options of `evaluate` that more runs do not need again
 NAVIGATES = (
     "--rig", "--map", "--model", "--effects", "--policy", "--behavior", "--behavior-module", "--settings", "--from",
     "--to", "--balls", "--time-limit", "--sense",
 )  # fmt: skip  # options that `navigate` has as well
-FEW = 10  # runs that show nothing, if all arrive
+FEW = 10  # fewer runs show nothing, even if all of them arrive
 
 
 def verdict(document: dict[str, Any], given: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """`verdict` (good, fair, poor; unknown: too few runs), `because` and `advice`; document: of `evaluate`, without
-    faults; given: the options of its command line as typed (`given_words`), which the advice repeats."""
+    """`verdict` (good, fair, poor, or unknown: too few runs), `because` and `advice` for a campaign.
+
+    document: of `evaluate` without faults
+    given: the options of its command line as typed (`given_words`); the advice repeats them"""
     from mazeplan.apps.report.evaluation_runs import interval
 
     given = given or {}

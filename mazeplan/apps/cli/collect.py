@@ -16,7 +16,7 @@ from mazeplan.core.field_checks import unit_hint
 if TYPE_CHECKING:
     from mazeplan.run.collect import Collected
 
-LEAST_TILT = 0.2  # degrees; less hardly moves a ball
+LEAST_TILT = 0.2  # degrees; a smaller tilt hardly moves a ball
 
 
 def collect(
@@ -79,7 +79,7 @@ def collect(
 
 @contextmanager
 def _report_kept(output: Path) -> Iterator[None]:
-    """On Ctrl-C, print where the samples so far are."""
+    """On Ctrl-C, print the file that holds the samples so far."""
     try:
         yield
     except KeyboardInterrupt:

@@ -12,7 +12,9 @@ from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError
 from mazeplan.core.whole_file import whole_file
 
-LARGER = 1.05  # an error in the split in time over that by blocks; intervals of 95 % are about twice as wide
+# the two splits agree if the error of the split in time is at most this many times the error of the split by blocks;
+# intervals of 95 % are about twice as wide
+LARGER = 1.05
 
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
@@ -93,7 +95,7 @@ def compare(
 
 
 def report(scores: list[RingScores]) -> None:
-    """Print the tables. Without enough windows or blocks of time, print that instead of an interval."""
+    """Print the tables. If there are too few windows or blocks of time for an interval, print this instead."""
     from mazeplan.learning.split import TOO_FEW, enough
 
     kinds = list(scores[0].nrmse_test)
@@ -140,7 +142,7 @@ def report(scores: list[RingScores]) -> None:
 
 
 def verdict(s: RingScores) -> str:
-    """Which kind predicts best after 40 samples, by how much, and how sure that is."""
+    """A sentence on the kind that predicts best after 40 samples: by how much, and how certain the difference is."""
     from mazeplan.learning.split import TOO_FEW
 
     best = s.best
@@ -157,7 +159,7 @@ def verdict(s: RingScores) -> str:
 
 
 def _carried(s: RingScores) -> str:
-    """What the split in time shows, in one line."""
+    """What the split in time of a ring shows, in one line."""
     time, own, (low, _) = (s.carried[name] for name in ("time", "own", "changed"))
     says = f"ring {s.ring}: pi has {time:.3f} on the last 40 %, {s.carried['blocks']:.3f} by blocks all over the record"
     if low > 0.0:
@@ -182,7 +184,7 @@ def _enough(s: RingScores) -> bool:
 
 
 def _draw_curves(document: dict[str, Any], maze: Maze, path: Path) -> None:
-    """Draw the learning curves of the report into a file of their own. Raises InputError."""
+    """Draw the learning curves of the report into a separate file. Raises InputError."""
     from matplotlib.figure import Figure
 
     from mazeplan.apps.report.documents import ComparedRing

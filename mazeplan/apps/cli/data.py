@@ -69,7 +69,7 @@ def _document(imported: ImportedRing, path: Path) -> dict[str, Any]:
 
 
 def _line(imported: ImportedRing) -> str:
-    """Rows, segments and noise of a ring, and checks that should be 0."""
+    """A line for a ring: rows, segments, noise, and the checks that should be 0."""
     checks = ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in imported.checks.items())
     return (
         f"ring {imported.ring}: {imported.published} rows published (1 sample in {imported.step}), "

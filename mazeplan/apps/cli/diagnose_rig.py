@@ -1,4 +1,4 @@
-"""`diagnose` of all rings together: a rig against its reference, or with --body the body of its ball."""
+"""`diagnose` of all rings together: compares a rig with its reference, or with --body fits the body of its ball."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def diagnose_body(path: Path, request: DiagnosisRequest) -> None:
 
 
 def _ring_models(values: list[float] | None, factor: float) -> str:
-    """The range of a parameter over the rings of the model."""
+    """The range of a parameter over the rings of the model, in words; empty without values."""
     if values is None:
         return ""
     low, high = (f"{factor * end:.4g}" for end in values)
@@ -93,7 +93,7 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
 
 
 def _write_model(done: RigVerdict, document: dict[str, Any], known: RigModel | None, output: Path) -> None:
-    """Write the model with the found effects, and its reference; sets `model` in the document."""
+    """Write the model with the found effects, and its reference. Sets `model` in the document."""
     if known is not None and changes_model(done.effects):
         new = moved_model(known, done.effects, done.searched.fit)
         document["model"] = str(save_model(new, output / "model").parent)

@@ -30,12 +30,13 @@ from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
 
-FEWEST_IN_RINGS = 0.7  # share of the samples of a table without rings; a run's log also has passages
+FEWEST_IN_RINGS = 0.7  # minimum share of the samples in rings of the map; a run's log also has passages
 
 
 def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
-    """Diagnose one ring of a log, write the report and the model, and print the result. why: the other rings are left
-    out. Raises InputError."""
+    """Diagnose one ring of a log, write the report and the model, and print the result. Raises InputError.
+
+    why: why the other rings are left out; empty if one ring was asked for"""
     maze = logged_map(request.map, log).maze
     model = None if request.model is None else load_model(request.model)
     done, document = _diagnose(log, maze, model, request)
@@ -52,13 +53,18 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
 
 
 def separating_commands(ways: list[dict[str, str]], log: Path, map_: str | None) -> list[dict[str, str]]:
-    """The commands that would separate ambiguous effects, with the rig and map of the log."""
+    """The ways to separate ambiguous effects, each command with the rig and map of the log."""
     return on_machine(ways, *collect_options(log, map_)) if ways else ways
 
 
 @dataclass(frozen=True)
 class _RingData:
-    """A ring of a table; ring: its number, if known; radius: of its track, m; rows: mask of its samples."""
+    """A ring of a table.
+
+    ring: its number, if known
+    radius: of its track, m
+    rows: mask of its samples
+    openings: in its walls, if known"""
 
     table: Table
     ring: int | None
@@ -68,7 +74,7 @@ class _RingData:
 
 
 def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData:
-    """The ring of the options, or the most frequent one. Raises InputError."""
+    """The ring that the options name, otherwise the ring with most samples. Raises InputError."""
     if request.radius is None:
         ring = _ring(table, maze, request.ring)
         return _RingData(table, ring, maze.track_radius(ring), rings_of(table, maze) == ring, ring_openings(maze, ring))
@@ -79,7 +85,7 @@ def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData
 def _diagnose(
     log: Path, maze: Maze, model: RigModel | None, request: DiagnosisRequest
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
-    """The diagnosis and its document."""
+    """Diagnose a ring. Returns the diagnosis and its document."""
     added = added_effects(request.effects)
     raw, camera = read_table(log), Camera() if model is None else model.camera
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
@@ -120,7 +126,7 @@ def ring_openings(maze: Maze, ring: int) -> Openings:
 
 
 def _check_rings(table: Table, maze: Maze) -> None:
-    """Raises InputError for a table without rings whose radii do not fit the map."""
+    """Raises InputError if a table has no column `ring` and its radii do not fit the map."""
     if "ring" in table or "r" not in table:
         return
     seen = np.isfinite(table["r"])
@@ -131,7 +137,7 @@ def _check_rings(table: Table, maze: Maze) -> None:
 
 
 def _ring(table: Table, maze: Maze, ring: int | None) -> int:
-    """The given ring, else that of most rows. Raises InputError without such a ring, and for a disc."""
+    """The given ring, otherwise the ring of most rows. Raises InputError if there is none, or if it is a disc."""
     if ring is None:
         numbers = rings_of(table, maze)
         found, counts = np.unique(numbers[numbers > 0], return_counts=True)

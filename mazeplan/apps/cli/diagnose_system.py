@@ -1,4 +1,4 @@
-"""`diagnose --system`: a mechanism with one degree of freedom, a user's class or the drive axis EMPS."""
+"""`diagnose --system`: a mechanism with one degree of freedom, which is a user's class or the drive axis EMPS."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mazeplan.physics.registry import brought
 
 
 def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
-    """Diagnose a record; system: emps or MODULE:CLASS. Raises InputError, TableError."""
+    """Diagnose a record. system: emps or MODULE:CLASS. Raises InputError, TableError."""
     own = [] if request.effects is None else brought(request.effects)
     mechanism = _mechanism(system, path.parent, own)
     log: Any
@@ -40,7 +40,7 @@ def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
 
 
 def _mechanism(system: str, folder: Path, own: Sequence[Effect]) -> Mechanism:
-    """The mechanism; folder: of the log, in which its module is searched, too."""
+    """The mechanism of a system. folder: folder of the log, in which the module is searched, too"""
     kind: Any = Axis
     if system != "emps":
         module, _, name = system.partition(":")
@@ -54,7 +54,7 @@ def _mechanism(system: str, folder: Path, own: Sequence[Effect]) -> Mechanism:
 
 
 def _declared(declare: Sequence[str], mechanism: Mechanism) -> tuple[Values, list[str]]:
-    """Effects with known values, and names of effects that act with unknown values."""
+    """The declared effects: those with known values, and the names of those with unknown values."""
     fitted = [text for text in declare if "=" not in text and "." not in text]
     known: Values = {}
     names = [effect.name for effect in mechanism.library]

@@ -23,7 +23,7 @@ Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """Options of `diagnose`; radius: of the track, m."""
+    """Options of `diagnose`. radius: of the track, m"""
 
     logs: list[Path]
     model: str | None
@@ -39,9 +39,11 @@ class DiagnosisRequest:
 
 
 def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effect], partly: str = "") -> None:
-    """Add the parameters of `--declare` to `known`. Raises InputError naming the allowed ones.
+    """Add the parameters of `--declare` to `known`. Raises InputError that names the allowed ones.
 
-    Other parameters of a declared effect get their defaults, except those of the effect `partly`."""
+    texts: EFFECT.PARAM=VALUE
+    candidates: the effects that may be declared
+    partly: an effect whose other parameters stay undeclared; those of another declared effect get their defaults"""
     library, given = {effect.name: effect for effect in candidates}, set[str]()
     for text in texts:
         name, equals, value = text.partition("=")
@@ -73,7 +75,7 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
 
 
 def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Path) -> None:
-    """Write report.json, evidence.json and report.html; sets `report` in the document."""
+    """Write report.json, evidence.json and report.html. Sets `report` in the document."""
     from mazeplan.apps.report.diagnosis import write_diagnosis
 
     document["report"] = str(output / "report.html")
@@ -83,7 +85,7 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
 
 
 def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
-    """Write the report of a diagnosis of one mechanism, and print the result; done: a `Diagnosis`."""
+    """Write the report of a diagnosis of one mechanism, and print the result."""
 
     if request.output is not None:
         further = [note for note in document["notes"] if note not in done.remarks]
@@ -96,7 +98,7 @@ def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest,
 
 
 def lines_of_test(errors: str) -> list[str]:
-    """The errors before and after on the record of --test, in words; none without one."""
+    """A line with the errors before and after, on the record of --test; no line without such a record."""
     return [f"on the record of --test: {errors}"] if errors else []
 
 

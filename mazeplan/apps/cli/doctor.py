@@ -1,6 +1,6 @@
 """`doctor`: what is installed, what is missing or too old, and how to install it.
 
-The required packages come from pyproject.toml in a checkout, else from the installed metadata.
+In a checkout the required packages come from pyproject.toml, otherwise from the installed metadata.
 """
 
 from __future__ import annotations
@@ -62,7 +62,12 @@ class Package:
 
 @dataclass(frozen=True)
 class Installation:
-    """What `doctor` found; packages: by extra; emulator: parts that run the board's firmware without a board."""
+    """What `doctor` found.
+
+    packages: by extra
+    emulator: {part: its place, or None}; the parts run the board's firmware without a board
+    browser: for tests of the live page
+    ports: serial ports on USB; None without pyserial"""
 
     packages: dict[str, list[Package]]
     emulator: dict[str, str | None]

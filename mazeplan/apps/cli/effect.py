@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.physics.effect import Effect
 
 app = typer.Typer(help="List and show physical effects of models and diagnoses.", no_args_is_help=True)
-LONGEST = 60  # characters of a formula in a table
+LONGEST = 60  # maximum number of characters of a formula in a table
 
 EffectName = Annotated[
     str, typer.Argument(metavar="EFFECT", autocompletion=names.EFFECTS, help="Name of an effect (see `effect list`).")
@@ -82,7 +82,7 @@ def table(effects: list[Effect]) -> list[str]:
 
 
 def _known(spec: str | None) -> dict[str, Effect]:
-    """Effects by name: packaged ones, those of installed packages, and those of a user's module."""
+    """Effects by name: of mazeplan, of installed packages, and of a user's module."""
     from mazeplan.apps.cli.plugins import added_effects
     from mazeplan.physics.registry import EFFECTS
 
@@ -97,7 +97,7 @@ def _acts_on(effect: Effect) -> str:
 
 
 def _units(effect: Effect) -> str:
-    """`cos1 .. sin3 (rad/s^2)`: parameters with the same unit together."""
+    """The parameters of an effect, those with the same unit together: `cos1 .. sin3 (rad/s^2)`."""
     groups = []
     for unit, items in groupby(effect.parameters.items(), key=lambda item: item[1].unit):
         names = [name for name, _ in items]
@@ -106,7 +106,7 @@ def _units(effect: Effect) -> str:
 
 
 def _entry(effect: Effect) -> list[str]:
-    """Lines of the effect in a model file."""
+    """The lines of a model file that hold the effect."""
     if effect.entry:
         return [f"{place}: {key}" for key, place in effect.entry.items()]
     values = ", ".join(f"{key}: {p.default:g}" for key, p in effect.parameters.items())

@@ -19,15 +19,15 @@ TTY = "/dev/tty"
 
 
 def interrupt() -> None:
-    """End the present work like Ctrl-C."""
+    """End the present work as Ctrl-C does."""
     os.kill(os.getpid(), signal.SIGINT)
 
 
 @contextmanager
 def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> Iterator[bool]:
-    """Within the context, the first key calls `rig.stop()` and `then`; yields whether a terminal listens.
+    """Within this context, the first key calls `rig.stop()` and `then`. Yields whether it reads keys of a terminal.
 
-    A rig without `stop`, such as a simulated one, leaves the terminal alone."""
+    For a rig without `stop`, such as a simulated rig, it leaves the terminal alone."""
     from mazeplan.rigs.interface import traits
 
     stop = traits(rig).stop
@@ -46,7 +46,7 @@ def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> It
             ready, _, _ = select.select([fd, wake], [], [])
             if wake in ready:
                 return
-            if not _foreground(fd):  # reading would stop the program
+            if not _foreground(fd):  # in the background, reading would suspend the program
                 if wake in select.select([wake], [], [], 0.2)[0]:
                     return
                 continue
@@ -66,7 +66,7 @@ def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> It
         os.write(waker, b".")
         if thread.ident is not None:
             thread.join(timeout=1.0)
-        # a program in the background that sets the terminal would be stopped by SIGTTOU
+        # SIGTTOU would suspend a program in the background that sets the terminal
         masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU})
         with suppress(termios.error):
             termios.tcsetattr(fd, termios.TCSADRAIN, before)
@@ -90,5 +90,5 @@ def _open_terminal(terminal: str) -> int | None:
 def _foreground(fd: int) -> bool:
     try:
         return os.tcgetpgrp(fd) == os.getpgrp()
-    except OSError:  # another session's terminal, or it is gone
+    except OSError:  # the terminal belongs to another session, or is gone
         return False

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mazeplan.run.campaign.store import Store
 
 RUNS, FAULT_RUNS = 16, 10
-MOST_OTHERS = 3  # other campaigns in the store that are named
+MOST_OTHERS = 3  # maximum number of other campaigns in the store that are named
 
 
 def evaluate(
@@ -95,7 +95,9 @@ def evaluate(
 
 
 def _exit_status(document: dict[str, Any], runs: int) -> int:
-    """0 if all runs arrived, or all faults ended as they should. Raises RigError if a rig failed without a fault."""
+    """0 if all runs arrived, or with faults if all faults ended as they should.
+
+    Raises RigError if a rig failed in a campaign without faults."""
     from mazeplan.core.errors import RigError
     from mazeplan.core.records import FailureKind
     from mazeplan.run.campaign.faults import good
@@ -110,7 +112,7 @@ def _exit_status(document: dict[str, Any], runs: int) -> int:
 
 
 def _evaluate(campaign: Campaign, workers: int | None, dask: str | None, folder: Path | None) -> list[NavigationResult]:
-    """All results of a campaign without faults."""
+    """Run a campaign without faults. Returns all results."""
     from mazeplan.run.campaign.evaluate import evaluate
     from mazeplan.run.campaign.store import open_store
 
@@ -123,7 +125,7 @@ def _evaluate(campaign: Campaign, workers: int | None, dask: str | None, folder:
 def _evaluate_faults(
     campaign: Campaign, faults: str, workers: int | None, dask: str | None, folder: Path | None
 ) -> dict[str, Any]:
-    """The document of a campaign in which each fault of a schedule is tried; faults: its file, or all."""
+    """Run a campaign that tries each fault of a schedule. Returns its document. faults: file of the schedule, or all"""
     from mazeplan.run.campaign.evaluate import summary
     from mazeplan.run.campaign.faults import evaluate_faults, report
     from mazeplan.run.campaign.store import open_stores
@@ -146,7 +148,7 @@ def _evaluate_faults(
 
 
 def _trials(faults: str) -> tuple[FaultTrial, ...]:
-    """The trials of a schedule; faults: its file, or all."""
+    """The trials of a schedule. faults: file of the schedule, or all"""
     from mazeplan.core.errors import InputError
     from mazeplan.core.name_hints import nearest
     from mazeplan.rigs.faults.kinds import KINDS
@@ -165,9 +167,11 @@ def _trials(faults: str) -> tuple[FaultTrial, ...]:
 def _executor(
     workers: int | None, dask: str | None, stores: Sequence[Store], runs: int, campaigns: int
 ) -> Iterator[tuple[Executor, Any]]:
-    """The executor of the runs that no store holds, and `advance(finished)` of their bar; stores: one per campaign.
+    """The executor of the runs that no store holds, and `advance(finished)` of their bar.
 
-    If something ends the runs, a message says what is kept and how to continue."""
+    stores: one for each campaign
+
+    After Ctrl-C or a failure of the rig, a message says what is kept and how to continue."""
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.core.errors import RigError
     from mazeplan.run.campaign.executor import open_executor
@@ -190,7 +194,7 @@ def _executor(
 
 
 def _report_store(stores: Sequence[Store], kept: int, count: int) -> None:
-    """Print how many runs the store holds already, and its other campaigns."""
+    """Print how many runs the store holds already, and which other campaigns it holds."""
     others = stores[0].others([store.name for store in stores])
     for other in others[:MOST_OTHERS]:
         say(f"{stores[0].folder} also holds runs of another campaign, which stay apart: {other}")
@@ -205,7 +209,7 @@ def _kept(stores: Sequence[Store], runs: int) -> int:
 
 
 def summary_lines(document: dict[str, Any]) -> list[str]:
-    """The summary of a campaign."""
+    """The summary of a campaign, as lines."""
     times, failures = document["time_s"], document["failures"]
     lines = [f"arrived       {document['success']} of {document['runs']}"]
     if times["mean"] is not None:
@@ -219,7 +223,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
 
 
 def fault_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """One line per fault, and below it each broken rule."""
+    """One line for each fault, and below it a line for each broken rule."""
     width = max(len("fault"), *(len(row["fault"]) for row in rows))
     lines = [f"{'fault':{width}s}  arrived  noticed  after s  recoveries, and other ends"]
     for row in rows:

@@ -190,8 +190,9 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
 
 
 class Command(TyperCommand):
-    """A command whose help names arguments as they are typed, and keeps the lines of its examples. It looks at the
-    files and options of its command line before it begins."""
+    """A command whose help names arguments as they are typed and keeps the lines of its examples.
+
+    Before it begins, it checks the files and options of its command line."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
@@ -200,7 +201,7 @@ class Command(TyperCommand):
         return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """`[OPTIONS]`, and the arguments: LOG, LOG... for several, [LOG] for one that may be left out."""
+        """`[OPTIONS]` and the arguments: LOG; LOG... if several are allowed; [LOG] if it is optional."""
         pieces = [self.options_metavar] if self.options_metavar else []
         for parameter in self.get_params(ctx):
             if parameter.param_type_name == "argument":
@@ -233,7 +234,7 @@ class Command(TyperCommand):
 
 
 def context_settings() -> dict[str, Any]:
-    """-h beside --help, and help as wide as the terminal, up to WIDEST."""
+    """Settings of typer: -h as well as --help, and help as wide as the terminal, up to WIDEST."""
     return {**SETTINGS, "max_content_width": min(shutil.get_terminal_size((80, 24)).columns, WIDEST)}
 
 

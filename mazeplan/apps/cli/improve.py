@@ -64,7 +64,7 @@ def improve(
 
 
 def round_lines(rounds: list[dict[str, Any]]) -> list[str]:
-    """Diagnosis, navigation before and after, and model of each round."""
+    """Lines for each round: the diagnosis, the navigations before and after, and the model."""
     lines = []
     for number, entry in enumerate(rounds, start=1):
         lines.append(f"round {number}: {entry['diagnosis']['sentence']}")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.learning.modelfile import RigModel
     from mazeplan.maze.geometry import Maze
 
-TABLE = "tilt_offset"  # an effect of the table: one for all rings
+TABLE = "tilt_offset"  # an effect of the table, the same for all rings
 
 
 def learn(
@@ -35,7 +35,7 @@ def learn(
     """Fit the model of a rig, stage and ball, to its logs."""
     from mazeplan.core.logs.table import check_there, join, read_table
 
-    for log in logs:  # before torch loads
+    for log in logs:  # checked before torch loads
         check_there(log)
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
@@ -92,12 +92,12 @@ def learn(
 
 
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> dict[str, Any]:
-    """How well the model predicts the logs that it was learned from."""
+    """The score of the model on the logs that it was learned from."""
     from mazeplan.apps.report.model_score import ring_errors, score_document
 
     try:
         rings = ring_errors(model, tables, maze)
-    except InputError:  # too short for any ring
+    except InputError:  # the logs are too short for any ring
         rings = {}
     document = score_document(rings, str(folder), "LOG", [r.number for r in maze.rings[:-1]])
     document["because"] += "; on the logs that it was learned from"
@@ -106,7 +106,7 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
 
 
 def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> Path | None:
-    """Write the reference of the rig beside its model if the logs show a whole rig; else remove an old one."""
+    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
     from mazeplan.diagnosis.rig.record import why_not_whole
     from mazeplan.diagnosis.rig.reference import reference_of, shortened
     from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
@@ -134,7 +134,7 @@ def model_lines(fit: RigFit, model: RigModel) -> list[str]:
     lines.append(f"camera       {delay:.1f} ± {error:.1f} ms behind the tilt sensor")
     own = {*fit.windows, *model.processes}
     table = {"; ".join(_parameters(ball, TABLE, True)) for ball in model.balls.values()} - {""}
-    once = len(table) == 1  # the table is as it is in every ring
+    once = len(table) == 1  # the same in each ring that has it, so one line is enough
     lines += [f"table        {text}" for text in table if once]
     for ring, ball in sorted(model.balls.items()):
         names = [effect.name for effect in ball.effects if not (once and effect.name == TABLE)]
@@ -146,7 +146,7 @@ def model_lines(fit: RigFit, model: RigModel) -> list[str]:
 
 
 def _parameters(ball: BallModel, name: str, measured: bool) -> list[str]:
-    """The fitted parameters of an effect of a ring; measured: with their errors."""
+    """The fitted parameters of an effect of a ring. measured: whether to add their standard errors"""
     texts, errors = [], ball.stderr.get(name, {})
     for effect in ball.effects:
         for key, value in effect.values().items():

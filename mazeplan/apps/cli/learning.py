@@ -24,7 +24,7 @@ EXCLUDED = {
 
 
 def check_learning(learn: bool, workers: int | None = None, others: Mapping[str, object] | None = None) -> None:
-    """Raises InputError for options that exclude each other; others: values of the options in EXCLUDED, or None."""
+    """Raises InputError for options that exclude each other. others: {option in EXCLUDED: its value, or None}"""
     if learn and workers is not None and workers > 1:
         raise InputError(f"--workers: got {workers} with --learn, expected 1: {EXCLUDED['--dask']}")
     for name, value in (others or {}).items():
@@ -34,7 +34,7 @@ def check_learning(learn: bool, workers: int | None = None, others: Mapping[str,
 
 @contextmanager
 def open_learner(model: str | None, rig: str, maze: Maze, output: Path | None) -> Iterator[Learner]:
-    """The learner of these options; no other process learns in its folder meanwhile. Raises InputError."""
+    """The learner for these options. Meanwhile no other process can learn in its folder. Raises InputError."""
     from mazeplan.run.campaign.online_learning import learner_of, learning_alone
 
     with learning_alone(output):
@@ -42,7 +42,7 @@ def open_learner(model: str | None, rig: str, maze: Maze, output: Path | None) -
 
 
 def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[NavigationResult], dict[str, Any]]:
-    """The results of a campaign that learns, and the entry `learning` of its document."""
+    """Run a campaign that learns. Returns the results of its runs, and the entry `learning` of its document."""
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.run.campaign.online_learning import learn_while, lesson_document
 
@@ -73,7 +73,7 @@ def _summary(lessons: Sequence[Lesson], learner: Learner, output: Path | None) -
 
 
 def _report(lesson: Lesson) -> None:
-    """Print a message for a run that taught nothing or made the model worse."""
+    """Print a message if a run taught nothing or made the model worse."""
     from mazeplan.run.campaign.online_learning import lesson_line
 
     if line := lesson_line(lesson):
@@ -91,7 +91,7 @@ def navigate_learning(
         raise InputError("--learn needs -o FOLDER, which keeps the updated model for the next run")
     ticks = Ticks()
     with open_learner(job["model"], job["rig"], job["map"], output) as learner:
-        # the kept file, digit for digit, so that a log can hold the same model
+        # read the kept file, so that the model equals the model in a log in each digit
         model = load_model(output) if (output / "model.yaml").exists() else learner.model
         result = drive({**job, "model": model}, feed=ticks)
         lesson = learner.learn(result, ticks)

@@ -1,6 +1,6 @@
-"""The live page and its runs: runs go on in the main thread, orders of the page arrive in another thread.
+"""The live page and its runs. A run is in the main thread; orders of the page arrive in another thread.
 
-An order acts on the present run through `Goals` and `PacedRig.level_now`, which take it at any time."""
+An order acts on the present run through `Goals` and `PacedRig.level_now`, which accept calls at any time."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from mazeplan.run.goals import Goals
 if TYPE_CHECKING:
     from mazeplan.apps.view.link import PageLink
 
-FIRST_S = 10.0  # s; the first run waits for a viewer
+FIRST_S = 10.0  # s; maximum time that the first run waits for a viewer
 GRACE_S = 3.0  # s without a viewer before the page closes; a reload takes less
-LOOK_S = 0.05
+LOOK_S = 0.05  # s between looks at orders and viewers
 READING = "reading map, model and tree; making the rig"
 LOADING = (
     "rig and model are ready; loading the compiled planner: seconds, the first time on this machine up to two minutes"
@@ -46,11 +46,13 @@ NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
 
 
 class LiveSession:
-    """A page and its runs. once: does one run, given its number and further arguments of `mazeplan.navigate`.
+    """A page and its runs.
 
-    closed: openings beside those of the map; planned: gives what the run of a number will do, for a ring that was
-    pressed (or None) and closed openings; begin: start the first run at once; stay: keep the page without a viewer when
-    a run is over."""
+    once: does one run; gets its number and further arguments of `mazeplan.navigate`
+    begin: whether to start the first run at once
+    stay: whether the page stays open without a viewer when a run is over
+    closed: closed openings, in addition to those of the map
+    planned: gives the preview of a run, from its number, the ring that was pressed (or None) and the closed openings"""
 
     def __init__(
         self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
@@ -71,7 +73,7 @@ class LiveSession:
         self._faulty: FaultyRig | None = None
         self._opening: str | None = None
         self._count, self._injected, self._waiting = 0, 0, ""
-        self._aimed: int | None = None  # goal pressed before the run's first tick
+        self._aimed: int | None = None  # goal that was pressed before the run's first tick
         self._phase, self._step = "idle", READING
         self._page: PageLink | None = None
         self.result: NavigationResult | None = None
@@ -95,7 +97,7 @@ class LiveSession:
             try:
                 say(f"page: {door.url}")
                 self._serve(self._page)
-            except KeyboardInterrupt:  # the way to close a page without a run
+            except KeyboardInterrupt:  # Ctrl-C without a run closes the page
                 if not self._resting:
                     raise
 
@@ -143,7 +145,7 @@ class LiveSession:
             self._shut = self._closed
 
     def _show_planned(self) -> str:
-        """Show the route of the next run; returns what Start will do."""
+        """Show the route of the next run. Returns what Start will do, in words."""
         if self._planned is None:
             return "Start begins a run"
         plan = self._planned(self._count, self._aimed, self._shut)
@@ -194,7 +196,7 @@ class LiveSession:
     # -- orders -----------------------------------------------------------------------------------------------------
 
     def _order(self, order: dict[str, Any]) -> None:
-        """Execute an order of the page, and show its answer."""
+        """Carry out an order of the page, and show the answer on the page."""
         try:
             answer = self._do(str(order.get("do")), order)
         except MazeplanError as problem:
@@ -214,7 +216,7 @@ class LiveSession:
         if what == "level":
             return self._level_now(machine)
         if what == "start" and self._resting:
-            self._tell("starting", READING)  # at once: the main thread looks a little later
+            self._tell("starting", READING)  # at once, because the main thread notices the order a little later
             self._started.set()
         elif what == "stop" and not self._resting:
             self._goals.stop()
@@ -274,7 +276,7 @@ class LiveSession:
         return f"begins with the run: {', '.join(self._prepared) or 'no fault'}"
 
     def _add_fault(self, kind: str) -> None:
-        """Let a fault begin now; in the thread of the run."""
+        """Let a fault begin now. Called in the thread of the run."""
         if self._faulty is not None:
             self._injected += 1
             self._faulty.add(at_once(kind, self._faulty.now, self._injected))
@@ -292,7 +294,7 @@ class LiveSession:
         return f"pushed: {speed:.2f} m/s"
 
     def _pace(self, what: str, factor: float = 1.0) -> str:
-        """Pause a simulated run, let one sample pass, go on, or change how fast it goes."""
+        """Pause a simulated run, let it make one sample, let it go on, or change its speed."""
         if what == "speed":
             self._speed = factor
         rig = self._machine
@@ -307,10 +309,13 @@ class LiveSession:
 
 
 def navigate_live(job: dict[str, Any], host: str, port: int, *, begin: bool = True, as_json: bool = False) -> int:
-    """Serve a page and its runs; returns the exit status. job: arguments of `mazeplan.navigate`.
+    """Serve a page and its runs. Returns the exit status.
 
-    Each run gets the next seed and its own log. At a terminal, or with `begin` False, the page stays until Ctrl-C;
-    otherwise until the run is over and the last viewer has left."""
+    job: arguments of `mazeplan.navigate`
+    begin: whether to start the first run at once
+
+    Each run gets the next seed and a separate log. At a terminal, or with `begin` False, the page stays until Ctrl-C.
+    Otherwise it stays until the run is over and the last viewer has left."""
 
     def once(number: int, **more: Any) -> NavigationResult:
         return navigate_once({**job, "seed": job["seed"] + number, "log": numbered(job["log"], number)}, **more)
@@ -342,7 +347,7 @@ def exit_status(session: LiveSession) -> int:
 
 
 def numbered(path: Path | None, number: int) -> Path | None:
-    """The log of run `number`: run.mcap, run-2.mcap, run-3.mcap; a number whose file exists is left out."""
+    """The log of run `number`, from 0: run.mcap, run-2.mcap, run-3.mcap ...; skips names of files that exist."""
     return path if path is None or number == 0 else free_name(path, number + 1)
 
 

@@ -38,7 +38,7 @@ RunTree = Annotated[
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
-LONGEST = 200  # characters of a shown message
+LONGEST = 200  # maximum number of characters of a shown message
 
 
 @app.command("info")
@@ -87,7 +87,7 @@ def replay(log: opt.RunLogFile, model: RunModel = None, behavior: RunTree = None
 
 
 def replay_lines(log: Path, outcome: Replay) -> list[str]:
-    """The comparison of a run with its replay."""
+    """The comparison of a run with its replay, as lines."""
     from mazeplan.run.replay import told_by_another_version
 
     cut_off = f" ({outcome.cut_off} searches ended by the deadline)" if outcome.cut_off else ""
@@ -104,7 +104,9 @@ def replay_lines(log: Path, outcome: Replay) -> list[str]:
 
 
 def _decision(difference: Difference, which: str) -> str:
-    """Status, leaf and command of the tick, and the message that differs."""
+    """Status, leaf and command of the first tick that differs, and the message that differs.
+
+    which: recorded or replayed"""
     d = getattr(difference, which)
     text = "the run was over"
     if d:
@@ -148,7 +150,7 @@ def summary(log: RunLog) -> dict[str, Any]:
 
 
 def _missing(log: RunLog) -> list[str]:
-    """What a log lacks whose program did not finish it, in words."""
+    """What a log lacks, in words, if the program did not finish it."""
     if log.complete:
         return []
     t = log.ticks["t"]
@@ -161,7 +163,7 @@ def _events(log: RunLog, kind: str) -> list[tuple[float, dict[str, Any]]]:
 
 
 def _rings(log: RunLog) -> list[dict[str, Any]]:
-    """Each stay in a ring: its beginning and length, s; the last one lasts to the last tick."""
+    """Each stay in a ring, with its beginning and length, s. The last stay lasts until the last tick."""
     entered = _events(log, "ring")
     last = max((float(log.ticks["t"][-1]) if len(log.ticks["t"]) else 0.0, *(t for t, _ in entered)))
     ends = [*(t for t, _ in entered[1:]), last]
@@ -207,7 +209,9 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
 
 
 def csv_text(log: RunLog) -> str:
-    """The ticks as a table (CSV): known columns first, with theta and r from x and y; an empty cell is not known."""
+    """The ticks as a table (CSV), with theta and r computed from x and y. An empty cell is an unknown value.
+
+    The columns of FIRST come first."""
     import numpy as np
     import pandas as pd
 

@@ -15,12 +15,18 @@ if TYPE_CHECKING:
     from mazeplan.core.logs.table import Table
 
 RIG, MAP = "YOUR_RIG", "YOUR_MAP"
-NEAR, MOSTLY = 0.2, 0.9  # share of a radius within which a ball is near it; share of a record that has to be so
+# NEAR: a ball is near a radius if it is off by less than this share of the radius
+# MOSTLY: share of the samples in which the ball has to be near the radius
+NEAR, MOSTLY = 0.2, 0.9
 
 
 @dataclass(frozen=True)
 class LoggedMap:
-    """A map and its source in words; known: its openings are those of the record; logged_text: its text in the log."""
+    """A map for a record.
+
+    source: where the map comes from, in words
+    known: whether its openings are known to be those of the record
+    logged_text: text of the map in the log"""
 
     maze: Maze
     source: str
@@ -36,10 +42,10 @@ class LoggedMap:
 
 
 def logged_map(name: str | None, *logs: Path) -> LoggedMap:
-    """The named map, else that of the run logs that hold one, else cme. Raises MapError, InputError for logs of several
-    maps.
+    """The named map, otherwise the map in the run logs, otherwise cme.
 
-    Warns (ShortWarning) of a log that was recorded on another map than the named one."""
+    Raises MapError, and InputError for logs of several maps. Warns (ShortWarning) of a log that was recorded on another
+    map than the named map."""
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.maze.mapfile import check_text, load_map
 
@@ -75,8 +81,9 @@ def parse_opening(text: str, maze: Maze) -> str:
 
 
 def check_radius(table: Table, radius: float, ring: int | None = None) -> None:
-    """Raises InputError for a radius (m) at which the ball of a table is hardly ever seen; a table without r may have
-    any. ring: whose rows are looked at, where the table has a column `ring`."""
+    """Raises InputError unless the ball is near a radius, m, in most samples. A table without r may have any radius.
+
+    ring: if the table has a column `ring`, only rows of this ring count"""
     import numpy as np
 
     r = table["r"] if "r" in table else np.zeros(0)
@@ -101,9 +108,9 @@ def check_channel(ring: int, maze: Maze) -> None:
 
 
 def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
-    """Options with which `collect` uses the rig and map of a log or table, and a note on placeholders in them.
+    """Options that let `collect` use the rig and map of a log or table, and a note on placeholders in them.
 
-    map_: the map given with the log. The map cme is the default of `collect` and is left out."""
+    map_: the map given with the log. The map cme is the default of `collect` and needs no option."""
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.rigs.registry import installed_rigs, rig_names, seeded
 
@@ -123,7 +130,9 @@ def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
 
 
 def _map_name(header: dict) -> str:
-    """Name of the packaged map of a log, else the name it was given, else MAP; cme for a log without a map."""
+    """Name of the packaged map that equals the map of a log, otherwise the name given to the run, otherwise MAP.
+
+    cme for a log without a map."""
     from mazeplan.maze.mapfile import check_text, load_map, packaged_maps
 
     text = header.get("map")

@@ -169,7 +169,7 @@ def route(
 
 
 def _log_of(log: Path, maze: Maze) -> RunLog:
-    """The log of a run; a line says so if it is of another map."""
+    """Read the log of a run. Prints a line if the log is of another map."""
     from mazeplan.apps.cli.progress import log_read
     from mazeplan.maze.mapfile import dump_map
     from mazeplan.maze.mapschema import MAX_BALLS
@@ -182,7 +182,7 @@ def _log_of(log: Path, maze: Maze) -> RunLog:
 
 
 def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
-    """Ring and angle (degrees) where a trail begins."""
+    """Ring and angle (degrees) where a trail begins; ring1 and 0 without a trail."""
     import numpy as np
 
     seen = np.empty((0, 3)) if trail is None else trail[np.isfinite(trail).all(axis=1)]
@@ -214,7 +214,11 @@ class _Found(NamedTuple):
 def _find(
     maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: Iterable[str]
 ) -> _Found:
-    """The route; usual: start angle without `start_angle`, degrees, moved to the nearest free angle."""
+    """Find the route.
+
+    start_angle: degrees; raises InputError if the ball has no room there
+    usual: start angle without `start_angle`, degrees, moved to the nearest free angle
+    close: openings to close"""
     from mazeplan.maze.graph import RouteGraph
     from mazeplan.run.resolve import check_start_angle, ring_number
 

@@ -121,7 +121,7 @@ def _opening(opening: LearnedOpening, width: float, source: str) -> dict[str, An
 
 
 def _in_mm(figures: object, *names: str) -> dict[str, Any]:
-    """{name_mm: value in mm} of lengths or places in m; None stays."""
+    """{name_mm: value in mm} from lengths or places in m. None stays None."""
     import numpy as np
 
     values = {name: getattr(figures, name) for name in names}

@@ -1,4 +1,4 @@
-"""`model list` and `model show`: what a model of a rig says."""
+"""`model list` and `model show`: the contents of a model of a rig."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _sentence(model: RigModel) -> str:
 
 
 def _lines(key: Any, value: Any, indent: str) -> list[str]:
-    """A key of model.yaml and all below it, with ± for the standard error."""
+    """Lines for a key of model.yaml and all keys below it, with ± for the standard error."""
     if not isinstance(value, dict):
         return [f"{indent}{key}: {value}"]
     if "value" in value:

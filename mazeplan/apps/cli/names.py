@@ -1,6 +1,6 @@
 """Names that a shell completes: rings, openings, maps, rigs, models, trees and effects.
 
-A completion that cannot be found is empty: a shell has no place for a message.
+If the names cannot be read, the completion is empty, because a shell has no place for a message.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Completion = Callable[[Context, str], list[str]]
 
 
 def completed(names: Callable[[Context], Iterable[str]], *endings: str) -> Completion:
-    """Completion of names, and of files with one of the endings (none: of no files)."""
+    """Completion of names, and of files with one of the endings. Without endings, it completes no files."""
 
     def complete(ctx: Context, incomplete: str) -> list[str]:
         try:
@@ -33,7 +33,7 @@ def completed(names: Callable[[Context], Iterable[str]], *endings: str) -> Compl
 
 
 def _files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Folders, and files with one of the endings, that begin with the word."""
+    """The folders, and the files with one of the endings, whose path begins with the incomplete word."""
     head = incomplete[: incomplete.rindex("/") + 1] if "/" in incomplete else ""
     folder = Path(head or ".")
     if not folder.is_dir():

@@ -85,7 +85,7 @@ def navigate(
 
 @contextmanager
 def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
-    """Arguments of a run that is filmed; the film is written when the run is over, however it ended."""
+    """Arguments that let a run be filmed. The film is written when the run is over, however it ended."""
     if path is None:
         yield {}
         return
@@ -104,8 +104,9 @@ def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def monitored(port: int | None, host: str) -> Iterator[dict[str, Any]]:
-    """Arguments of a run that Groot2 can watch at a port. Simulated rigs keep pace with the clock then. port None: no
-    arguments."""
+    """Arguments that let Groot2 watch a run at a port; no arguments if the port is None.
+
+    Then a simulated rig keeps pace with the wall clock."""
     if port is None:
         yield {}
         return

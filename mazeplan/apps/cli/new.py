@@ -1,4 +1,4 @@
-"""`new rig`: a template for your own rig; `new map`, `new tree`: a copy of a packaged one, to be changed."""
+"""`new rig`: a template for your own rig; `new map`, `new tree`: a copy of a packaged map or tree to change."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from mazeplan.core.name_hints import one_of
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
 
-LONGEST = 40  # characters of a name
+LONGEST = 40  # maximum number of characters of a name
 TEMPLATES = Path(__file__).resolve().parent / "newrig"
-FILES = {  # template: file; {} is the name
+FILES = {  # template: file; {} stands for the name
     "rig.py.jinja": "{}.py",
     "rig.yaml.jinja": "{}.yaml",
     "test_rig.py.jinja": "tests/test_{}.py",
@@ -108,7 +108,7 @@ def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
 
 
 def filled(template: str, name: str) -> str:
-    """The text of a template for a rig of that name."""
+    """The text of a template, filled in for a rig of this name."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(  # plain text: nothing to escape
@@ -135,7 +135,7 @@ def _check_name(name: str) -> None:
 
 
 def _check_module(name: str) -> None:
-    """Raises InputError if another module has the name: Python might import that one."""
+    """Raises InputError if another module has the name, because Python might import the other module."""
     try:
         found = importlib.util.find_spec(name)
     except (ImportError, ValueError):

@@ -1,8 +1,8 @@
-"""Checks of what a command line gives: numbers, folders, files.
+"""Checks of the values in a command line: numbers, folders, files.
 
-A check runs while the command line is read, before any work begins. An option that names a new file or folder has
-`callback=new_file` or `new_folder`, and its command has `force: Force`: nothing of a user's is overwritten without
-being asked. An option whose file goes on growing has `callback=renewed`. `path_checks` then looks at all of them.
+A check runs while typer reads the command line, before any work begins. An option for a new file or folder has
+`callback=new_file` or `new_folder`, and its command has `force: Force`. So a command overwrites files only with
+--force. An option for a file that the command continues has `callback=renewed`. `path_checks` then checks all paths.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.whole_file import in_dev
 
-NEEDS = (  # an option, and the one without which it would have no effect, in each command that has both
+NEEDS = (  # an option, and the option without which it has no effect, in each command that has both
     ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
     ("-o", "--learn"),
 )  # fmt: skip
@@ -32,11 +32,11 @@ APART = (
     ("-o", "--minari"),
     ("--markdown", "--json"),
     ("--grid", "--readings"),
-)  # options of which the second would hide the first
+)  # pairs of options; the second would hide the effect of the first
 
 
 def check_effect(ctx: Context) -> None:
-    """Raises InputError for an option of a command line that would have no effect."""
+    """Raises InputError for an option in the command line that would have no effect."""
     params, given = _options(ctx), given_options(ctx)
     for option, other in NEEDS:
         if option in given and other in params and other not in given:
@@ -53,7 +53,7 @@ def given_options(ctx: Context) -> set[str]:
 
 
 def given_words(ctx: Context) -> dict[str, str]:
-    """The options of a command line as one would type them again, each with a space before it: for advice."""
+    """The options of a command line as a person would type them again, for advice. Each begins with a space."""
     given, words = given_options(ctx), dict[str, str]()
     for option, name in _options(ctx).items():
         value = ctx.params.get(name)
@@ -71,19 +71,22 @@ def _typed(value: Any) -> str:
 
 
 def _options(ctx: Context) -> dict[str, str]:
-    """Name of the parameter of each option and argument of a command."""
+    """{option or argument of a command: name of its parameter}."""
     return {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
 
 
 def no_effect(option: str, what: str) -> InputError:
-    """The error for an option that has no effect without something else."""
+    """The error for an option that has no effect without something else. what: what it needs"""
     return InputError(f"needs {what}; without it the option has no effect", key=option)
 
 
 def number(
     unit: str = "", *, positive: bool = True, least: float = -math.inf, most: float = math.inf
 ) -> Callable[[str], float]:
-    """Parser of a finite number; positive: greater than 0; least, most: its bounds."""
+    """Parser of a finite number.
+
+    positive: whether it has to be greater than 0
+    least, most: minimum and maximum"""
     low = max(least, 0.0) if positive else least
     expected = "a finite number" + " > 0" * positive + (f" of {unit}" if unit else "")
 
@@ -123,15 +126,16 @@ def folder(text: str) -> Path:
 
 
 def folder_of_report(text: str) -> Path:
-    """Parser of a folder in which a report gets a name of its own."""
+    """Parser of a folder for a report, which has a fixed file name in it."""
     if Path(text).suffix.lower() == ".html" and not Path(text).is_dir():
         raise BadParameter(f"got {str(text)!r}, the name of a file, expected a folder")
     return folder(text)
 
 
 def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
-    """Parser of a file to write, with one of the endings. chosen: the ending chooses what is written; otherwise names
-    in /dev need none."""
+    """Parser of a file to write, with one of the endings.
+
+    chosen: whether the ending selects what is written; otherwise names in /dev need no ending"""
 
     def parse(text: str) -> Path:
         path = Path(text)
@@ -155,9 +159,10 @@ def file_or_stdout(*endings: str) -> Callable[[str], str]:
 
 
 def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
-    """Check of the file that a command writes: it must be new, or --force be given. - is stdout.
+    """Check of the file that a command writes: it must be new, unless --force is given. - is stdout.
 
-    A name that nobody gave is the default's, or the next free one (maze-2.png). Raises InputError."""
+    Without a name in the command line, the default name is used, or the next free name (maze-2.png). Raises
+    InputError."""
     force = bool(ctx.params.get("force"))
     note_written(ctx, param, NEW)
     if value is None or value == "-":
@@ -173,7 +178,7 @@ def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
 
 
 def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
-    """Check of the folder that a command writes: it must be new or empty, or --force be given. Raises InputError."""
+    """Check of the folder that a command writes: new or empty, unless --force is given. Raises InputError."""
     note_written(ctx, param, NEW)
     if value is not None:
         check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
@@ -187,12 +192,12 @@ def renewed(ctx: Context, param: CallbackParam, value: Any) -> Any:
 
 
 def listed(values: Iterable[str] | None) -> tuple[str, ...]:
-    """The names of a repeatable option, each of which may have several with commas between them."""
+    """The names of a repeatable option. Each value may have several names, separated by commas."""
     return tuple(name.strip() for text in values or () for name in text.split(","))
 
 
 def listed_rings(values: Iterable[str] | None, option: str) -> tuple[str, ...]:
-    """`listed` of rings. Raises InputError for rings without commas between them."""
+    """The same as `listed`, for rings. Raises InputError for rings without commas between them."""
     rings = listed(values)
     for name in rings:
         found = re.findall(r"ring ?[0-9]+|centre|center", name.lower())

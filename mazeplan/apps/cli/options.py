@@ -1,5 +1,5 @@
-"""Options and arguments of the commands, each with its help text, its check (`option_checks`) and its completion by a
-shell (`names`)."""
+"""Options and arguments of the commands. Each has its help text, its check (`option_checks`) and the names that a shell
+completes (`names`)."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ PagePort = Annotated[
     int, Option("--port", min=0, max=65535, metavar="PORT", help="Port of the page; 0: any free port.")
 ]
 HOST, PORT = "127.0.0.1", 8080
-Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: read first
+Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: parsed first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
 OutputFolder = Annotated[
     Path,

@@ -1,4 +1,4 @@
-"""Output of commands: with --json exactly one document on stdout; messages on stderr; files."""
+"""Output of commands: results on stdout (with --json exactly one document), messages on stderr, and files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mazeplan.core.whole_file import is_stream, whole_file
 
 
 def finite(value: Any) -> Any:
-    """The same document with null for NaN and infinities, which JSON cannot hold."""
+    """The document with None in place of NaN and infinities, which JSON cannot hold."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -33,15 +33,18 @@ def print_json(document: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print a message on stderr; ignore a stderr that cannot be written."""
+    """Print a message on stderr. Do nothing if stderr cannot be written."""
     with suppress(OSError):
         print(text, file=sys.stderr)
 
 
 def check_new(option: str, path: Path, force: bool, *, folder: bool = False) -> None:
-    """Raises InputError for a file that exists, or a folder with anything but hidden files, unless force is given.
+    """Raises InputError for a file that exists, or a folder with files that are not hidden, unless `force` is true.
 
-    option: the name that the message begins with. Devices and pipes, such as /dev/null, may always be written."""
+    option: name of the option, for the message
+    folder: whether the path is a folder
+
+    Devices and pipes, such as /dev/null, may always be written."""
     if not folder and os.path.isdir(path):
         raise InputError(f"{option}: {path} is a folder; expected the name of a file")
     there = _filled(path) if folder else os.path.lexists(path) and not is_stream(path)
@@ -51,7 +54,7 @@ def check_new(option: str, path: Path, force: bool, *, folder: bool = False) -> 
 
 
 def _filled(folder: Path) -> bool:
-    """Whether a folder exists and has files that are not hidden, or cannot be looked into."""
+    """Whether a folder exists and has files that are not hidden. A folder that cannot be listed counts as filled."""
     try:
         return any(not name.startswith(".") for name in os.listdir(folder))
     except OSError:
@@ -59,14 +62,14 @@ def _filled(folder: Path) -> bool:
 
 
 def free_name(path: Path, number: int = 1) -> Path:
-    """The first name that no file has, of FILE, FILE-2, FILE-3 and so on; number: the one to begin with."""
+    """The first of the names FILE, FILE-2, FILE-3 ... that no file has. number: the first number to try"""
     names = (path if n == 1 else path.with_stem(f"{path.stem}-{n}") for n in count(number))
     return next(name for name in names if not os.path.lexists(name))
 
 
 @contextmanager
 def short_warnings() -> Iterator[None]:
-    """Within this a ShortWarning is one line on stderr, once each."""
+    """Within this context, each ShortWarning prints one line on stderr, and only once."""
     said = set[str]()
     with warnings.catch_warnings():
         warnings.simplefilter("always", ShortWarning)
@@ -99,7 +102,7 @@ def plural(count: int, noun: str) -> str:
 
 
 def headline(path: Path) -> str:
-    """What a packaged file says of itself: the first sentence of the comment that it begins with; empty without one."""
+    """The first sentence of the comment at the beginning of a packaged file; empty without a comment."""
     words = []
     for line in path.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

@@ -1,11 +1,11 @@
-"""Checks of all files and folders that a command line names, together, before the command begins.
+"""Checks all files and folders of a command line together, before the command begins.
 
-- Each may be used, and is a file or a folder: a named pipe would wait for ever.
-- Nothing that is written is read or written by another option, also by another name (links). A log is given once,
-  but for `view`.
-- A file that is read-only is not replaced.
+- The program may use each path, and the path is a file or folder. Reading a named pipe would wait for ever.
+- No option reads or writes a file that another option writes, also under another name (links).
+- Each log is given once, except for `view`.
+- The command does not replace a read-only file.
 
-`new_file`, `new_folder` and `renewed` (option_checks) note what is written."""
+`new_file`, `new_folder` and `renewed` (option_checks) record which options write."""
 
 from __future__ import annotations
 
@@ -23,13 +23,16 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.whole_file import in_dev, is_stream, read_only
 
 METAVARS = {"DIR", "FILE", "FOLDER", "INPUT", "LOG", "MAP", "MODEL", "OUT", "RIG", "TREE"}  # of files and folders
-NEW, RENEWED = "new", "renewed"  # what an option does with its file, if it writes it
+NEW, RENEWED = "new", "renewed"  # an option writes a new file, or reads and renews a file
 _WRITES = "mazeplan.writes"
 
 
 class _Named(NamedTuple):
-    """A file or folder of the command line. option: its option, or its name in the help; writes: NEW, RENEWED or '';
-    metavar: its kind in the help."""
+    """A file or folder of the command line.
+
+    option: its option, or the name of its argument in the help
+    writes: NEW, RENEWED or ''
+    metavar: its kind in the help"""
 
     option: str
     path: Path
@@ -38,12 +41,12 @@ class _Named(NamedTuple):
 
 
 def note_written(ctx: Any, param: Any, how: str) -> None:
-    """Note that an option names what its command writes. how: NEW or RENEWED."""
+    """Record that an option names a file or folder that its command writes. how: NEW or RENEWED"""
     ctx.meta.setdefault(_WRITES, {})[param.name] = how
 
 
 def check_paths(ctx: Any) -> None:
-    """Look at each file and folder of a command line that was read. Raises InputError."""
+    """Check each file and folder of a parsed command line. Raises InputError."""
     named = list(_named(ctx))
     for one in named:
         _check_kind(one)
@@ -52,21 +55,21 @@ def check_paths(ctx: Any) -> None:
 
 
 def unusable(problem: OSError, path: str | Path) -> InputError:
-    """The error for a path that the system refuses: no right to enter its folder, a name too long."""
+    """The error for a path that the system refuses, because its folder may not be entered or its name is too long."""
     return InputError(f"cannot be used: {problem.strerror}; expected a file or folder that you may use", file=path)
 
 
 def unreadable(path: str | Path) -> InputError:
-    """The error for a file that may not be read."""
+    """The error for a file that the program may not read."""
     problem = f"cannot be read: {os.strerror(errno.EACCES)}; expected a file that you may read"
     return InputError(f"{problem}: chmod u+r {shlex.quote(str(path))}", file=path)
 
 
 def _check_kind(one: _Named) -> None:
-    """Raises InputError for a path that may not be used, that is no file, or that may not be written to."""
+    """Raises InputError for a path that the system refuses, that is no file or folder, or that is read-only."""
     try:
         mode = os.stat(one.path).st_mode
-    except (FileNotFoundError, NotADirectoryError, ValueError):  # a new file, a bare name; a zero byte
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # a new file, a bare name, or a zero byte in the name
         return
     except OSError as problem:
         raise unusable(problem, one.path) from None
@@ -80,7 +83,7 @@ def _check_kind(one: _Named) -> None:
 
 
 def _check_apart(one: _Named, other: _Named) -> None:
-    """Raises InputError for a log that is given twice, and a file that is written and another option's as well."""
+    """Raises InputError for a log that is given twice, and for a written file that another option names, too."""
     if not one.writes:
         one, other = other, one
     if one.metavar == other.metavar == "LOG" and not one.writes and _same(one.path, other.path, copies=True):
@@ -97,7 +100,9 @@ def _check_apart(one: _Named, other: _Named) -> None:
 
 
 def _same(one: Path, other: Path, *, copies: bool = False) -> bool:
-    """Whether two names mean the same file, by links, too; both may be new. copies: or files with the same content."""
+    """Whether two names mean the same file, also through links. Both may be new.
+
+    copies: whether files with the same content count as the same file"""
     if os.path.exists(one) and os.path.exists(other):
         files = copies and one.is_file() and other.is_file()
         return os.path.samefile(one, other) or (files and filecmp.cmp(one, other, shallow=False))
@@ -105,7 +110,7 @@ def _same(one: Path, other: Path, *, copies: bool = False) -> bool:
 
 
 def _holds(folder: Path, path: Path) -> bool:
-    """Whether a file is in a folder, other than that in which the program runs and those above it."""
+    """Whether a file is in a folder. The current folder and the folders above it do not count."""
     inside, here = Path(os.path.realpath(folder)), Path.cwd()
     return path.is_file() and inside in Path(os.path.realpath(path)).parents and inside not in (here, *here.parents)
 

@@ -1,4 +1,4 @@
-"""Plug-ins of installed packages: their effects, and for `doctor` the state of each entry point."""
+"""Plug-ins of installed packages: registers their effects, and checks each entry point for `doctor`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ from mazeplan.physics.registry import offered, own_effects, problem_of, register
 
 @dataclass(frozen=True)
 class AddedEffects:
-    """Effects beyond the packaged ones; owners: package of an effect; problems: by broken entry point."""
+    """Effects that do not come with mazeplan.
+
+    effects: of `--effects` and of installed packages
+    owners: {name of an effect: the package that has it}
+    problems: {name of a broken entry point: its error}"""
 
     effects: tuple[Effect, ...]
     owners: dict[str, Plugin]
@@ -31,7 +35,7 @@ class AddedEffects:
 
 
 def added_effects(spec: str | None = None, *, report: bool = False) -> AddedEffects:
-    """Register the effects of `--effects` (spec) and of installed packages; report: print unusable ones."""
+    """Register the effects of `--effects` (spec) and of installed packages. report: whether to print broken ones"""
     own = own_effects(spec)
     installed = _installed_effects({effect.name for effect in own})
     if report:
@@ -41,7 +45,7 @@ def added_effects(spec: str | None = None, *, report: bool = False) -> AddedEffe
 
 
 def _installed_effects(taken: set[str]) -> AddedEffects:
-    """The effects of installed packages, registered; taken: names that are not free."""
+    """Register the effects of installed packages. taken: names that other effects have already"""
     effects: list[Effect] = []
     owners: dict[str, Plugin] = {}
     problems: dict[str, InputError] = {}
@@ -73,7 +77,12 @@ def _installed_effects(taken: set[str]) -> AddedEffects:
 
 @dataclass(frozen=True)
 class EntryPoint:
-    """One entry point: its kind, the names that it adds, its package, and its problem, if any."""
+    """One entry point of an installed package.
+
+    kind: rig, effect or leaf
+    adds: names that it adds
+    object: MODULE:NAME
+    problem: why it is broken; None if it is not"""
 
     kind: str
     name: str

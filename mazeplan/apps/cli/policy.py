@@ -50,7 +50,7 @@ def train(
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
 
-    note_missing_model(rig, model, load_map(map_))  # names a rig that is not there before torch loads
+    note_missing_model(rig, model, load_map(map_))  # before torch loads, so that a rig that is missing is named at once
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
     from mazeplan.learning.gp_training import require_device, require_torch
@@ -78,7 +78,7 @@ def train(
 
 
 def round_line(done: Round) -> str:
-    """What a round brought."""
+    """The result of a round of training, in one line."""
     return (
         f"round {done.number + 1}: {done.arrived} of {done.runs} arrived, {done.samples} samples so far, "
         f"commands off by {done.error:.2f} deg on average on those held out"

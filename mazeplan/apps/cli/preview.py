@@ -1,4 +1,4 @@
-"""What the next run of a page will do, as far as it is known before Start: where the ball is placed, and the route."""
+"""Preview of the next run of a page, before Start: the place of the ball and the route."""
 
 from __future__ import annotations
 
@@ -18,11 +18,17 @@ from mazeplan.run.specification import Job
 def preview(
     job: dict[str, Any], number: int = 0, goal: int | None = None, closed: Collection[str] = ()
 ) -> dict[str, Any]:
-    """The document of run `number` of a page (from 0) for `view.livetab.PLANNED`; closed: openings beside the map's.
+    """The preview of a run of a page, for `view.livetab.PLANNED`.
 
-    job: arguments of `mazeplan.navigate`; goal: a ring in place of the job's goal and rings on the way. The route is
-    the one of shortest expected time without a model. Keys: start, goal: rings; ball: x, y, m; points: of the route on
-    the tracks, (N, 2), m, empty without a way."""
+    job: arguments of `mazeplan.navigate`
+    number: of the run, from 0
+    goal: a ring that replaces the job's goal and the rings on the way
+    closed: the closed openings
+
+    The route is the route of shortest expected time without a model. Keys of the result:
+    start, goal: rings
+    ball: x, y, m
+    points: of the route on the tracks, (N, 2), m; empty without a route"""
     maze: Maze = job["map"]
     start, last = ring_number(job["start"], maze), job.get("goal")
     angle, seed = job.get("start_angle_deg"), job.get("seed", 0) + number

@@ -1,7 +1,7 @@
-"""Progress on stderr: a table per navigation, a bar for other work.
+"""Progress on stderr: a table for a navigation, a bar for other work.
 
-On a terminal rich redraws it, in its own thread, at most ten times a second. Elsewhere a navigation prints one line per
-event and a bar prints nothing.
+On a terminal, rich redraws the table or bar in a separate thread, at most ten times a second. Elsewhere a navigation
+prints one line for each event, and a bar prints nothing.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
 
 REFRESH_HZ = 10
-LINES_SHOWN = 12  # rings visited; the current line stays on the screen
-NOTES_SHOWN = 2  # failures and recoveries in one line
+LINES_SHOWN = 12  # maximum number of rings in the table, so that the current line stays on the screen
+NOTES_SHOWN = 2  # maximum number of failures and recoveries in one line
 COMPILING_S = 2.0
 _listeners: list[Any] = []
 
@@ -57,7 +57,7 @@ def _console(stream: TextIO) -> Any:
 
 
 class NavigationProgress:
-    """Shows one navigation; a context manager. live: redraw lines; default: if the stream is a terminal."""
+    """Shows one navigation; a context manager. live: whether to redraw lines; by default on a terminal"""
 
     def __init__(self, stream: TextIO | None = None, *, live: bool | None = None) -> None:
         self._stream = sys.stderr if stream is None else stream
@@ -99,24 +99,24 @@ class NavigationProgress:
         return table
 
     def ring_entered(self, ring: int, t: float) -> None:
-        """Begin a line for another ring; t: s of rig time."""
+        """Begin a line for another ring. t: rig time, s"""
         self._lines.append(_RingLine(ring, t, t))
         self._print(f"{t:7.2f} s  in ring {ring}")
 
     def passed(self, ring: int, opening: str, t: float) -> None:
-        """Note the opening by which the ball left `ring`."""
+        """Show the opening through which the ball left `ring`."""
         if self._lines:
             self._lines[-1].opening, self._lines[-1].until, self._lines[-1].leaf = opening, t, ""
         self._print(f"{t:7.2f} s  left ring {ring} by {opening}")
 
     def event(self, t: float, text: str) -> None:
-        """Note a failure or recovery."""
+        """Show a failure or recovery."""
         if self._lines:
             self._lines[-1].notes.append(text)
         self._print(f"{t:7.2f} s  {text}")
 
     def tick(self, t: float, ring: int, text: str) -> None:
-        """Update the time of the current ring; text: the leaf that commands."""
+        """Update the time in the current ring. text: the leaf that commands"""
         if self._lines:
             self._lines[-1].until, self._lines[-1].leaf = t, text
 
@@ -134,8 +134,9 @@ class NavigationProgress:
 class ProgressBar:
     """Shows long work on a terminal: step, share done, rate, time left or time taken. A context manager.
 
-    label: name of the work; transient: erase the bar at the end; compiles: the work may compile for a minute, which is
-    reported without a terminal, too."""
+    label: name of the work
+    transient: whether to erase the bar at the end
+    compiles: whether the work may compile for a minute; this is reported without a terminal, too"""
 
     def __init__(
         self, label: str, stream: TextIO | None = None, *, transient: bool = True, compiles: bool = True
@@ -186,7 +187,7 @@ class ProgressBar:
         self._done, self._total = done, total
 
     def iterate(self, found: Iterable[Any], step: Callable[[Any], str]) -> Iterator[Any]:
-        """Yield the items; show the bar only while the next one is awaited. step: text after an item."""
+        """Yield the items, and show the bar only while waiting for the next item. step: text to show after an item"""
         items, text = iter(found), ""
         while True:
             with self:
@@ -203,14 +204,14 @@ class ProgressBar:
 def campaign_progress(
     total: int, stream: TextIO | None = None, *, label: str = "runs", begin: int = 0
 ) -> Iterator[Callable[[int], None]]:
-    """A bar that stays; yields `advance(finished)`. begin: number finished before."""
+    """A bar that stays on the screen. Yields `advance(finished)`. begin: number of runs finished before"""
     with ProgressBar(label, stream, transient=False) as bar:
         bar.advance(begin, total)
         yield lambda finished: bar.advance(finished, total)
 
 
 def log_read(path: Path) -> RunLog:
-    """Read a log behind a bar: half an hour of log takes seconds. Raises LogError."""
+    """Read a log and show a bar meanwhile: half an hour of log takes seconds. Raises LogError."""
     from mazeplan.core.logs.run_log import read_log
 
     with ProgressBar("reading", compiles=False) as bar:
@@ -251,7 +252,7 @@ def _pace(task: Any) -> str:
 
 
 def report_compiling() -> None:
-    """From now on print one line when Numba compiles for more than COMPILING_S: the first time takes a minute."""
+    """From now on, print one line if Numba compiles for more than COMPILING_S. The first time takes a minute."""
     from numba.core import event
 
     class Listener(event.Listener):

@@ -8,7 +8,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
-OPTIONS = {"start_ring": "--from", "goal_ring": "--to"}  # by the name that the environment has for it
+OPTIONS = {"start_ring": "--from", "goal_ring": "--to"}  # {setting of the environment: option}
 
 
 def record(

@@ -71,7 +71,7 @@ def report(
 
 
 def _check_film(inputs: list[Path], video: Path) -> None:
-    """Raises InputError unless there is one run log, and a film can have this name."""
+    """Raises InputError unless the input is one run log and a film can have this name."""
     if len(inputs) != 1 or inputs[0].suffix != ".mcap":
         raise InputError(f"--video: got {len(inputs)} inputs, expected one run log (.mcap)")
     from mazeplan.apps.view.film import check_film
@@ -80,7 +80,10 @@ def _check_film(inputs: list[Path], video: Path) -> None:
 
 
 def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> None:
-    """Write the page of a command's document; kind: as in `report.inputs`; name: of the subject."""
+    """Write the page of a command's document.
+
+    kind: kind of input, as in `report.inputs`
+    name: name of what the page is about"""
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import write_page
 
@@ -90,9 +93,11 @@ def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> 
 
 
 def _sections(given: list[Input], show: Callable[[str], None] = lambda text: None) -> list[PageSection]:
-    """One section per input, all evaluations in one; show: gets the name of each input before it is drawn.
+    """One section for each input; all evaluations share one section. Raises InputError.
 
-    Beside the folder of a model, logs and tables are the data to score it on. Raises InputError."""
+    show: gets the name of each input before it is drawn
+
+    If an input is the folder of a model, logs and tables are the data to score the model on."""
     from mazeplan.apps.report.diagnosis import diagnosis_section
     from mazeplan.apps.report.evaluation import evaluation_section
     from mazeplan.apps.report.models import model_section, models_section

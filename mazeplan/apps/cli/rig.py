@@ -69,7 +69,7 @@ def check(
         raise no_effect("-o", "a real rig, whose latencies it keeps")
     maze, results, more = load_map(map_), [], {}
     problem: MazeplanError | None = None
-    if is_hardware(rig):  # no bar: a person answers questions
+    if is_hardware(rig):  # without a bar, because a person answers questions
         found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes, output=output)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
@@ -100,10 +100,11 @@ def check(
 def _check_hardware(
     spec: str, maze: Maze, *, seed: int, yes: bool, output: Path | None
 ) -> Iterator[CheckResult | dict[str, Any]]:
-    """Results of the walk through a real rig and of the rules of every rig; {"latency": section} once measured.
+    """Check the parts of a real rig, then the rules of every rig. Yields the results, and {"latency": section}.
 
-    The latencies are written to `output`, by default the rig's own file. Raises RigError for a silent part and
-    SettingsError for an unusable file, both after their result."""
+    output: file for the measured latencies; by default the rig's file
+
+    Raises RigError for a silent part and SettingsError for an unusable file, both after yielding their result."""
     from datetime import date
 
     from mazeplan.rigs.conformance import RAISED, check_rig
@@ -123,7 +124,7 @@ def _check_hardware(
         if walk.latencies is not None:
             section = walk.latencies.section(date.today().isoformat())
             yield {"latency": section}
-            target = output or (file.target if file.keeps else None)  # a packaged emulated rig keeps none
+            target = output or (file.target if file.keeps else None)  # a packaged emulated rig keeps no latencies
             if target is not None:
                 say(f"wrote latency to {file.write({'latency': section}, target)}")
     finally:
@@ -131,7 +132,7 @@ def _check_hardware(
     if passed:
         results = check_rig(watched(make_rig(spec, maze), own_process=True), maze, seed=seed, repeatable=False)
         yield from results
-        failed = f"{RAISED}{RigError.__name__}: "  # the machine failed, not a rule
+        failed = f"{RAISED}{RigError.__name__}: "  # the rig failed, it did not break a rule
         for result in results:
             if result.detail.startswith(failed):
                 raise RigError(result.detail.removeprefix(failed))

@@ -17,7 +17,7 @@ def navigation_job(
     start: str, goal: str, map_: str, rig: str, model: str | None, balls: int | None = None, *, sense: str | None,
     log: Path | None = None, **more: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Arguments of `mazeplan.navigate` for options of the command line; more: further arguments as they are."""
+    """Arguments of `mazeplan.navigate` from options of the command line. more: further arguments, unchanged"""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.run.balls import with_balls
 
@@ -28,9 +28,9 @@ def navigation_job(
 
 
 def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
-    """Print a note if nominal physics replace a fitted model: no camera delay, no tilt of the table.
+    """Print a note if the run has no fitted model and uses nominal physics: no camera delay, no tilt of the table.
 
-    Raises InputError or RigError for a rig that cannot be made, and for a model that is not there."""
+    Raises InputError or RigError for a rig that cannot be made, and for a model that does not exist."""
     from mazeplan.learning.modelfile import model_names, model_path
     from mazeplan.rigs.registry import make_rig, rig_model_hint, warn_of_idle_keys
 
@@ -43,9 +43,9 @@ def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | Non
 
 
 def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
-    """Run one job with its progress on the terminal; more: further arguments of `mazeplan.navigate`.
+    """Run one job and show its progress on the terminal.
 
-    Without `goals` among them, a key stops a real rig."""
+    more: further arguments of `mazeplan.navigate`; without `goals` among them, a key stops a real rig"""
     from mazeplan.apps.cli.emergency import stop_key
     from mazeplan.apps.cli.progress import NavigationProgress
     from mazeplan.core.errors import RigError

@@ -64,7 +64,7 @@ def view(
 
 
 def _map_to_edit(given: list[Path], map_: str | None) -> str:
-    """The map to edit: the argument, or that of --map, else cme. Raises InputError for more than one, and for a log."""
+    """The map to edit: the argument, or the map of --map, otherwise cme. Raises InputError for several, or a log."""
     if len(given) + (map_ is not None) > 1:
         names = ", ".join(map(str, [*given, *([] if map_ is None else [map_])]))
         raise InputError(f"--edit: got {names}, expected one map")
@@ -74,7 +74,7 @@ def _map_to_edit(given: list[Path], map_: str | None) -> str:
 
 
 def _check_logs(given: list[Path]) -> None:
-    """Raises InputError for a map in the place of a log."""
+    """Raises InputError for a map where a log is expected."""
     for path in given:
         if path.suffix.lower() in opt.YAML:
             problem = f"got a YAML file, expected a run log; to edit a map: mazeplan view --edit {path}"

@@ -1,9 +1,9 @@
 """The server of Groot2's monitoring protocol: the tree, the status of each node, blackboards, breakpoints, recordings.
 
-A request has a header of 6 bytes (protocol, type, number) and at most one more part; a reply has the header, 16 bytes
-that name the tree, and one more part. The tree's thread writes statuses into a buffer once a tick and waits for nobody;
-a thread of the server answers. A breakpoint does not stop the run, whose plate would move on: its node returns RUNNING
-and the plate goes level until somebody unlocks it.
+A request has a header of 6 bytes (protocol, type, number) and at most one more part. A reply has the header, 16 bytes
+that name the tree, and at most one more part. The tree's thread writes statuses into a buffer once a tick and waits for
+nobody; a thread of the server answers. A breakpoint does not stop the run, because the plate would move on: the node
+returns RUNNING and the plate goes level until somebody unlocks the breakpoint.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ PROTOCOL = 2
 HEADER = struct.Struct("<BBI")  # protocol, type, number
 NODE = struct.Struct("<HB")  # number of a node, status
 CODES = {"INVALID": 0, "RUNNING": 1, "SUCCESS": 2, "FAILURE": 3, "SKIPPED": 4}
-ENDED = 10  # added to the code of a node that has ended so and is idle again
-KEPT = 1000  # transitions of a recording
+ENDED = 10  # added to the code of a node that ended with this status and is idle again
+KEPT = 1000  # maximum number of transitions in a recording
 POLL_MS = 20
 BREAKPOINT, REPLACE = 0, 1
 BEFORE = 0  # position of a hook
@@ -41,7 +41,14 @@ RESULTS: dict[str, Result] = {"SUCCESS": SUCCESS, "FAILURE": FAILURE}
 
 @dataclass
 class Hook:
-    """A breakpoint, or a result that takes the place of a node's tick."""
+    """A breakpoint, or a result that takes the place of a node's tick.
+
+    uid: number of the node
+    mode: BREAKPOINT or REPLACE
+    once: whether the hook is removed after it has acted
+    result: what the node returns; SKIPPED: the node is ticked
+    waiting: whether the run is at the breakpoint
+    unlocked: whether somebody has unlocked the breakpoint"""
 
     uid: int
     mode: int = BREAKPOINT
@@ -52,7 +59,7 @@ class Hook:
     unlocked: bool = False
 
     def document(self) -> dict[str, Any]:
-        """As Groot2 lists it."""
+        """The hook in the form that Groot2 lists."""
         return {
             "enabled": self.enabled, "uid": self.uid, "mode": self.mode, "once": self.once,
             "desired_status": self.result, "position": BEFORE,
@@ -60,8 +67,9 @@ class Hook:
 
 
 class Monitor:
-    """Answers Groot2 at `port`, and tells of breakpoints at `port` + 1. `watch` is to be called with each tree before
-    it begins. Raises InputError where a port cannot be used."""
+    """Answers Groot2 at `port`, and publishes the breakpoints that the run reaches at `port` + 1.
+
+    Call `watch` with each tree before the tree begins. Raises InputError if a port cannot be used."""
 
     def __init__(self, port: int, host: str = "127.0.0.1") -> None:
         self._lock = threading.Lock()
@@ -95,7 +103,7 @@ class Monitor:
         self.close()
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering."""
         self._open = False
         self._thread.join(timeout=2.0)
         self._zmq.destroy(linger=0)
@@ -122,7 +130,7 @@ class Monitor:
         tree.tick = watched
 
     def _note(self) -> None:
-        """Take the statuses of this tick."""
+        """Store the statuses of this tick."""
         statuses = [
             CODES[node.last.name] + (ENDED if node.status is INVALID and node.last in (SUCCESS, FAILURE) else 0)
             for node in self._nodes
@@ -132,13 +140,13 @@ class Monitor:
         self._statuses = statuses  # one assignment: the server's thread reads the old list or the new one
 
     def _record(self, statuses: list[int]) -> None:
-        since = int(1e6 * (time.monotonic() - (self._recording or 0.0)))  # Groot2 replays by the clock on the wall
+        since = int(1e6 * (time.monotonic() - (self._recording or 0.0)))  # us; Groot2 replays in wall time
         for i, (before, now) in enumerate(zip(self._statuses, statuses, strict=True), 1):
             if before != now:
                 self._transitions.append(since.to_bytes(6, "little") + NODE.pack(i, now % ENDED))
 
     def before(self, node: TreeNode) -> Result | None:
-        """A node's probe: its hook decides."""
+        """The result that a node's hook gives in place of its tick; None: the node is ticked."""
         hook = self._hooks.get(self._numbers.get(id(node), 0))
         if hook is None or not hook.enabled:
             return None
@@ -153,7 +161,7 @@ class Monitor:
         return RESULTS.get(hook.result)
 
     def after(self, node: TreeNode, result: Result) -> Result | None:
-        """A node's probe: the result stays."""
+        """None: the result of a node stays as it is."""
 
     def _drop(self, uid: int) -> None:
         self._hooks.pop(uid, None)
@@ -241,7 +249,7 @@ class Monitor:
         if text == b"start":
             self._transitions.clear()
             self._recording = time.monotonic()  # the same clock as in `_record`
-            return str(int(1e6 * time.time())).encode()  # the protocol wants it; nothing of a run depends on it
+            return str(int(1e6 * time.time())).encode()  # the protocol asks for the time; no run depends on it
         self._recording = None
         return None
 
@@ -267,7 +275,7 @@ ANSWERS: dict[str, Callable[[Monitor, bytes], bytes | None]] = {
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values that MessagePack has; anything else as text."""
+    """The values, with those that MessagePack cannot hold as text."""
     return {
         name: value if isinstance(value, bool | int | float | str) else str(value) for name, value in values.items()
     }

@@ -1,4 +1,4 @@
-"""A tree that runs, as the XML that Groot2 asks for: each SubTree with its own path, each node with its number."""
+"""A running tree as the XML that Groot2 asks for: each SubTree with its path, each node with its number."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ from mazeplan.behavior.tree import BehaviorTree, parts_of
 
 @dataclass(frozen=True)
 class Instance:
-    """One use of a tree: its name, the path of its SubTree (empty: the main tree), its root node, its blackboard."""
+    """One use of a tree.
+
+    name: ID of the tree
+    path: of its SubTree; empty for the main tree
+    root: its root node
+    board: its blackboard"""
 
     name: str
     path: str
@@ -32,14 +37,16 @@ class Instance:
 
 
 def instances(tree: BehaviorTree) -> tuple[Instance, ...]:
-    """The main tree, then each SubTree. A path has the names of SubTrees; one without a name of its own has the ID of
-    its tree, with its number, as BehaviorTree.CPP has it: no two are alike."""
+    """The main tree, then each SubTree.
+
+    A path consists of names of SubTrees, joined by `/`. A SubTree without a name appears as `ID::number`, with the ID
+    of its tree and the number of the node, as in BehaviorTree.CPP. Therefore paths are unique."""
     numbers = {id(node): i for i, node in enumerate(tree.nodes(), 1)}
     return (Instance(tree.name, "", tree.root, tree.blackboard), *_below(tree.root, "", numbers))
 
 
 def _below(node: TreeNode, path: str, numbers: dict[int, int]) -> Iterator[Instance]:
-    """The SubTrees from a node down, in order; path: that of the tree in which it stands."""
+    """The SubTrees from a node down, in order. path: of the SubTree that contains the node."""
     if isinstance(node, SubTree):
         own = node.name if node.named else f"{_name(node)}::{numbers[id(node)]}"
         path = f"{path}/{own}" if path else own

@@ -1,15 +1,15 @@
-"""A test kit for those who write trees and leaves; docs/testing-trees.md shows it at work.
+"""A kit to test trees and leaves; docs/testing-trees.md has examples.
 
-    run_tree, tick_tree       run a tree on a rig where things go wrong, or its leaves alone; both return a Record
-    script                    what a leaf does instead: "RUNNING x3 then SUCCESS"
+    run_tree, tick_tree       run a tree on a rig with mishaps, or without a rig; both return a Record
+    script                    what a leaf does in place of its work: "RUNNING x3 then SUCCESS"
     scripted_rig              a rig with a script of mishaps, from a few lines of YAML
-    Record                    what happened, and claims of it: reaches, never, within, visits, ends_with, halts
+    Record                    what happened, and claims about it: reaches, never, within, visits, ends_with, halts
     Coverage                  leaves and branches of a tree that some runs exercised
-    BallBehaviour             where a ball is over time, of Roll, Rest, Pass and Jump; PlayedRig plays it
-    LightRig                  a rig that runs in milliseconds
+    BallBehaviour             where a ball is over time, made of Roll, Rest, Pass and Jump; PlayedRig plays it
+    LightRig                  a fast rig; a run takes some 50 ms
     ball_behaviours, mishaps, leaf_scripts     hypothesis strategies, of the extra `testing`
 
-Nothing of the product imports it, and it needs no test framework.
+No module of the product imports the kit. The kit needs no test framework.
 """
 
 from __future__ import annotations

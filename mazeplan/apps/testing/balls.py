@@ -1,7 +1,7 @@
-"""Ball behaviours: where a ball is over time, whatever the plate does; and a rig on which the ball behaves so.
+"""Ball behaviours: where a ball is over time, whatever the plate does. `PlayedRig` is a rig whose ball follows one.
 
-A behaviour is a start and a list of moves along the map: rolling, resting, passing an opening to the ring in front
-of or behind it, jumping to another ring, and stretches of time in which nobody sees it.
+A behaviour has a start, a list of moves, and stretches of time in which the camera does not see the ball. A move is:
+rolling along the ring, resting, passing an opening into the next ring inwards or outwards, or jumping to another ring.
 """
 
 from __future__ import annotations
@@ -18,14 +18,17 @@ from mazeplan.core.maths.angles import difference, wrap
 from mazeplan.core.records import Array, Observation, State
 from mazeplan.maze.geometry import Maze
 
-DT = 1.0 / 30.0  # s, a sample
-FASTEST = 1.0  # m/s; what is faster was put there
-PASSAGE_S = 0.3  # s from the middle of one ring to that of the next
+DT = 1.0 / 30.0  # s between samples
+FASTEST = 1.0  # m/s; a faster change of place is a jump, not a speed
+PASSAGE_S = 0.3  # s from the middle of one ring to the middle of the next
 
 
 @dataclass(frozen=True)
 class Roll:
-    """Along the ring, at an even speed: seconds, and by how much it turns, deg."""
+    """The ball rolls along the ring at an even speed.
+
+    seconds: duration, s
+    turn_deg: change of the ball's angle, deg"""
 
     seconds: float
     turn_deg: float
@@ -33,14 +36,17 @@ class Roll:
 
 @dataclass(frozen=True)
 class Rest:
-    """Stuck, or just standing: seconds."""
+    """The ball does not move for some seconds, as if stuck."""
 
     seconds: float
 
 
 @dataclass(frozen=True)
 class Pass:
-    """The short way to an opening of its ring at a speed, m/s, and through; towards the goal or falling back."""
+    """The ball rolls the short way to an opening of its ring, then through it, inwards or outwards.
+
+    opening: name
+    speed_m_s: speed along the ring, m/s"""
 
     opening: str
     speed_m_s: float = 0.15
@@ -48,7 +54,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class Jump:
-    """At once into any ring, as by a hand or a camera that took something else for the ball."""
+    """The ball jumps at once into any ring, as when a hand moves it or the camera mistakes something else for it."""
 
     ring: int
     theta_deg: float
@@ -59,7 +65,11 @@ Move = Roll | Rest | Pass | Jump
 
 @dataclass(frozen=True)
 class BallBehaviour:
-    """Start, moves, and when it is not seen: pairs (from, to), s. After the last move it rests."""
+    """Where a ball is over time. After the last move the ball rests.
+
+    ring, theta_deg: start
+    moves: in order of time
+    unseen: times when the ball is not seen, pairs (from, to), s"""
 
     ring: int = 1
     theta_deg: float = 0.0
@@ -77,7 +87,7 @@ class BallBehaviour:
 
 
 class _Walk:
-    """Goes through the moves, sample by sample."""
+    """Turns the moves into places of the ball, one for each sample."""
 
     def __init__(self, maze: Maze, ball: BallBehaviour) -> None:
         self.maze, self.ring, self.theta = maze, ball.ring, math.radians(ball.theta_deg)
@@ -124,9 +134,9 @@ class _Walk:
 
 
 class PlayedRig:
-    """A rig whose ball behaves as given, whatever is commanded; the plate follows commands at once.
+    """A rig whose ball follows a `BallBehaviour`, whatever the commands are. The plate follows commands at once.
 
-    It refuses no command, so that a test can see one beyond the limits."""
+    The rig accepts every command, so that a test can see a command beyond the limits."""
 
     rate_hz = 1.0 / DT
     realtime = False
@@ -140,7 +150,7 @@ class PlayedRig:
         self._placed = False
 
     def reset(self, *, ring: int, theta: float, rng: Any) -> None:
-        """Time 0; the ball is where its behaviour begins."""
+        """Start at time 0, with the ball at the start of its behaviour."""
         self._k, self._u, self._placed = None, (0.0, 0.0), True
 
     @property
@@ -167,7 +177,7 @@ class PlayedRig:
         return Observation(t, x, y, *self._u)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Kept, and shown as the plate's tilt in the next sample."""
+        """Keep the command; the next sample shows it as the tilt of the plate."""
         self._u = (u_beta, u_gamma)
 
     def level(self) -> None:
@@ -175,11 +185,13 @@ class PlayedRig:
         self._u = (0.0, 0.0)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to release."""
 
 
 def states(ball: BallBehaviour, maze: Maze, lost_after: float) -> list[State]:
-    """What an estimator without errors says of a behaviour, sample by sample; lost_after: s unseen."""
+    """The states that an estimator without errors gives for a behaviour, one for each sample.
+
+    lost_after: time without the ball after which it counts as lost, s"""
     path, out = ball.path(maze), []
     last_seen, place, velocity = 0.0, path[0], np.zeros(2)
     for k in range(len(path)):
@@ -196,5 +208,5 @@ def states(ball: BallBehaviour, maze: Maze, lost_after: float) -> list[State]:
 
 
 def after(state: State, t: float) -> State:
-    """The ball rests where a behaviour left it."""
+    """The state at time t of a ball that rests where its behaviour left it."""
     return replace(state, t=t, vx=0.0, vy=0.0)

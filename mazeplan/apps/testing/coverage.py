@@ -1,8 +1,11 @@
-"""What of a tree was exercised by some runs: its leaves, and its branches.
+"""Coverage of a tree: which of its leaves and branches some runs exercised.
 
-A leaf is covered when it was ticked. A branch is a child of a Fallback or ReactiveFallback, taken when it ran or
-succeeded, the last one also when it was ticked at all; and either way that a precondition can go. What stands in
-the file once counts once, however often a subtree is used.
+A leaf is covered when it was ticked. There are two sorts of branches:
+
+- a child of a Fallback or ReactiveFallback: taken when it ran or succeeded, the last child whenever it was ticked;
+- an outcome of a precondition: it decides in place of the node, or it lets the node be ticked.
+
+An element of the file counts once, however often its subtree is used.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ SHOWN = ("SUCCESS", "FAILURE", HALTED)
 
 @dataclass
 class _Element:
-    """One element of a file, and what happened to it in all runs."""
+    """One element of a file, and what happened to it in all runs; count: how often it was ticked."""
 
     info: NodeInfo
     happened: set[str] = field(default_factory=set)
@@ -33,7 +36,11 @@ class _Element:
 
 @dataclass(frozen=True)
 class Branch:
-    """Something that a tree may do or not: where it stands, what it is, whether it was done."""
+    """A branch of a tree.
+
+    place: file:line
+    what: the text that reports the branch as missing
+    taken: whether any run took it"""
 
     place: str
     what: str
@@ -41,7 +48,7 @@ class Branch:
 
 
 class Coverage:
-    """Of one or more runs; records are added as they come: `Coverage(record, ...)`, `coverage.add(record)`."""
+    """The coverage by one or more runs. Add their records with `Coverage(record, ...)` or `coverage.add(record)`."""
 
     def __init__(self, *records: Record) -> None:
         self._elements: dict[tuple[str, tuple[str | int, ...]], _Element] = {}
@@ -51,7 +58,7 @@ class Coverage:
             self.add(record)
 
     def add(self, record: Record) -> Record:
-        """Count one more run; returns it, so that claims may follow."""
+        """Count one more run. Returns its record, so that claims can follow."""
         self.runs += 1
         keys = {info.index: (str(info.file), info.element) for info in record.nodes}
         for info in record.nodes:
@@ -79,8 +86,9 @@ class Coverage:
         return _share(branch.taken for branch in self.all_branches())
 
     def results(self, name: str) -> set[str]:
-        """What the leaves of a name or kind ended with in any run: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED. Raises
-        InputError for a name that no tree has."""
+        """How the nodes of a name or kind ended a tick in any run: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED, RAISED.
+
+        Raises InputError for a name that no tree has."""
         found = [e for e in self._elements.values() if name in (e.info.name, e.info.kind)]
         if not found:
             known = ", ".join(dict.fromkeys(element.info.name for element in self._leaves()))
@@ -88,7 +96,7 @@ class Coverage:
         return {what for element in found for what in element.happened if not what.startswith("_")}
 
     def missing(self, of: str = "leaves") -> list[str]:
-        """file:line of what was never reached, with what it is."""
+        """A line for each leaf (or branch) that no run reached: file:line and its name. of: leaves or branches."""
         if of == "leaves":
             return [f"{e.info.place}: {e.info.short}: never ticked" for e in self._leaves() if not e.ticked]
         return [f"{branch.place}: {branch.what}" for branch in self.all_branches() if not branch.taken]
@@ -118,8 +126,12 @@ class Coverage:
     # -- for people -------------------------------------------------------------------------------------------------
 
     def covers(self, at_least: float = 1.0, of: str = "leaves") -> Coverage:
-        """At least so much, 0 to 1, of the leaves or branches. Raises AssertionError with what is missing, InputError
-        for arguments that make no sense."""
+        """Claim that the runs covered at least a share of the leaves or branches.
+
+        at_least: share, 0 to 1
+        of: leaves or branches
+
+        Raises AssertionError that lists the missing ones, InputError for arguments that are not allowed."""
         if of not in OF or not 0.0 <= at_least <= 1.0:
             raise InputError(f"got {at_least}, {of!r}, expected 0 to 1, and one of {', '.join(OF)}", key="covers")
         got = self.leaves if of == "leaves" else self.branches
@@ -130,7 +142,7 @@ class Coverage:
         return self
 
     def report(self) -> str:
-        """A table of the leaves, and what was never reached, with file and line."""
+        """A table of the leaves, then the leaves and branches that no run reached, with file and line."""
         branches, leaves = self.all_branches(), self._leaves()
         ticked, taken = sum(e.ticked for e in leaves), sum(b.taken for b in branches)
         width = max([len(e.info.short) for e in leaves], default=4)

@@ -1,11 +1,11 @@
-"""Scripts of leaves: `RUNNING x3 then FAILURE(stuck) then SUCCESS`, what a leaf of a tree does instead of its own work.
+"""Scripts of leaves: what a leaf does in place of its work, such as `RUNNING x3 then FAILURE(stuck) then SUCCESS`.
 
     script = act { "then" act } [ "again" ]        the last act goes on for ever, or the script begins again
     act    = status [ "(" kind of failure ")" ] [ "x" number ]
     status = RUNNING | SUCCESS | FAILURE | SKIPPED
 
-or one letter a tick: `RRRFS`, and `-` for SKIPPED. SKIPPED acts as a precondition does: it halts a leaf that runs.
-The script goes on where it was when the leaf is entered once more.
+The short form has one letter for each tick, such as `RRRFS`, with `-` for SKIPPED. SKIPPED acts like a precondition:
+it halts a leaf that runs. When the tree enters the leaf again, the script continues where it was.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from mazeplan.core.records import Failure, FailureKind
 
 STATUSES: dict[str, Result] = {"RUNNING": RUNNING, "SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
 LETTERS: dict[str, Result] = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "-": SKIPPED}
-MOST = 100_000  # ticks that one script may spell out
+MOST = 100_000  # maximum number of ticks that a script may spell out
 ACT = re.compile(r"(?P<status>[A-Z]+)\s*(\(\s*(?P<kind>\w+)\s*\))?\s*(x\s*(?P<times>[0-9]{1,6}))?")
 GRAMMAR = "acts such as RUNNING x3, SUCCESS, FAILURE(stuck) or SKIPPED, joined by then; again at the end; or RRS"
 
 
 @dataclass(frozen=True)
 class Act:
-    """What a leaf ends one tick with, and the kind of failure that it leaves, if any."""
+    """One tick of a script: the status that the leaf returns, and the kind of failure that it reports, if any."""
 
     status: Result
     kind: FailureKind | None = None
@@ -38,8 +38,12 @@ class Act:
 
 @dataclass(frozen=True)
 class Script:
-    """What a leaf does, tick by tick; `again`: from the beginning after the last act, which else goes on for ever;
-    `sets`: what it writes to its ports when it succeeds."""
+    """What a leaf does, tick by tick.
+
+    text: the script as written
+    acts: one for each tick
+    again: whether the script begins again after the last act; otherwise the last act goes on for ever
+    sets: values that the leaf writes to its ports when it succeeds"""
 
     text: str
     acts: tuple[Act, ...]
@@ -48,7 +52,9 @@ class Script:
 
 
 def script(text: str, **sets: Any) -> Script:
-    """Read a script; `sets`: {port: value} written when the leaf succeeds. Raises InputError."""
+    """Read a script. Raises InputError.
+
+    sets: {port: value} that the leaf writes when it succeeds"""
     words = text.strip()
     if words and set(words) <= set(LETTERS):
         return Script(text, tuple(Act(LETTERS[letter]) for letter in words), sets=sets)
@@ -76,9 +82,12 @@ def _act(found: re.Match[str], text: str) -> Act:
 
 
 class Player:
-    """Makes a leaf do what a script says; its name, place, ports and preconditions stay.
+    """Makes a leaf do what a script says. The leaf keeps its name, place, ports and preconditions.
 
-    ticks: steps it did; starts, halts: how often it was entered and interrupted; ends: how often it finished."""
+    ticks: number of steps
+    starts: how often the leaf was entered
+    halts: how often the leaf was interrupted
+    ends: how often the leaf succeeded or failed"""
 
     def __init__(self, leaf: Leaf, script: Script) -> None:
         self.leaf, self.script = leaf, script
@@ -86,15 +95,15 @@ class Player:
         self._conditions = leaf.conditions
         leaf.start, leaf.step, leaf.halt = self._start, self._step, self._halt
         leaf.wind_down = lambda: SUCCESS
-        leaf.conditions = self  # type: ignore[assignment]  # asked as conditions are
+        leaf.conditions = self  # type: ignore[assignment]  # has the same methods
 
     @property
     def given(self) -> Mapping[str, Any]:
-        """The preconditions that stand in the tree."""
+        """The pre- and postconditions that the tree gives to the leaf."""
         return {} if self._conditions is None else self._conditions.given
 
     def decide(self, status: Result) -> Result | None:
-        """The leaf's own preconditions, then the script's SKIPPED."""
+        """The decision of the tree's preconditions for the leaf, otherwise SKIPPED if the script says so."""
         decided = None if self._conditions is None else self._conditions.decide(status)
         if decided is None and self.script.acts[self.at].status is SKIPPED:
             self._next()
@@ -102,12 +111,12 @@ class Player:
         return decided
 
     def after(self, result: Result) -> None:
-        """The leaf's own postconditions."""
+        """The postconditions that the tree gives to the leaf."""
         if self._conditions is not None:
             self._conditions.after(result)
 
     def halted(self) -> None:
-        """The leaf's own script for a halt."""
+        """The script that the tree gives to the leaf for a halt."""
         if self._conditions is not None:
             self._conditions.halted()
 

@@ -1,7 +1,7 @@
-"""A light rig: the planar model played as a machine, a run of it takes some 50 ms.
+"""The light rig: a rig that the planar model simulates. A run takes some 50 ms.
 
-It shares its equations with the planner on purpose: tests of trees are about decisions, not about physics. What is to
-be shown of physics belongs onto a simulated rig in MuJoCo (`run_tree(..., rig="toy")`).
+It shares its equations with the planner on purpose: tests of trees are about decisions, not about physics. To test
+physics, use a rig that MuJoCo simulates (`run_tree(..., rig="toy")`).
 """
 
 from __future__ import annotations
@@ -25,21 +25,25 @@ TOLERANCE = 1e-9  # rad, of the tilt limit
 
 
 def identified(maze: Maze) -> RigModel:
-    """The model that goes with a light rig: textbook values, no dry friction, a camera that is surely not late."""
+    """The model of the light rig: textbook values, no dry friction, a camera whose delay is known to be zero."""
     model = RigModel.nominal(maze)
     balls = {n: BallModel(tuple(e for e in b.effects if e.name != "dry_friction")) for n, b in model.balls.items()}
     return replace(model, balls=balls, data=({"file": "identified.mcap"},))
 
 
 class LightRig:
-    """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample and may change what is public here.
+    """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample and may change the public attributes.
 
-    z: x, y, vx, vy, beta, beta_dot, gamma, gamma_dot (m, m/s, rad, rad/s); glued: the ball keeps its place on the
-    plate; hidden: the camera sees nothing; dead: axes that keep their last command; u: the command that is held, rad,
-    shape (1, 2); commands: all that it was ever given, rad; levelled, closed: how often."""
+    levelled, closed: number of calls of `level` and `close`
+    commands: all commands so far, rad
+    z: x, y, vx, vy, beta, beta_dot, gamma, gamma_dot (m, m/s, rad, rad/s)
+    hidden: the camera sees nothing
+    glued: the ball keeps its place on the plate
+    dead: axes that keep their last command
+    u: the present command, rad, shape (1, 2)"""
 
     rate_hz = RATE
-    realtime = False  # its time passes in observe() only
+    realtime = False  # time passes only in observe()
 
     def __init__(
         self,
@@ -56,7 +60,7 @@ class LightRig:
         self.commands: list[tuple[float, float]] = []
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator | None) -> None:
-        """The ball at rest in the middle of a ring, the plate level, time 0, nothing wrong yet."""
+        """Start at time 0: the ball rests in the middle of a ring, the plate is level, no mishap acts."""
         self.z = np.zeros(8)
         self.place(ring, theta)
         self.hidden = self.glued = False
@@ -81,11 +85,11 @@ class LightRig:
         self.put(self.maze.track_radius(ring), theta)
 
     def put(self, r: float, theta: float) -> None:
-        """Put the ball somewhere, at rest; m, rad."""
+        """Put the ball at a radius r, m, and an angle theta, rad, at rest."""
         self.z[:4] = r * math.cos(theta), r * math.sin(theta), 0.0, 0.0
 
     def push(self, speed: float, direction: float) -> None:
-        """Kick the ball; m/s, rad in the plate."""
+        """Kick the ball. speed: change of its speed, m/s; direction: in the plate, rad."""
         self.z[2] += speed * math.cos(direction)
         self.z[3] += speed * math.sin(direction)
 
@@ -99,7 +103,7 @@ class LightRig:
     # -- a rig ------------------------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
-        """The next sample: the first at time 0."""
+        """The next sample. The first one is at time 0."""
         self._check()
         if not self._fresh:
             before, dt = self.z[:4].copy(), 1.0 / self.rate_hz
@@ -130,7 +134,7 @@ class LightRig:
             self._set(0.0, 0.0)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Count the call; there is nothing to release."""
         self.closed += 1
 
     def _set(self, u_beta: float, u_gamma: float) -> None:

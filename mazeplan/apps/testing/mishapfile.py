@@ -8,8 +8,8 @@
     - ball_out: {from_s: 1.0, to_s: 3.0, ring: 2}
     - axis_dead: {axis: beta, from_s: 1.0, to_s: 2.0}
 
-The faults of a simulated rig's file (`{kind: blackout, at_s: 1.0, duration_s: 0.4}`) are taken, too. An error names
-file, line and key.
+The list may also hold faults as the file of a simulated rig has them: `{kind: blackout, at_s: 1.0, duration_s: 0.4}`.
+An error names file, line and key.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FOR_EVER = 1e6  # s
 
 
 class _While(RigSection):
-    """From one moment to another of rig time."""
+    """A mishap that lasts from one moment of rig time to another."""
 
     from_s: Seconds = 0.0
     to_s: Seconds = FOR_EVER
@@ -45,14 +45,17 @@ class _While(RigSection):
 
 
 class BallStuck(_While):
-    """The ball is held where it comes by theta_deg (None: where it is), in `ring` (None: in any)."""
+    """The ball sticks at a place as soon as it gets there.
+
+    theta_deg: angle of the place; None: wherever the ball is
+    ring: ring of the place; None: any"""
 
     theta_deg: Angle | None = None
     ring: Ring | None = None
 
 
 class OpeningBlocked(_While):
-    """Nothing passes an opening; for ever, unless it says otherwise."""
+    """The ball cannot pass an opening; by default for ever."""
 
     opening: str
 
@@ -62,18 +65,18 @@ class CameraBlind(_While):
 
 
 class AxisDead(_While):
-    """An axis keeps the command that it had."""
+    """An axis keeps its last command."""
 
     axis: Literal["beta", "gamma", "both"]
 
     @property
     def axes(self) -> tuple[Literal["beta", "gamma"], ...]:
-        """One, or both."""
+        """The dead axes."""
         return ("beta", "gamma") if self.axis == "both" else (self.axis,)
 
 
 class _Once(RigSection):
-    """At a moment, or as soon after it as the ball is in a ring."""
+    """A mishap that happens once: at `at_s`, or as soon after it as the ball is in the ring `in_ring`."""
 
     at_s: Seconds = 0.0
     in_ring: Ring | None = None
@@ -94,8 +97,10 @@ class BallTeleported(_Once):
 
 
 class BallOut(_While):
-    """The ball lies outside, beyond the rim; then somebody puts it back into `ring`, at theta_deg (None: where it was
-    when it got out)."""
+    """The ball lies outside the maze, beyond the rim. At the end somebody puts it back.
+
+    ring: into this ring
+    theta_deg: at this angle; None: at the angle where the ball got out"""
 
     ring: Ring = 1
     theta_deg: Angle | None = None
@@ -115,7 +120,7 @@ Given = str | Path | Sequence[Mishap | Mapping[str, Any]]
 
 
 class _Reader:
-    """Reads the entries of one script; `file` and `tree` for the places of errors."""
+    """Reads the entries of one script. `file` and `tree` locate errors."""
 
     def __init__(self, maze: Maze, file: str | Path | None = None, tree: Tree | None = None) -> None:
         self._maze, self._file, self._tree = maze, file, tree
@@ -163,7 +168,7 @@ class _Reader:
             raise self.error(f"got {shown(first.get('input'))}, expected {said}", at) from None
 
     def _checked(self, mishap: Mishap, key: Key) -> Mishap:
-        """What only the map can tell."""
+        """The mishap, after the checks that need the map or two keys. Raises SettingsError."""
         if isinstance(mishap, _While) and mishap.to_s <= mishap.from_s:
             raise self.error(f"got {mishap.to_s:g}, expected to_s > from_s, {mishap.from_s:g}", (*key, "to_s"))
         if isinstance(mishap, OpeningBlocked):
@@ -193,9 +198,10 @@ FROM_FAULTS: dict[str, Callable[[Fault], Mishap]] = {
 
 
 def read_mishaps(given: Given, maze: Maze) -> tuple[Mishap, ...]:
-    """Mishaps from a YAML file, from YAML text (it has more than one line, or begins with -), or from a list of them.
+    """Mishaps from a YAML file, from YAML text, or from a list of mishaps.
 
-    Raises SettingsError with file, line, key, what was got and what is allowed."""
+    A string is YAML text if it has more than one line or begins with `-`; otherwise it names a file. Raises
+    SettingsError with file, line, key, what was got and what is allowed."""
     if isinstance(given, str) and ("\n" in given or given.lstrip().startswith("-")):
         tree = parse_yaml(given, file="mishaps", error=SettingsError)
         return _Reader(maze, "mishaps", tree).all(tree.data)

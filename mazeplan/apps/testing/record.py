@@ -1,7 +1,8 @@
-"""The record of a run of a tree, and what may be claimed of it: `record.reaches(5).never("ball_lost").within(8.0)`.
+"""The record of a run of a tree, and claims about it: `record.reaches(5).never("ball_lost").within(8.0)`.
 
-A claim that does not hold raises AssertionError with what happened instead and the rows of the timeline about it; one
-about a name that the tree has not raises InputError, or a typing error would make it hold for ever.
+A claim that does not hold raises AssertionError. The message says what happened instead, with the rows of the timeline
+around that moment. A claim about a name that the tree does not have raises InputError: otherwise a claim with a typing
+error, such as `never("blal_lost")`, would always hold.
 """
 
 from __future__ import annotations
@@ -30,9 +31,12 @@ RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  #
 class Record:
     """What a tree did, tick by tick.
 
-    reason: as that of a navigation (arrived, stuck, out_of_time ...; rig_failed where the rig refused), or how the root
-    ended where there was no rig; goal: the goal ring; result: of the navigation, if there was one;
-    players: of the scripts that were played, by the name under which they were given."""
+    steps: what happened to each node
+    reason: with a rig, why the navigation ended (arrived, stuck, out_of_time ...; rig_failed after a RigError);
+        without a rig, the last status of the root
+    goal: the goal ring
+    result: of the navigation; None without a rig, or if the rig failed
+    players: the leaves that played a script, by the name given with the script"""
 
     tree: str
     nodes: tuple[NodeInfo, ...]
@@ -68,7 +72,7 @@ class Record:
 
     @property
     def openings(self) -> list[str]:
-        """Openings by which the ball really changed its ring, in order; not where it was put into another."""
+        """Openings through which the ball rolled into another ring, in order. A ball that was put there has none."""
         out = []
         for before, now in itertools.pairwise(self.ticks):
             for opening in self.maze.openings_between(before.ring, now.ring) if before.ring != now.ring else ():
@@ -78,19 +82,24 @@ class Record:
         return out
 
     def statuses(self, name: str) -> list[str]:
-        """How each tick of a node ended, by name, kind or path; HALTED where it was. Raises InputError."""
+        """How each tick of a node ended; HALTED where the node was halted. Raises InputError.
+
+        name: name, kind or path of the node"""
         known = self._nodes(name)
         return [step.what for step in self.steps if step.node in known and not step.what.startswith("_")]
 
     def timeline(self) -> str:
-        """All rows."""
+        """All rows of the timeline, as text."""
         lines = rows(self.ticks, self.events, self.reason)
         return "\n".join(map(str, lines))
 
     # -- claims -----------------------------------------------------------------------------------------------------
 
     def reaches(self, ring: int | str = "goal", within: float | None = None) -> Record:
-        """The ball was in a ring; "goal": and the tree succeeded there. within: s of rig time."""
+        """Claim that the ball was in a ring.
+
+        ring: number or name; "goal": the ball is in the goal ring when the tree ends with success
+        within: maximum time until then, s of rig time"""
         wanted = self.goal if ring == "goal" else ring_number(ring, self.maze)
         first = next((tick.t for tick in self.ticks if tick.ring == wanted), None)
         if ring == "goal" and not (self.success and self.ticks[-1].ring == wanted):
@@ -108,19 +117,21 @@ class Record:
         return self
 
     def within(self, seconds: float) -> Record:
-        """It took at most so many s of rig time."""
+        """Claim that the tree ended after at most so many seconds of rig time."""
         if self.time_s > seconds + 1e-9:
             self._fail(f"expected an end within {seconds:g} s, it took {self.time_s:.3f} s", None)
         return self
 
     def ends_with(self, reason: str) -> Record:
-        """The reason for which it ended."""
+        """Claim that the tree ended for this reason."""
         if self.reason != reason:
             self._fail(f"expected the end {shown(reason)}, got {shown(self.reason)}", None)
         return self
 
     def visits(self, *names: str, in_order: bool = True) -> Record:
-        """These leaves or nodes (name, kind or path) were ticked, in this order, other ones in between."""
+        """Claim that these nodes were ticked, by default in this order. Other nodes may be ticked in between.
+
+        names: name, kind or path of each node"""
         at = 0
         for i, name in enumerate(names):
             known = self._nodes(name)
@@ -135,14 +146,18 @@ class Record:
         return self
 
     def never(self, *what: str) -> Record:
-        """No leaf or node of that name (or kind, path) was ticked, no failure of that kind left, no recovery of that
-        name begun; "outside limits": no command beyond the tilt limit."""
+        """Claim that something never happened. Each word is one of these:
+
+        - name, kind or path of a node: it was never ticked
+        - kind of a failure: it was never reported
+        - name of a recovery: it was never chosen
+        - "outside limits": no command was beyond the tilt limit"""
         for name in what:
             self._never(name)
         return self
 
     def halts(self, name: str) -> Record:
-        """A node was halted while it ran."""
+        """Claim that a node was halted while it ran."""
         if HALTED not in self.statuses(name):
             self._fail(f"expected {name} to be halted, it never was", None)
         return self

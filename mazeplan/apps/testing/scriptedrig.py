@@ -1,4 +1,4 @@
-"""A script of mishaps on a rig: on the light one, or on one simulated in MuJoCo."""
+"""Rigs on which a script of mishaps happens: the light rig, or a rig simulated in MuJoCo."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.run.specification import PUT_BACK_S
 
-SAME_PLACE = math.radians(0.5)  # a ball that rests within this of an angle is at it
+SAME_PLACE = math.radians(0.5)  # a ball nearer to an angle than this is at that angle
 
 
 class _Placed(Protocol):
@@ -39,7 +39,7 @@ class _Placed(Protocol):
 
 
 class _Sticking:
-    """When a ball comes by the place where it is to be held."""
+    """Notices when the ball comes to the place where a mishap holds it."""
 
     def __init__(self, stuck: BallStuck) -> None:
         self.stuck = stuck
@@ -48,7 +48,7 @@ class _Sticking:
         self._last: float | None = None
 
     def catches(self, t: float, rig: _Placed) -> bool:
-        """Whether the ball is held from now on, or still."""
+        """Whether the mishap holds the ball at this sample."""
         last, self._last = self._last, rig.theta
         if not self.stuck.active(t):
             self.held = False
@@ -65,13 +65,13 @@ class _Sticking:
 
 
 class _Outside:
-    """Where a ball is put that is out of the maze for a while."""
+    """Where a mishap puts the ball: out of the maze for a while, then back into a ring."""
 
     def __init__(self, mishap: BallOut, maze: Maze) -> None:
         self._mishap, self._maze, self._theta, self._out = mishap, maze, 0.0, False
 
     def place(self, t: float, rig: _Placed) -> tuple[float, float] | None:
-        """Radius (m) and angle (rad) to which the ball is put at this sample; None: nobody touches it."""
+        """Radius (m) and angle (rad) where the mishap puts the ball at this sample; None: it leaves the ball alone."""
         active, mishap = self._mishap.active(t), self._mishap
         if active == self._out:
             return (self._beyond, self._theta) if active else None
@@ -88,18 +88,18 @@ class _Outside:
 
 
 def _put_back(mishaps: Sequence[Mishap]) -> float | None:
-    """How long a run waits for the ball: as on a real rig where somebody puts it back, None where nobody does."""
+    """How long a run waits for a ball that is out, s: as on a real rig; None if no mishap puts the ball back."""
     return PUT_BACK_S if any(isinstance(m, BallOut) and m.to_s < FOR_EVER for m in mishaps) else None
 
 
 class _Happened:
-    """Which mishaps of one moment are due; each happens once."""
+    """The mishaps that happen once and have not happened yet."""
 
     def __init__(self, mishaps: Sequence[Mishap]) -> None:
         self._left = [m for m in mishaps if isinstance(m, BallPushed | BallTeleported)]
 
     def due(self, t: float, ring: int) -> list[BallPushed | BallTeleported]:
-        """Those that happen now, at rig time t with the ball in this ring."""
+        """The mishaps that happen now, at rig time t with the ball in this ring."""
         now = [m for m in self._left if t >= m.at_s - 1e-9 and m.in_ring in (None, ring)]
         self._left = [m for m in self._left if m not in now]
         return now
@@ -134,7 +134,7 @@ class ScriptedRig(LightRig):
             held = sticking.held
             if sticking.catches(t, self):
                 self.glued = True
-                if not held:  # exactly there, however far it would have come in this sample
+                if not held:  # put it exactly there, even if it rolled beyond the place in this sample
                     self.put(math.hypot(self.z[0], self.z[1]), self.theta if sticking.theta is None else sticking.theta)
         for outside in self._outside:
             if (place := outside.place(t, self)) is not None:
@@ -145,8 +145,10 @@ class ScriptedRig(LightRig):
 
 
 class ScriptedSimulation(SimulatedRig):
-    """A rig simulated in MuJoCo, on which a script of mishaps happens: blocked openings, blindness and dead axes by its
-    own faults, what happens to the ball at its samples."""
+    """A rig simulated in MuJoCo, on which a script of mishaps happens.
+
+    Faults of the simulated rig block openings, blind the camera and kill axes. `observe` does what happens to the
+    ball."""
 
     def __init__(
         self,
@@ -181,7 +183,7 @@ class ScriptedSimulation(SimulatedRig):
         self._outside = [_Outside(m, self.maze) for m in self.mishaps if isinstance(m, BallOut)]
 
     def observe(self) -> Observation:
-        """The next sample; what happens to the ball at it is seen in the next one."""
+        """The next sample. Mishaps of the ball act after it, so that the sample after it is the first to show them."""
         observation = super().observe()
         t = observation.t
         for mishap in self._once.due(t, self.ring):
@@ -199,13 +201,13 @@ class ScriptedSimulation(SimulatedRig):
         return observation
 
     def _put(self, r: float, theta: float) -> None:
-        """Put the ball to rest on the floor; m, rad."""
+        """Put the ball at rest on the floor, at a radius r, m, and an angle theta, rad."""
         place = np.array([r * math.cos(theta), r * math.sin(theta), self.maze.ball.radius])
         self.set_ball(place, np.zeros(3), np.zeros(3))
 
 
 def _faults(mishap: Mishap) -> list[Fault]:
-    """The rig's own faults that do it; none for what happens to the ball."""
+    """The faults of the simulated rig that produce a mishap; none for what happens to the ball."""
     match mishap:
         case OpeningBlocked(from_s=start, to_s=end):
             return [Fault(kind="blocked", at_s=start, duration_s=end - start, opening=mishap.opening)]

@@ -1,6 +1,6 @@
 """Hypothesis strategies: ball behaviours that a map allows, mishaps of a rig, scripts of leaves.
 
-The one room that imports hypothesis, which comes with the extra `testing`.
+This is the only module that imports hypothesis, which comes with the extra `testing`.
 """
 
 from __future__ import annotations
@@ -39,15 +39,19 @@ def _maze(maze: Maze | str | Path) -> Maze:
 
 
 def _tenths(least: float, most: float) -> st.SearchStrategy[float]:
-    """Tenths, which shrink to whole and small ones and read well."""
+    """Multiples of 0.1: they read well, and hypothesis shrinks them to small ones."""
     return st.integers(round(10 * least), round(10 * most)).map(lambda n: n / 10)
 
 
 def ball_behaviours(
     maze: Maze | str | Path = "cme", *, most_moves: int = 6, jumps: bool = True
 ) -> st.SearchStrategy[BallBehaviour]:
-    """Where a ball may be over time: it rolls along rings, rests, passes openings of its ring, falls back, jumps to
-    another ring (unless jumps is False), and is not seen at times. maze: a Maze, or name or file of a map."""
+    """Ball behaviours that the map allows: the ball rolls along rings, rests, passes openings of its ring inwards or
+    outwards, jumps to another ring, and is not seen at times.
+
+    maze: a Maze, or name or file of a map
+    most_moves: maximum number of moves
+    jumps: whether the ball may jump to another ring"""
     return _ball_behaviours(_maze(maze), most_moves, jumps)
 
 
@@ -78,7 +82,7 @@ def _ball_behaviours(draw: st.DrawFn, maze: Maze, most_moves: int, jumps: bool) 
 
 
 def mishaps(maze: Maze | str | Path = "cme", *, most: int = 3) -> st.SearchStrategy[tuple[Mishap, ...]]:
-    """Scripts of a rig: up to `most` things that go wrong within the first five seconds."""
+    """Scripts of a rig: up to `most` mishaps that begin within the first five seconds."""
     maze = _maze(maze)
     rings, angles = st.integers(1, len(maze.rings)), st.integers(-180, 180).map(float)
     span = st.tuples(_tenths(0.0, 5.0), _tenths(0.1, 1.5)).map(
@@ -99,7 +103,10 @@ def mishaps(maze: Maze | str | Path = "cme", *, most: int = 3) -> st.SearchStrat
 
 
 def leaf_scripts(*, skipped: bool = False, most_acts: int = 4) -> st.SearchStrategy[str]:
-    """Scripts of leaves as text, such as `RUNNING x2 then FAILURE(stuck)`; skipped: SKIPPED among them."""
+    """Scripts of leaves as text, such as `RUNNING x2 then FAILURE(stuck)`.
+
+    skipped: whether SKIPPED may be among the statuses
+    most_acts: maximum number of acts"""
     failures = [f"FAILURE({kind})" for kind in FailureKind]
     names = ["SUCCESS", "RUNNING", "FAILURE", *failures, *(["SKIPPED"] if skipped else [])]
     status: st.SearchStrategy[str] = st.sampled_from(names)

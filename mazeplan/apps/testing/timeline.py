@@ -1,4 +1,4 @@
-"""What happened in a run, as lines for people: when which leaf took over, rings, failures, recoveries."""
+"""The timeline of a run, as lines for people: leaves that take over, rings, failures, recoveries."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from mazeplan.apps.testing.watch import Tick
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.maths.angles import place_deg
 
-ROWS = 14  # of an excerpt
+ROWS = 14  # in an excerpt
 HEAD = "     t, s  ring   deg  what"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line: rig time, s; ring; angle, rad; what happened. None: before the first tick."""
+    """One line of the timeline.
+
+    t: rig time, s
+    ring, theta: place of the ball, theta in rad; None if no tick was recorded
+    text: what happened"""
 
     t: float
     ring: int | None
@@ -29,7 +33,7 @@ class Row:
 
 
 def rows(ticks: Sequence[Tick], events: Iterable[TimedEvent], ended: str) -> list[Row]:
-    """All that changed, in order of time."""
+    """A row for each change, in order of time. The last row gives the reason `ended`."""
     out: list[Row] = []
     waiting = sorted(events, key=lambda event: event.t)
     last: Tick | None = None
@@ -63,7 +67,7 @@ def described(event: TimedEvent) -> str:
 
 
 def excerpt(lines: Sequence[Row], around: float | None = None) -> str:
-    """The rows about a moment, or the last ones."""
+    """The rows around a moment, s, or the last rows."""
     middle = len(lines) if around is None else sum(row.t < around - 1e-9 for row in lines)
     first = middle - ROWS // 2
     first = max(0, min(first, len(lines) - ROWS))

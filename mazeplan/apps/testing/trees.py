@@ -1,4 +1,4 @@
-"""Runs trees for tests: `run_tree` with a rig on which a script of mishaps happens, `tick_tree` with leaves alone."""
+"""Runs trees for tests: `run_tree` on a rig with a script of mishaps, `tick_tree` without a rig."""
 
 from __future__ import annotations
 
@@ -38,16 +38,18 @@ from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 Leaves = Mapping[str, str | Script]
-OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_OUT)  # that no leaf need have reported
-PATIENCE_MS = 1e6  # for a plan: with a deadline in wall time a run would depend on how busy the machine is
+OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_OUT)  # perhaps no leaf reported them
+PATIENCE_MS = 1e6  # ms of wall time for a plan; a short deadline would make a run depend on the load of the machine
 
 
 def scripted_rig(
     mishaps: Given, map: str | Path | Maze = "cme", rig: str = "light"
 ) -> ScriptedRig | ScriptedSimulation:
-    """A rig on which things go wrong: `light`, or one simulated in MuJoCo by its name or file.
+    """A rig on which a script of mishaps happens. Raises InputError with file and line.
 
-    mishaps: YAML file, YAML text, or a list (see `mishapfile`). Raises InputError with file and line."""
+    mishaps: YAML file, YAML text, or a list (see `mishapfile`)
+    map: a Maze, or name or file of a map
+    rig: `light`, or name or file of a rig simulated in MuJoCo"""
     maze = map if isinstance(map, Maze) else load_map(map)
     script = read_mishaps(mishaps, maze)
     if rig == "light":
@@ -77,11 +79,19 @@ def run_tree(
     seed: int = 0,
     log: str | Path | None = None,
 ) -> Record:
-    """One navigation with a tree (packaged name, file, or XML text) on a rig, written down tick by tick.
+    """Run one navigation with a tree on a rig. The Record holds what happened, tick by tick.
 
-    leaves: {name, kind or path of leaves: script} that replace what they do; mishaps: what goes wrong, as YAML file or
-    text; ball: where the ball is, whatever the plate does; rig: "light", a simulated one, or a rig; goal: the last
-    ring, unless another is given; policy: for leaves that follow one. Raises InputError for what cannot be used."""
+    tree: packaged name, file, or XML text
+    leaves: {name, kind or path of leaves: script that replaces their work}
+    mishaps: what goes wrong, as YAML file, YAML text or list
+    ball: where the ball is, whatever the plate does
+    rig: "light", name or file of a simulated rig, or a rig
+    goal: goal ring; by default the last ring
+    closed: openings that are closed
+    policy: for leaves that follow a policy
+    log: file for the log of the run
+
+    Raises InputError for arguments that cannot be used."""
     if log is not None and str(tree).lstrip().startswith("<"):
         raise InputError("a log names the file of its tree; write the text into one", key="log")
     maze = map if isinstance(map, Maze) else load_map(map)
@@ -152,7 +162,7 @@ def _record(
 
 
 class _Planners(dict[int, RingPlanner]):
-    """Planners that are made when one is asked for: most tests of leaves ask for none."""
+    """The planner of each ring, made at its first use, because most tests of leaves use none."""
 
     def __init__(self, maze: Maze) -> None:
         super().__init__()
@@ -179,11 +189,18 @@ def tick_tree(
     ticks: int = 100,
     halt: bool = False,
 ) -> Record:
-    """Tick a tree, or the tree `main` of its file, at 30 Hz of rig time until it ends or `ticks` are over; no rig.
+    """Tick a tree without a rig, at 30 Hz of rig time, until it ends or `ticks` are over.
 
-    The leaves that have no script see the ball where `ball` says, exactly (default: at rest in ring 1). failures: kinds
-    that happened before the first tick, the last one last; keys: what stands on the blackboard; halt: halt the tree at
-    the end, as another goal would. Raises InputError for what cannot be used."""
+    leaves: {name, kind or path of leaves: script that replaces their work}
+    main: name of the tree in its file; by default the main tree
+    ball: where the ball is; leaves without a script see this place without error. Default: at rest in ring 1
+    failures: kinds of failure before the first tick, the latest one last
+    keys: values on the blackboard
+    closed: openings that are closed
+    ticks: maximum number of ticks
+    halt: whether to halt the tree at the end, as another goal would
+
+    Raises InputError for arguments that cannot be used."""
     maze = map if isinstance(map, Maze) else load_map(map)
     aim = ring_number(len(maze.rings) if goal is None else goal, maze)
     options = load_settings()
@@ -235,7 +252,7 @@ def _kind(name: str) -> FailureKind:
 
 
 def _carried(state: State, seconds: float, maze: Maze) -> State:
-    """Straight on, as far as a leaf looks ahead."""
+    """The state `seconds` later if the ball goes straight on at its velocity."""
     x, y = state.x + seconds * state.vx, state.y + seconds * state.vy
     return State(
         state.t + seconds, x, y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot,

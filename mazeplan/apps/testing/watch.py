@@ -1,4 +1,4 @@
-"""Notes all that happens in a tree: every node of every tick, halts, preconditions, events, the command of the tick."""
+"""Records all that happens in a tree: each node of each tick, halts, preconditions, events, the command of the tick."""
 
 from __future__ import annotations
 
@@ -28,9 +28,13 @@ HALTED, RAISED = "HALTED", "RAISED"
 class NodeInfo:
     """A node of the tree that ran.
 
-    short: its path in its own <BehaviorTree>, which begins with the name of that; element: the same for all uses of one
-    place in the file, as a subtree used twice has; parent: index of the node above; chooses: it takes one of its
-    children after the other until one will do; conditions: names of its preconditions."""
+    index: number of the node, in the order of `BehaviorTree.nodes()`
+    path: names from the root of the main tree to the node
+    short: names from its <BehaviorTree> to the node; the first is the name of that tree
+    element: key of the element in the file; nodes have the same key if a subtree is used twice
+    parent: index of the node above; None for the root
+    chooses: whether it is a Fallback or ReactiveFallback, which tries one child after the other
+    conditions: names of its pre- and postconditions"""
 
     index: int
     path: str
@@ -56,8 +60,13 @@ TICKED = ("RUNNING", "SUCCESS", "FAILURE")
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that happened to a node in a tick: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED, RAISED; or one of its
-    preconditions was looked at (`_skipIf`), and decided or let it pass."""
+    """One thing that happened to a node in a tick.
+
+    tick: number of the tick
+    t: rig time, s
+    node: index of the node
+    what: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED or RAISED; or an evaluated precondition, such as `_skipIf`
+    decided: whether a precondition decided in place of the node"""
 
     tick: int
     t: float
@@ -67,14 +76,20 @@ class Step:
 
     @property
     def ticked(self) -> bool:
-        """Whether a node did something: a precondition that decides passes it by."""
+        """Whether the node itself was ticked: no precondition decided in its place."""
         return self.what in TICKED and not self.decided
 
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick: rig time in s, where the ball was (rad; the truth, where the rig tells it), how the root ended, and the
-    command in rad with the leaf that gave it."""
+    """One tick of the tree.
+
+    t: rig time, s
+    ring, theta: place of the ball, theta in rad; the true place if the rig gives it, else the estimate
+    seen: whether the camera saw the ball
+    status: of the root
+    command: in rad
+    leaf: the leaf that gave the command"""
 
     t: float
     ring: int
@@ -85,13 +100,14 @@ class Tick:
     leaf: str
 
 
-Truth = Callable[[], tuple[int, float] | None]  # ring and theta of the ball, as the rig knows them
+Truth = Callable[[], tuple[int, float] | None]  # true ring and theta of the ball; None if the rig does not give them
 
 
 class Watch:
-    """Called with a tree that has not begun, and its context: puts scripts into leaves and notes what happens.
+    """Call it with a tree that has not begun, and its context. It puts scripts into leaves and records what happens.
 
-    leaves: {name, kind or path of leaves: script}. Raises InputError for one that is not in the tree."""
+    leaves: {name, kind or path of leaves: script}; the call raises InputError for a leaf that the tree does not have
+    truth: gives the true place of the ball"""
 
     def __init__(self, leaves: Mapping[str, str | Script] | None = None, truth: Truth = lambda: None) -> None:
         self._scripts = {
@@ -111,7 +127,7 @@ class Watch:
         return list(self._steps)
 
     def __call__(self, tree: BehaviorTree, context: RunContext) -> None:
-        """Watch a tree from now on; a second one of the same file is the next goal of the same run."""
+        """Watch a tree from now on. A second tree of the same file belongs to the next goal of the same run."""
         self.tree_name, self._context, nodes = tree.name, context, list(tree.nodes())
         if not self.nodes:
             self.nodes = list(_described(tree.root, tree.name))
@@ -119,7 +135,8 @@ class Watch:
         unused = set(self._scripts)
         for info, node in zip(self.nodes, nodes, strict=True):
             if node.conditions is not None:
-                node.conditions = _Conditions(node.conditions, info.index, self._note)  # type: ignore[assignment]  # asked as conditions are
+                # the type checker expects Conditions; _Conditions has the same methods
+                node.conditions = _Conditions(node.conditions, info.index, self._note)  # type: ignore[assignment]
             name = self._script_for(info)
             if name is not None and isinstance(node, Leaf):
                 unused.discard(name)
@@ -130,7 +147,7 @@ class Watch:
         self._watch_events(context)
 
     def _script_for(self, info: NodeInfo) -> str | None:
-        """By path before name before kind."""
+        """The key of the script for a leaf, if any. A path counts before a name, a name before a kind."""
         if not info.is_leaf:
             return None
         names = (info.path, info.name, info.kind)
@@ -144,10 +161,10 @@ class Watch:
 
     @property
     def now(self) -> float:
-        """Rig time, s, without the last digits that adding up samples leaves."""
+        """Rig time, s, rounded because adding up samples leaves errors in the last digits."""
         return round(self._context.now, 9)
 
-    # -- what is noted ----------------------------------------------------------------------------------------------
+    # -- what is recorded -------------------------------------------------------------------------------------------
 
     def _note(self, node: int, what: str, decided: bool = False) -> None:
         self._steps.append(Step(len(self.ticks), self.now, node, what, decided))
@@ -157,7 +174,7 @@ class Watch:
 
         def watched_execute() -> Result:
             at = len(self._steps)
-            self._note(index, RAISED)  # keeps the place before the children; stays only where the tick raises
+            self._note(index, RAISED)  # keeps the place before the children; stays only if the tick raises
             result = execute()
             first = self._steps[at]
             passed = isinstance(node.conditions, _Conditions) and node.conditions.decided
@@ -165,7 +182,7 @@ class Watch:
             return result
 
         def watched_halt() -> None:
-            self._note(index, HALTED)  # called while it runs only
+            self._note(index, HALTED)  # called only while the node runs
             halt()
 
         node.execute = watched_execute
@@ -202,7 +219,9 @@ class Watch:
 
 
 class _Conditions:
-    """Pre- and postconditions that tell which precondition decided. decided: whether one did at the last tick."""
+    """Pre- and postconditions that report each evaluated precondition.
+
+    decided: whether a precondition decided at the last tick"""
 
     def __init__(self, conditions: Conditions, node: int, note: Callable[[int, str, bool], None]) -> None:
         self._conditions, self._node, self._note, self.decided = conditions, node, note, False
@@ -210,7 +229,7 @@ class _Conditions:
         self.after, self.halted = conditions.after, conditions.halted
 
     def decide(self, status: Result) -> Result | None:
-        """As `Conditions.decide`, one after the other."""
+        """The same as `Conditions.decide`, with the preconditions evaluated one by one."""
         self.decided = False
         for name in DECISIONS:
             if name in self.given and (status is not RUNNING or name == WHILE):
@@ -223,7 +242,7 @@ class _Conditions:
 
 
 def _described(root: TreeNode, tree: str) -> Iterator[NodeInfo]:
-    """All nodes, parents first, as BehaviorTree.nodes() gives them."""
+    """All nodes, parents first, in the order of `BehaviorTree.nodes()`."""
     count = 0
 
     def walk(node: TreeNode, parent: int | None, above: str, tree: str, element: Key) -> Iterator[NodeInfo]:
@@ -235,7 +254,7 @@ def _described(root: TreeNode, tree: str) -> Iterator[NodeInfo]:
         leaf, chooses = not isinstance(node, Node), isinstance(node, Fallback | ReactiveFallback)
         kind = type(node).__name__
         yield NodeInfo(index, path, short, node.name, kind, file, line, element, parent, leaf, chooses, given)
-        if isinstance(node, SubTree):  # what it uses is the same wherever it is used
+        if isinstance(node, SubTree):  # its tree is the same element wherever it is used
             short = str(node._values.get("ID", node.name))
             element = (short,)
         for i, child in enumerate(parts_of(node)):

@@ -1,7 +1,11 @@
 """Where the camera stands: as near as possible, with everything inside the picture between the panels.
 
-    distance D:  |x| <= s tan(h/2) (D + z)  for every point, with x, z of it right of and behind the middle of the
-                 picture, h the angle of view across and s the share of the picture that may be used; same for y
+    distance D:  |x| <= s tan(h/2) (D + z)  for every point
+
+    x    how far the point is to the right of the middle of the picture; the same holds for y, upwards
+    z    how far the point is behind the middle of the picture
+    h    angle of view across
+    s    share of the picture that may be used
 
 The middle is moved until there is as much room below as above. Each browser has its own window and its own camera.
 The camera follows the size of the window until a person turns or moves the view; `Reset View` lets it follow again.
@@ -21,11 +25,11 @@ from mazeplan.core.records import Array
 if TYPE_CHECKING:
     from viser import CameraHandle, ClientHandle, ViserServer
 
-SHARE = 0.96  # of the picture
-FOV = 0.75  # rad, up and down
-KEPT = 8  # poses that a browser may still be telling us of
-ROUNDS = 4  # in which the middle is found
-SAME = 0.01  # of a pose, in the scene: less than a person moves a camera
+SHARE = 0.96  # of the picture that may be used
+FOV = 0.75  # rad, angle of view up and down
+KEPT = 8  # last poses set by the page, which a browser may report later
+ROUNDS = 4  # iterations that find the middle
+SAME = 0.01  # tolerance of equal poses, in units of the scene: less than a person moves a camera
 
 Place = tuple[float, float, float]
 ABOVE: Place = (0.0, -0.6, 1.0)  # from the operator's side
@@ -33,8 +37,11 @@ ABOVE: Place = (0.0, -0.6, 1.0)  # from the operator's side
 
 @dataclass(frozen=True)
 class Layout:
-    """A way in which things may stand. points: (N, 3), between which all of it lies; frames: where those frames of the
-    scene are; side: the camera is in this direction from the middle."""
+    """An arrangement of the things in the scene.
+
+    points: (N, 3), they enclose everything
+    frames: places of frames of the scene, by name
+    side: direction from the middle to the camera"""
 
     points: Array
     frames: dict[str, Place] = field(default_factory=dict)
@@ -43,7 +50,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class CameraPose:
-    """A camera, and how far it is from the farthest point that it is to show."""
+    """A camera, and its distance from the farthest point of the layout along the view."""
 
     position: Place
     look_at: Place
@@ -51,12 +58,12 @@ class CameraPose:
 
     @property
     def pose(self) -> Array:
-        """Both places in one, (6,)."""
+        """Both places in one array, (6,)."""
         return np.array([*self.position, *self.look_at])
 
 
 def fitted(layout: Layout, aspect: float) -> CameraPose:
-    """From where all of a layout is seen; aspect: width of the picture in heights."""
+    """The nearest camera that sees all of a layout. aspect: width over height of the picture"""
     points, back = np.asarray(layout.points, dtype=float), np.asarray(layout.side, dtype=float)
     back /= np.linalg.norm(back)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -81,14 +88,14 @@ def _place(point: Array) -> Place:
 
 
 def around(radius: float, at: tuple[float, float] = (0.0, 0.0), low: float = 0.0, high: float = 0.0) -> Array:
-    """Points on the rim of a plate that lies at a place, from a height to another, in the units of the scene."""
+    """Points on the rim of a plate at two heights, (72, 3), in units of the scene. at: x, y of the plate's middle"""
     angles = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
     rim = np.column_stack([at[0] + radius * np.cos(angles), at[1] + radius * np.sin(angles)])
     return np.vstack([np.column_stack([rim, np.full(len(rim), z)]) for z in (low, high)])
 
 
 def pointed_place(camera: Any, pointer: Any, height: float) -> tuple[float, float] | None:
-    """x, y where the ray from the camera through `pointer` meets the plane z = `height`; None where it does not."""
+    """x, y where the ray from the camera through `pointer` meets the plane z = `height`; None if it does not."""
     eye, ray = np.asarray(camera, dtype=float), np.asarray(pointer, dtype=float) - np.asarray(camera, dtype=float)
     if abs(ray[2]) < 1e-9 or (height - eye[2]) / ray[2] <= 0.0:
         return None
@@ -107,7 +114,7 @@ class Framing:
         server.on_client_disconnect(self._left)
 
     def show(self, *layouts: Layout) -> None:
-        """What is to be seen: a window gets the layout that is largest in it. The first is that of the page."""
+        """Set the layouts. Each window gets the layout that appears largest in it; the page begins with the first."""
         self._layouts, camera, view = layouts, self._server.initial_camera, fitted(layouts[0], 1.0)
         camera.position, camera.look_at, camera.fov = view.position, view.look_at, FOV
         for client in self._server.get_clients().values():
@@ -147,7 +154,11 @@ class Framing:
 
 @dataclass
 class _Browser:
-    """A browser: the size of its picture, its layout, the last poses that the page gave its camera."""
+    """A browser.
+
+    size: of its picture, pixels
+    layout: number of its layout
+    poses: the last poses that the page gave to its camera"""
 
     size: tuple[int, int] = (0, 0)
     layout: int = 0
@@ -158,5 +169,5 @@ class _Browser:
 
 
 def same(a: Array, b: Array) -> bool:
-    """Whether two poses are one."""
+    """Whether two poses are equal within SAME."""
     return bool(np.allclose(a, b, rtol=0.0, atol=SAME))

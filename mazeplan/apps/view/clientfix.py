@@ -1,22 +1,22 @@
-"""A few lines of our own in front of viser's client, for what it does wrong in a browser.
+"""A script and a style sheet in front of viser's client. They correct what the client does wrong in a browser.
 
-Its scene listens to pointers by listeners that promise never to prevent what a browser does by itself, and then
-prevents it wherever something can be dragged: the browser refuses, with an error in its console at each drag. Here the
-promise is taken out before the client makes it. (Only scrolling by touch or wheel is the faster for such a promise.)
+Pointers: viser's scene registers passive listeners, which promise never to prevent the browser's default action. Where
+something can be dragged they prevent it all the same; the browser refuses, with an error in its console at each drag.
+The script removes the promise before the client makes it. (The promise only makes scrolling by touch or wheel faster.)
 
-Arrow keys turn its camera, wherever else they mean something: a replay steps by them, and a view that was turned is no
-longer fitted. Its keys for commands are listened for at the root of the document, the camera's at the document, which
-comes after it: an arrow is stopped between them. The view is turned by the pointer.
+Arrow keys: they turn viser's camera even where they have another meaning. A replay steps with them, and a turned view
+is no longer fitted. viser listens for command keys at the root of the document, and for camera keys at the document,
+which comes after the root. The script stops an arrow key between the two. A person turns the view with the pointer.
 
-The scrollbar of a panel would cover its content, and gets room of its own. In a narrow window the panel at the left is
-folded, until a person unfolds it. viser warns of drawing in software, which a user cannot help: it is not told which
-device draws.
+Panels: a scrollbar would cover the content of its panel; the style sheet gives it room. In a narrow window the script
+folds the panel at the left, until a person unfolds it. viser warns of drawing in software, which a user cannot change;
+the script hides from viser which device draws.
 
-viser gives no names to its icons and to the number beside a slider: those who do not see them get some here. What
-scrolls can be reached by the Tab key, so that keys scroll it, too.
+Access: viser gives no names to its icons and to the number beside a slider. The script names them for people who do not
+see them. The Tab key reaches everything that scrolls, so that keys can scroll it.
 
-The emergency stop of a live page is a bar above viser's client, and no part of it: no panel covers, scrolls or folds
-it. The bar and the key press viser's command for Escape, in text fields as well.
+The emergency stop of a live page is a bar above viser's client. It is no part of the client: no panel covers, scrolls
+or folds it. The bar and the Escape key trigger viser's command for Escape, also while a text field has the focus.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import Any
 
 from mazeplan.core.palette import FAINT, INKS, STOP, TINTS
 
-NARROW = 900  # pixels: beside two panels there would be little of the maze
+NARROW = 900  # pixels of a window; in a narrower one two panels leave little room for the maze
 SCRIPT = """<script>
 {
   const add = EventTarget.prototype.addEventListener;
@@ -93,7 +93,7 @@ for _name, _colour in {
     "PRESSED": STOP["pressed"],
 }.items():  # fmt: skip
     SCRIPT = SCRIPT.replace(_name, _colour)
-PLACE, ROOT = b"<head>", b'<div id="root">'  # the script follows the one, the bar precedes the other
+PLACE, ROOT = b"<head>", b'<div id="root">'  # the script follows PLACE, the bar precedes ROOT
 STOP_BAR = """<header id="stop-bar">
 <button id="emergency-stop" type="button" aria-keyshortcuts="Escape">Emergency stop <kbd>Esc</kbd></button>
 <span>The plate goes level at once, and the run ends.</span>
@@ -116,7 +116,10 @@ STOP_BAR = """<header id="stop-bar">
 
 
 def mended(response: Any, bar: str = "") -> None:
-    """Put the script, and a bar above the client, into viser's answer (of websockets) where that is its page."""
+    """If viser's answer is its page, put the script, and the bar above the client, into it.
+
+    response: an answer of websockets, changed in place
+    bar: HTML"""
     if not response.body or not response.headers.get("Content-Type", "").startswith("text/html"):
         return
     response.body = _with_script(response.body, response.headers.get("Content-Encoding") == "gzip", bar)
@@ -124,7 +127,7 @@ def mended(response: Any, bar: str = "") -> None:
     response.headers["Content-Length"] = str(len(response.body))
 
 
-@lru_cache(maxsize=2)  # of 0.6 MB, asked for by each browser that comes
+@lru_cache(maxsize=2)  # the page has 0.6 MB, and each browser asks for it
 def _with_script(body: bytes, packed: bool, bar: str) -> bytes:
     page = (gzip.decompress(body) if packed else body).replace(PLACE, PLACE + SCRIPT.encode(), 1)
     before, root, after = page.rpartition(ROOT)

@@ -1,14 +1,14 @@
-"""The check of each request to the page, before viser, which has no check of its own, sees it.
+"""Checks each request to the page before viser sees it, because viser itself checks nothing.
 
 A page of another origin can make a browser connect to any port of this machine, but it cannot forge these headers:
 
     Host     the name that the browser talks to. The loopback accepts only its own names, so that a stranger's name
              for 127.0.0.1 (DNS rebinding) is useless.
     Origin   the page that asks. It must be this page. A websocket, which carries the orders, must have one.
-    token    beyond the loopback the first visit needs the printed URL, and later ones a cookie of this page.
+    token    beyond the loopback the first visit needs the printed URL, later visits need a cookie of this page.
 
-No other page may show this one in a frame, where a visitor could press its buttons unseen. This page may load
-nothing from elsewhere.
+No other page may show this page in a frame, because a visitor could press its buttons without seeing them. This page
+may load nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ POLICY = (
 
 @dataclass(frozen=True)
 class Refusal:
-    """The answer to a bad request. location, cookie: of a redirection, for a visit with the token."""
+    """The answer to a request that does not reach viser: a bad request, or a visit with the token.
+
+    location, cookie: a visit with the token is redirected there, with this cookie"""
 
     status: int
     text: str
@@ -43,7 +45,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Door:
-    """The check of a page at a host and port. token: None where none is needed."""
+    """The check of a page at a host and port. token: None if none is needed"""
 
     host: str
     port: int
@@ -51,7 +53,7 @@ class Door:
 
     @staticmethod
     def at(host: str, port: int) -> Door:
-        """With a new token unless the host is the loopback."""
+        """The door at a host and port, with a new token unless the host is the loopback."""
         return Door(host, port, None if is_loopback(host) else secrets.token_urlsafe(24))
 
     @property
@@ -64,11 +66,11 @@ class Door:
 
     @property
     def cookie_name(self) -> str:
-        """With the port in it, as a browser sends cookies to all ports of a machine."""
+        """Name of the cookie. It contains the port, because a browser sends a cookie to all ports of a machine."""
         return f"mazeplan_{self.port}"
 
     def refusal(self, path: str, headers: Sequence[tuple[str, str]]) -> Refusal | None:
-        """What is wrong with a request, by its path and its headers; None for a good one."""
+        """What is wrong with a request, judged by its path and headers; None for a good request."""
         hosts, origins, upgrades, cookies = (
             _all(headers, name) for name in ("host", "origin", "upgrade", "cookie")
         )  # fmt: skip
@@ -100,7 +102,7 @@ class Door:
         return tuple(f"{name}:{self.port}" for name in names) + (tuple(names) if self.port == 80 else ())
 
     def dress(self, headers: Any, host: str) -> None:
-        """Add the headers that forbid frames, and loading from elsewhere, to an answer."""
+        """Add to an answer the headers that forbid frames and loading from elsewhere."""
         headers["Content-Security-Policy"] = POLICY.format(host=host)
         headers["X-Frame-Options"] = "DENY"
         headers["X-Content-Type-Options"] = "nosniff"

@@ -1,4 +1,4 @@
-"""A film of a run, .mp4 or .gif: the plate with ball, trail and plan, and beside it the behaviour tree.
+"""A film of a run, .mp4 or .gif: the plate with ball, trail and plan, and the behaviour tree beside the plate.
 
     messages of a run -> story -> moments at even times -> matplotlib -> OpenCV (.mp4) or Pillow (.gif)
 
@@ -31,16 +31,16 @@ END_S = 1.5  # s that the last frame stays
 COLOURS_GIF = 64
 ROWS = 30  # of the tree
 TRAIL_S = 3.0
-CORNER, LONG = np.array([0.07, 0.07]), 0.06  # of the line downhill, in shares of the plate's axes
+CORNER, LONG = np.array([0.07, 0.07]), 0.06  # start and length of the line downhill, in shares of the plate's axes
 STEEP = np.radians(5.0)  # tilt of a line of full length
 Frame = NDArray[np.uint8]  # (height, width, 3), RGB
 
 
 def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> None:
-    """Write the film of a run; messages: (topic, document) of its log.
+    """Write the film of a run. messages: (topic, document) of its log
 
-    Raises InputError for another ending of the name, for a run without ticks or map, for a file that cannot be written,
-    and without OpenCV for .mp4."""
+    Raises InputError for another ending of the name, a run without ticks or map, a file that cannot be written, and
+    for .mp4 without OpenCV."""
     suffix = path.suffix.lower()
     check_film(path)
     shown = moments(messages)
@@ -57,7 +57,7 @@ def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> No
 
 
 def check_film(path: Path) -> None:
-    """Raises InputError if no film can have this name, or OpenCV is missing for it."""
+    """Raises InputError if the name does not end like a film, or if an .mp4 lacks OpenCV."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"got {path.name}, expected a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mp4":
@@ -68,7 +68,7 @@ def check_film(path: Path) -> None:
 
 
 def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
-    """The moment that was the newest at each of even times, hz a second, and the last one for END_S."""
+    """The newest moment at each of even times, hz a second; then the last moment again for END_S."""
     times = np.maximum.accumulate([moment.t for moment in shown])
     wanted = np.arange(times[0], times[-1], 1.0 / hz)
     places = np.maximum(np.searchsorted(times, wanted + 1e-9, side="right") - 1, 0)
@@ -78,7 +78,7 @@ def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
 def frames(
     shown: Sequence[Moment], maze: Maze, dpi: int, plate: Callable[[Any, Maze], Plate] = plate_of
 ) -> Iterator[Frame]:
-    """A picture of each moment. plate: makes the part that shows the maze, in given axes."""
+    """A picture of each moment. plate: makes the part that shows the maze, from axes and maze"""
     picture = _Picture(maze, shown[0].header, dpi, plate)
     return (picture.frame(moment) for moment in shown)
 
@@ -114,7 +114,7 @@ class _Picture:
         self._moving = (*self._plate.moving, downhill, self._trail, self._planned, self._next, self._tilt)
         self._texts = (self._time, self._said, *self._rows)
         for artist in (*self._moving, *self._texts):
-            artist.set_animated(True)  # no part of the background
+            artist.set_animated(True)  # keeps it out of the background
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
@@ -164,9 +164,9 @@ class _Picture:
 
 
 def tree_rows(moment: Moment) -> list[tuple[str, str, bool]]:
-    """Words, style of the palette, and whether it is active, of each node that the tree reached; at most ROWS.
+    """One row for each node that the tree reached: words, style of the palette, whether the node is active.
 
-    Of a longer tree the last rows around the active leaf are shown."""
+    There are at most ROWS rows. Of a longer list, the part around the active leaf is kept."""
     tree = moment.tree
     found, last = [], 0
     for i, node in enumerate(tree.nodes):
@@ -199,7 +199,7 @@ def _write_gif(path: Path, pictures: Iterable[Frame]) -> None:
     from PIL import Image
 
     images = list[Any]()
-    for picture in pictures:  # in the colours of the first: what does not change costs nothing
+    for picture in pictures:  # with the colours of the first picture, so that unchanged parts cost nothing
         image, first = Image.fromarray(picture), images[0] if images else None
         images.append(image.quantize(COLOURS_GIF, palette=first, dither=Image.Dither.NONE))
     images[0].save(

@@ -13,10 +13,10 @@ from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
 
 MM = 1000.0
-HIGH = 0.62  # m, of the camera
-WALL = (158, 152, 146)  # blue, green, red: unlike ball and lines
+HIGH = 0.62  # m, height of the camera
+WALL = (158, 152, 146)  # blue, green, red of the walls; differs from ball and lines
 PIXELS = 520  # side of a picture
-MARGIN = 1.12  # of the picture, around the rim
+MARGIN = 1.12  # half the side of a picture, in radii of the rim
 BALLS = ("real", "second")  # colours of the balls
 
 
@@ -30,7 +30,7 @@ class Plate(Protocol):
         ...
 
     def at(self, points: Array, moment: Moment) -> Array:
-        """Where points (N, 2) of the floor, m, are in the axes, (N, 2)."""
+        """Places in the axes, (N, 2), of points (N, 2) on the floor, m."""
         ...
 
 
@@ -55,14 +55,14 @@ class DrawnPlate:
                 circle.set_color(COLOURS[name if ball.seen else "neutral"])
 
     def at(self, points: Array, moment: Moment) -> Array:
-        """See `Plate`: mm."""
+        """See `Plate`. The axes are in mm."""
         return MM * points
 
 
 class RenderedPlate:
     """The plate as a camera above it would see it, tilted, with shadows. Raises ImportError without OpenCV.
 
-    A ball that is not seen is not in the picture; a second ball has a circle around it."""
+    The picture leaves out a ball that the camera did not see. A second ball has a circle around it."""
 
     def __init__(self, axes: Any, maze: Maze) -> None:
         from mazeplan.rigs.camera.look import Look
@@ -97,13 +97,13 @@ class RenderedPlate:
         self._second.set_data(place[:, 0], place[:, 1])
 
     def at(self, points: Array, moment: Moment) -> Array:
-        """See `Plate`: pixels; points at the height of the ball's centre."""
+        """See `Plate`. The axes are in pixels; the points are taken at the height of the ball's centre."""
         on = np.column_stack([points, np.full(len(points), self._maze.ball.radius)])
         return self._camera.project(on, *moment.tilt)
 
 
 def plate_of(axes: Any, maze: Maze) -> Plate:
-    """The rendered plate, or the drawn one where OpenCV is missing."""
+    """The rendered plate, or the drawn plate if OpenCV is missing."""
     try:
         return RenderedPlate(axes, maze)
     except ImportError:

@@ -1,9 +1,9 @@
-"""The line between a run and its page, which is a process of its own, so that it costs the run no time.
+"""The line between a run and its page. The page is a process of its own, so that it costs the run no time.
 
     run's thread --take--> queue --one thread--> pipe --> page        page --orders--> pipe --one thread--> on_order
 
-`take` only puts a message into a queue. If the page is too slow, or hangs, the queue fills: then ticks and plans are
-left out, and only later rare messages, such as the beginning and the end of a run.
+`take` only puts a message into a queue. If the page is too slow, or hangs, the queue fills. Then `take` drops ticks,
+plans and statuses. If the queue fills further, `take` also drops rare messages, such as the beginning of a run.
 """
 
 from __future__ import annotations
@@ -25,16 +25,19 @@ from mazeplan.apps.view.door import Door
 from mazeplan.apps.view.livetab import PLANNED, STATE, LiveTab, Offer, Order
 
 FREQUENT = frozenset({"/tick", "/plan", "/status"})
-WAITING, MOST = 300, 5000  # messages in the queue beyond which frequent ones, or all, are left out
-PAUSE_S = 0.015  # between looks into the queue, which has no lock: the run never waits
+WAITING, MOST = 300, 5000  # with this many messages in the queue, frequent messages (WAITING) or all (MOST) are dropped
+PAUSE_S = 0.015  # s between looks into the queue; it has no lock, so that the run never waits
 END_S = 2.0  # s that the page has to end by itself
-NICE = 5  # the run goes first where both want the processor
-KEPT = 20_000  # messages that wait to be drawn
+NICE = 5  # niceness of the page: the run goes first when both want the processor
+KEPT = 20_000  # maximum number of messages that wait to be drawn
 
 
 class PageLink:
-    """A page in a process of its own; a context manager. on_order: called in a thread of its own with each order;
-    `opened`: set when the first browser shows the page; `ended`: set when the page has ended."""
+    """A page in a process of its own; a context manager.
+
+    on_order: called with each order, in a separate thread
+    opened: set when the first browser shows the page
+    ended: set when the page has ended"""
 
     def __init__(self, offer: Offer, door: Door, listening: socket.socket, on_order: Callable[[Order], object]) -> None:
         self.opened, self.ended = threading.Event(), threading.Event()
@@ -52,13 +55,13 @@ class PageLink:
             threading.Thread(target=work, name=f"mazeplan page {work.__name__}", daemon=True).start()
 
     def take(self, topic: str, t: float, document: dict[str, Any]) -> None:
-        """A message of a run, for the page; returns at once (`core.logs.run_log.Take`)."""
+        """Pass a message of the run to the page; returns at once (`core.logs.run_log.Take`)."""
         waiting = len(self._queue)
         if waiting < WAITING or (waiting < MOST and topic not in FREQUENT):
             self._queue.append((topic, document))
 
     def tell(self, phase: str, note: str = "") -> None:
-        """Phase of the session: idle, failed (the last run could not begin), starting or running."""
+        """Tell the page the phase of the session: idle, failed (the last run could not begin), starting or running."""
         self.take(STATE, 0.0, {"phase": phase, "note": note})
 
     def show_planned(self, plan: dict[str, Any]) -> None:
@@ -94,7 +97,7 @@ class PageLink:
         self._closing = True
         self.ended.set()
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as line:
-            line.shutdown(socket.SHUT_RDWR)  # closing alone ends no call that waits for the other end
+            line.shutdown(socket.SHUT_RDWR)  # closing alone does not end a call that waits for the other end
         self._process.join(END_S)
         if self._process.is_alive():
             self._process.kill()
@@ -120,7 +123,7 @@ def _sent(pipe: Connection, batch: list[tuple[str, dict[str, Any]]]) -> bool:
 
 
 def live_page(offer: Offer, door: Door, listening: socket.socket, pipe: Connection) -> None:
-    """The page's process: draws until the other end of the pipe is gone. Ctrl-C is for the run's process."""
+    """The page's process. It draws until the other end of the pipe is gone. It leaves Ctrl-C to the run's process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
@@ -166,6 +169,6 @@ class _PageEnd:
             yield self._waiting.popleft()
 
     def order(self, order: Order) -> None:
-        """Send an order; any thread may."""
+        """Send an order. Any thread may call this."""
         with self._lock, suppress(OSError):
             self._pipe.send(order)

@@ -18,9 +18,9 @@ from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault" | "pause" ...}
-STATE = "state"  # topic of the session's phase, beside the topics of a run
+STATE = "state"  # topic of the session's phase, in addition to the topics of a run
 PLANNED = "planned"  # topic of what the next run will do
-SPEEDS = (0.1, 0.25, 0.5, 1.0)  # s of a simulation in one on the wall
+SPEEDS = (0.1, 0.25, 0.5, 1.0)  # s of simulated time in 1 s of wall time
 PHASES = {  # sign, words, name in the palette
     "idle": ("■", "no run", "neutral"),
     "starting": ("…", "a run gets ready", "planned"),
@@ -32,8 +32,10 @@ PHASES = {  # sign, words, name in the palette
 
 @dataclass(frozen=True)
 class Offer:
-    """What a person can operate: a maze on a rig; faults: kind -> its description, empty on a real machine; simulated:
-    a run can be paused and slowed down."""
+    """What a person can operate: a maze on a rig.
+
+    faults: kind -> its description; empty on a real rig
+    simulated: whether a run can be paused and slowed down"""
 
     maze: Maze
     rig: str
@@ -42,7 +44,10 @@ class Offer:
 
 
 class LiveTab:
-    """See `page.Tab`. drain: gives the messages (topic, document) since the last call; order: gets all orders."""
+    """See `page.Tab`.
+
+    drain: gives the messages (topic, document) since its last call
+    order: gets all orders"""
 
     def __init__(
         self, offer: Offer, drain: Callable[[], Iterable[tuple[str, dict[str, Any]]]], order: Callable[[Order], None]
@@ -55,7 +60,7 @@ class LiveTab:
         self._planned: dict[str, Any] | None = None
 
     def build(self, page: Page) -> None:
-        """Scene, curves, buttons, facts, tree."""
+        """Add scene, curves, buttons, facts and tree to the page."""
         server, gui, offer = page.server, page.server.gui, self._offer
         push = "ball_pushed" in offer.faults
         self._scene = Scene(
@@ -132,7 +137,7 @@ class LiveTab:
         self._order({"do": "open" if shut else "close", "opening": opening})
 
     def draw(self, now: float) -> None:
-        """Take new messages, and draw."""
+        """Take new messages and draw."""
         for topic, document in self._drain():
             if topic == STATE:
                 self._state = document
@@ -162,7 +167,7 @@ class LiveTab:
 
 
 def fault_html(offer: Offer, kind: str) -> str:
-    """Description of a fault, below its name: one line would be cut off."""
+    """Description of a fault, to be shown below its name: in one line with the name it would be cut off."""
     return f'<div style="{NOTE}" data-fault="{escape(kind, quote=True)}">{escape(offer.faults[kind])}</div>'
 
 
@@ -199,7 +204,7 @@ def swatch(style: str) -> str:
 
 
 def head_html(offer: Offer, phase: str, note: str) -> str:
-    """Rig, map and phase; in a frame a note on what a person waits for, or has to know."""
+    """Rig and map, and in a frame the phase with a note: what a person waits for or has to know."""
     sign, word, colour = PHASES.get(phase, ("", phase, "neutral"))
     below = f'<div style="font-size:12px" data-note>{escape(note)}</div>' if note else ""
     frame = f"border-left:4px solid {COLOURS[colour]};padding-left:6px;margin-top:2px"

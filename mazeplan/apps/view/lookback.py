@@ -1,4 +1,4 @@
-"""The time of a live run: a slider to look back while it goes on or is over, and its failures to jump to."""
+"""Looking back in a live run, while it goes on or after its end: a slider for the time, and jumps to failures."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from mazeplan.core.records import Failure
 
-HZ = 5.0  # at most so often the slider follows the run
-MOST, FEWER = 6000, 1000  # moments that are kept, and that go at once when there are more
+HZ = 5.0  # maximum rate at which the slider follows the run
+MOST, FEWER = 6000, 1000  # maximum number of kept moments; number of oldest moments dropped when there are more
 _NEAR = 1e-6  # s
 
 
 class Past:
-    """The moments of a run, as far as they were drawn; shows the newest until `seek`."""
+    """The drawn moments of a run. Shows the newest moment until `seek` or `jump` selects a time."""
 
     def __init__(self) -> None:
         self._moments: list[Moment] = []
@@ -33,14 +33,14 @@ class Past:
         self.at: float | None = None  # s; None: the newest
 
     def keep(self, moment: Moment) -> None:
-        """Add the newest moment; another run begins anew."""
+        """Add the newest moment. A moment of another run drops all earlier ones."""
         last = self._moments[-1] if self._moments else None
         if last is not None and moment.run != last.run:
             self.__init__()
         if not moment.tick:
             return
         if self._moments and moment.tick == self._moments[-1].tick:
-            self._moments[-1] = moment  # what else was told since that tick: a tree, an event, the result
+            self._moments[-1] = moment  # has the messages since that tick: a tree, an event, the result
         else:
             self._moments.append(moment)
             self._times.append(max(moment.t, self._times[-1]) if self._times else moment.t)
@@ -62,11 +62,11 @@ class Past:
         return self._moments[max(0, bisect_right(self._times, self.at + _NEAR) - 1)]
 
     def seek(self, t: float) -> None:
-        """Look at a time; at the end, follow the run again."""
+        """Look at a time, s. A time at the end follows the run again."""
         self.at = t if math.isfinite(t) and t < self.last - _NEAR else None
 
     def jump(self, direction: int) -> None:
-        """Look at the next failure (1) or the one before (-1); beyond the last one, follow the run again."""
+        """Look at the next failure (1) or the previous failure (-1). After the last failure, follow the run again."""
         now = self.last if self.at is None else self.at
         times = [f.t for f in self.failures if direction * (f.t - now) > _NEAR]
         if times:
@@ -99,7 +99,7 @@ class LookBack:
             self.past.jump(1 if what == "next" else -1)
 
     def show(self, moment: Moment, now: float) -> Moment:
-        """Keep the newest moment; returns the one to draw. now: s of any clock."""
+        """Keep the newest moment. Returns the moment to draw. now: s of any clock"""
         with self._lock:
             self.past.keep(moment)
             shown = self.past.shown() or moment
@@ -110,7 +110,7 @@ class LookBack:
                 end = max(1.0, float(math.ceil(last)))
                 self._slider.disabled = last <= 0.0
                 self._slider.max = end
-                if self.past.at is None:  # else a person holds it
+                if self.past.at is None:  # otherwise a person holds the slider
                     self._slider.value = min(round(at, 2), end)
                 elif abs(self._slider.value - self.past.at) > 0.01:
                     self._slider.value = round(self.past.at, 2)
@@ -119,9 +119,9 @@ class LookBack:
 
 
 def marks_html(past: Past, end: float) -> str:
-    """Failures as crosses below the slider, beside its label and its number, and whether the page looks back.
+    """Failures as crosses below the slider, their number, and the time at which the page looks back, if it does.
 
-    end: time at the right end of the slider, s."""
+    end: time at the right end of the slider, s"""
     ticks = "".join(
         f'<span title="{f.t:.2f} s: {escape(str(f.kind), quote=True)}" style="position:absolute;'
         f'left:{100 * f.t / end:.1f}%;transform:translateX(-50%);color:{COLOURS["bad"]}">✕</span>'

@@ -13,12 +13,12 @@ import numpy as np
 from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 
-STEP = math.radians(3.0)  # of arcs
+STEP = math.radians(3.0)  # maximum angle between points of an arc
 Mesh = tuple[Array, IntArray]
 
 
 def joined(meshes: Iterable[Mesh]) -> Mesh:
-    """Several as one."""
+    """One mesh made of several meshes."""
     vertices, faces, count = [], [], 0
     for points, triangles in meshes:
         vertices.append(points)
@@ -88,18 +88,18 @@ def radial_mesh(maze: Maze, wall: RadialWall, height: float) -> Mesh:
 
 
 def _half(opening: Opening, radius: float) -> float:
-    """Half the angle that a gap with parallel sides takes at a radius."""
+    """Half the angle, rad, that an opening with parallel sides takes at a radius."""
     return math.asin(0.5 * opening.width / radius)
 
 
 def floor_mesh(inner: float, outer: float, z: float) -> Mesh:
-    """A ring of floor; a disc where inner is 0."""
+    """A ring of floor; a disc if `inner` is 0."""
     around = np.linspace(0.0, 2.0 * math.pi, 121)
     return strip(arc(inner, around, z), arc(outer, around, z))
 
 
 def ring_floor(maze: Maze, ring: int) -> Mesh:
-    """The floor of a ring, under half of the walls beside it."""
+    """The floor of a ring. It reaches to the middle of the walls on both sides."""
     walls = maze.walls
     outer = 0.5 * (walls[ring - 1].inner_radius + walls[ring - 1].outer_radius)
     inner = 0.5 * (walls[ring].inner_radius + walls[ring].outer_radius) if ring < len(maze.rings) else 0.0
@@ -123,7 +123,7 @@ def across_wall(maze: Maze, opening: Opening, left: float, right: float, low: fl
 
 
 def gap_box(maze: Maze, opening: Opening, low: float, high: float) -> Mesh:
-    """What fills an opening from z = low to high: a mark on its floor, a plug."""
+    """A block that fills an opening from z = low to high, such as a mark on its floor or a plug."""
     half = 0.5 * opening.width
     return prism(across_wall(maze, opening, -half, half, low), high - low)
 
@@ -136,7 +136,7 @@ def posts(maze: Maze, opening: Opening, thickness: float, height: float) -> Mesh
 
 
 def ribbon(places: Array, half: Array, z: float) -> Mesh:
-    """A band along a line of (N, 2) places, `half` (N,) m to either side; none where that is NaN."""
+    """A band along a line of (N, 2) places, `half` (N,) m to either side; without width where `half` is NaN."""
     along = np.gradient(places, axis=0)
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = along / np.where(length > 0.0, length, 1.0)

@@ -1,4 +1,4 @@
-"""A run at one time, ready to be drawn: plain records, of a live run and of a recorded one alike.
+"""A run at one time, ready to be drawn: plain records, the same for a live run and a recorded run.
 
 Lengths m, angles rad, times s of the rig's clock. `story` makes moments from a run's messages.
 """
@@ -20,7 +20,10 @@ COLUMN = {name: i for i, name in enumerate(COLUMNS)}
 
 @dataclass(frozen=True)
 class NodeShown:
-    """A node of the behaviour tree. parent: number of the node above, -1 of the root; depth: 0 of the root."""
+    """A node of the behaviour tree.
+
+    parent: number of the node above; -1 for the root
+    depth: 0 for the root"""
 
     path: str
     kind: str
@@ -31,8 +34,11 @@ class NodeShown:
 
 @dataclass(frozen=True)
 class TreeShown:
-    """The behaviour tree. number: how many trees the run has had; statuses: a letter for each node
-    (`core.logs.run_log.STATUSES`); active: numbers of the nodes that run, with all above them."""
+    """The behaviour tree.
+
+    number: how many trees the run has had
+    statuses: a letter for each node (`core.logs.run_log.STATUSES`)
+    active: numbers of the nodes that run, if all nodes above them run, too"""
 
     number: int = 0
     nodes: tuple[NodeShown, ...] = ()
@@ -42,8 +48,13 @@ class TreeShown:
 
 @dataclass(frozen=True)
 class TaskShown:
-    """What the run is doing: ring of the ball and of the goal, the next opening, the leaf that commands, and
-    measurements that are not believed."""
+    """What the run is doing.
+
+    ring: of the ball
+    goal: goal ring
+    opening: the next opening
+    leaf: the leaf that commands
+    doubts: measurements that the run does not believe"""
 
     ring: int | None = None
     goal: int | None = None
@@ -63,11 +74,13 @@ class BallShown:
 
 @dataclass(frozen=True)
 class PlanShown:
-    """The plan that is followed.
+    """The plan that the run follows.
 
-    t0, dt: time of the first step, and between steps; theta: (N,), continuous; places: (N, 2) x, y on the track of the
-    ring; errors: (N,) how far off along the ring earlier plans of this run were after as many steps, rms, m; NaN where
-    too few plans are that old."""
+    t0: time of the first step
+    dt: time between steps
+    theta: planned angles, (N,), continuous
+    places: x, y on the track of the ring, (N, 2)
+    errors: (N,) rms error along the ring of earlier plans of this run after as many steps, m; NaN for too few plans"""
 
     t0: float
     dt: float
@@ -79,8 +92,12 @@ class PlanShown:
 
 @dataclass(frozen=True)
 class OpeningShown:
-    """An opening. next: the ball is brought there; successes, failures: as they count now; chance, low, high: mean and
-    90 % bounds of the Beta posterior of getting through."""
+    """An opening.
+
+    next: whether the run brings the ball there
+    successes, failures: of earlier tries, as they count now
+    chance: probability of getting through, the mean of its Beta posterior
+    low, high: 90 % bounds of this posterior"""
 
     name: str
     closed: bool
@@ -93,7 +110,7 @@ class OpeningShown:
 
     @property
     def tried(self) -> bool:
-        """Whether anything is known of it."""
+        """Whether tries of this opening still count."""
         return self.successes + self.failures > 0.05
 
 
@@ -109,10 +126,16 @@ class EventShown:
 class Moment:
     """A run at one time.
 
-    run: number of the run on this page; tick: how many ticks the run has had; header: of its log; ball: None while
-    its place is not known; second: of the second ball, None without one; tilt: beta, gamma as measured; rows: (N,
-    len(COLUMNS)) of the last seconds, the newest last, NaN for what is not known, theta continuous; failure: the last
-    one; events: the last ones; result: None until the run ends."""
+    run: number of the run on this page
+    tick: how many ticks the run has had
+    header: of its log
+    ball: None while its place is unknown
+    second: the second ball; None without one
+    tilt: beta, gamma as measured
+    rows: the last seconds, (N, len(COLUMNS)), the newest last; NaN for unknown values, theta continuous
+    failure: the last failure
+    events: the last events
+    result: None until the run ends"""
 
     run: int = 0
     tick: int = 0
@@ -135,5 +158,5 @@ class Moment:
         return self.rows[:, COLUMN[name]]
 
     def trail(self, seconds: float) -> Array:
-        """Path of the ball, (N, 2), within the last seconds; NaN where it is not known."""
+        """Path of the ball, (N, 2), within the last seconds; NaN where its place is unknown."""
         return self.rows[self.column("t") >= self.t - seconds][:, [COLUMN["x"], COLUMN["y"]]]

@@ -1,7 +1,8 @@
-"""A page: a server behind its door, and tabs that are drawn by one thread.
+"""A page: a server behind its door, and tabs that one thread draws.
 
-A tab has `build` and `draw` (`Tab`). It gets the page, whose `server` is viser's, and adds itself to `page.tabs`, the
-group of tabs in the right panel. All tabs share one scene, so only one tab may draw in it and set `page.framing`.
+A tab has the methods `build` and `draw` (`Tab`). `build` gets the page, whose `server` is viser's, and adds the tab to
+`page.tabs`, the group of tabs in the right panel. All tabs share one scene. Therefore only one tab may draw in it and
+set `page.framing`.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ if TYPE_CHECKING:
 
     from viser import GuiTabGroupHandle, ViserServer
 
-HZ = 30.0  # drawn so often: as a rig gives samples, so that at least 25 a second arrive
-WIDTH = 340  # pixels of the panels at both sides: with one of 1024 there is as much left between them
+HZ = 30.0  # rate of drawing, the same as that of a rig's samples, so that at least 25 frames a second arrive
+WIDTH = 340  # pixels of the panel at each side; a window of 1024 pixels has as much room between the two
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 
 
 def pressed(lock: AbstractContextManager[object], do: Callable[[Any], object]) -> Callable[[Any], None]:
-    """A callback for what a person does in a browser, one after another; changes by the program are ignored."""
+    """A callback for actions of a person in a browser, called one after another. It ignores changes by the program."""
 
     def on(event: Any) -> None:
         if getattr(event, "client_id", 0) is not None:
@@ -51,7 +52,7 @@ class Tab(Protocol):
 
 
 class Page:
-    """An open page. bar: HTML above all of it. Raises what `open_server` raises."""
+    """An open page. bar: HTML above the page. Raises what `open_server` raises."""
 
     def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
         self.door = door
@@ -76,7 +77,7 @@ class Page:
         ready.set()
 
     def draw(self) -> None:
-        """All tabs once. The first exception of a tab is printed, and the other tabs are drawn."""
+        """Draw all tabs once. If a tab fails, print its exception (only the first one) and draw the other tabs."""
         for tab in self._tabs:
             try:
                 with self.server.atomic():

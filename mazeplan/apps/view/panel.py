@@ -16,7 +16,7 @@ from mazeplan.core.palette import COLOURS, INKS
 if TYPE_CHECKING:
     from viser import ViserServer
 
-HZ = 10.0  # at most so often a panel is drawn
+HZ = 10.0  # maximum rate of drawing a panel
 SIGNS = {  # letter of a status -> sign, style, word
     "R": ("▶", "running", "running"),
     "S": ("✓", "success", "success"),
@@ -29,7 +29,10 @@ GREY = f'style="color:{INKS["quiet"]}'
 
 
 class HtmlPanel:
-    """HTML of a moment, in viser's current container. html: what to draw; key: what it depends on."""
+    """HTML of a moment, in viser's current container.
+
+    html: makes the HTML
+    key: the values that the HTML depends on"""
 
     def __init__(self, server: ViserServer, html: Callable[[Moment], str], key: Callable[[Moment], Any]) -> None:
         self._html, self._key = html, key
@@ -45,19 +48,19 @@ class HtmlPanel:
 
 
 def facts_panel(server: ViserServer) -> HtmlPanel:
-    """Where the run is, in a few lines."""
+    """The facts of the run in a few lines, as a panel."""
     return HtmlPanel(server, facts_html, lambda m: (m.run, m.tick, m.task, m.failure, m.events, m.result is None))
 
 
 def tree_panel(server: ViserServer) -> HtmlPanel:
-    """The behaviour tree."""
+    """The behaviour tree as a panel."""
     return HtmlPanel(server, tree_html, lambda m: (m.run, m.tree.number, m.tree.statuses, m.failure))
 
 
 def facts_html(moment: Moment) -> str:
     """Time, rings, leaf, computing time, outcome, last failure, last events."""
     task = moment.task
-    goal = task.goal if moment.tick else None  # before the first tick another one may wait to be read
+    goal = task.goal if moment.tick else None  # before the first tick another goal may wait to be read
     rows = {
         "time": f"{moment.t:.2f} s" if moment.tick else "–",
         "ring": f"{task.ring or '–'}{f' → {goal}' if goal else ''}",

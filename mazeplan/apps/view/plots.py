@@ -1,7 +1,7 @@
 """Curves: tilt commanded and measured, theta planned and measured, computing times of planner and tick.
 
-A live page shows the last seconds. A replay shows the whole run, of a long one the part around the current time, with
-a line at that time; of two runs it lays the last curve of each plot over each other.
+A live page shows the last seconds. A replay shows the whole run, with a line at the current time; of a long run it
+shows the part around this time. A replay of two runs shows the last curve of each plot for both runs.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ EVERY = 2  # a live page shows every second sample
 HEIGHT = 190  # pixels
 SHOWN_S = 30.0  # s of a long recorded run
 DEG = 180.0 / np.pi
-STEP_DEG = 45.0  # of the axis of theta
+STEP_DEG = 45.0  # step of the ends of the axis of theta
 NOTE = f"font-size:13px;color:{INKS['quiet']};padding:2px 12px"
 
 
 class PlotLine(NamedTuple):
-    """A column of a moment: label, column, style of the palette, whether it is dashed."""
+    """A curve: its label, its column of a moment, its style of the palette, whether it is dashed."""
 
     label: str
     column: str
@@ -39,7 +39,10 @@ class PlotLine(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """A plot: factor from the columns to the unit; step: of a live axis, None to find it."""
+    """A plot.
+
+    factor: from the columns to the unit
+    step: the ends of the axis are multiples of it; None: `range_of` finds a step"""
 
     title: str
     unit: str
@@ -77,18 +80,21 @@ def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tu
 
 
 def scales(time: tuple[float, float], values: tuple[float, float]) -> dict[str, Any]:
-    """Ranges of both axes. Without one viser keeps a share of the earlier time axis, which is off later."""
+    """Ranges of both axes. Without a range viser keeps a share of the earlier time axis, which is wrong later."""
     return {"x": {"time": False, "range": time}, "y": {"range": values}}
 
 
 def span_of(times: Array) -> tuple[float, float]:
-    """Ends of the time axis, s: whole seconds, as every change makes a new chart."""
+    """Ends of the time axis, s. They are whole seconds, because each change of the ends makes a new chart."""
     return (float(np.floor(times[0])), float(np.floor(times[-1]) + 1.0)) if len(times) else (0.0, 1.0)
 
 
 def range_of(curves: Sequence[Array], step: float | None = None) -> tuple[float, float]:
-    """Ends of an axis that hold all known values, in steps that seldom change: by default 1, 2 or 5 times a power of
-    ten. uPlot finds no range for a curve that begins with NaN."""
+    """Ends of an axis for all finite values. They are multiples of a step, so that they seldom change.
+
+    step: by default 1, 2 or 5 times a power of ten
+
+    uPlot itself finds no range for a curve that begins with NaN."""
     known = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     if step is None:
@@ -99,7 +105,7 @@ def range_of(curves: Sequence[Array], step: float | None = None) -> tuple[float,
 
 
 class LivePlots:
-    """Curves of the last seconds, in viser's current container; before the first run a note."""
+    """Curves of the last seconds, in viser's current container. Before the first run there is a note instead."""
 
     def __init__(self, server: ViserServer) -> None:
         self._none = server.gui.add_html(f'<div style="{NOTE}" data-curves="none">no run yet</div>')
@@ -132,7 +138,7 @@ class LivePlots:
 
 
 class ReplayPlots:
-    """Curves of one recorded run or two, in viser's current container. Axes of long runs follow what is shown."""
+    """Curves of one or two recorded runs, in viser's current container. Axes of long runs fit the part shown."""
 
     def __init__(self, server: ViserServer, runs: Sequence[RecordedRun]) -> None:
         self._at, self._shown, self._runs = -1.0, None, runs
@@ -155,7 +161,7 @@ class ReplayPlots:
             self._ranges.append(ends)
 
     def _around(self, chart: Chart, t: float) -> tuple[Array, ...]:
-        """The part of long runs around t, read for it."""
+        """The part of long runs around t, read from their logs."""
         return table(self._runs, chart, window(*self._ends, t))
 
     def show(self, t: float, now: float) -> None:
@@ -175,8 +181,9 @@ def _up(ends: tuple[float, float]) -> dict[str, Any]:
 
 
 def table(runs: Sequence[RecordedRun], chart: Chart, span: tuple[float, float] | None = None) -> tuple[Array, ...]:
-    """Times of all runs, and each curve at them, NaN where its run has nothing: (N,) each. span: s, from and to; by
-    default all."""
+    """Times of all runs, then each curve at these times, NaN where its run has no value; (N,) each.
+
+    span: from and to, s; by default the whole runs"""
     parts = [np.searchsorted(run.times, span).tolist() if span else (0, len(run.times)) for run in runs]
     known = [run.times[first:end] for run, (first, end) in zip(runs, parts, strict=True)]
     if len(runs) == 1:
@@ -187,8 +194,10 @@ def table(runs: Sequence[RecordedRun], chart: Chart, span: tuple[float, float] |
 
 
 def in_unit(chart: Chart, values: Array) -> Array:
-    """Values (N,) of a column in the unit of a chart. A place on a ring is from 0 to below 360 degrees, as in the names
-    of openings; NaN breaks its curve where it goes over 0."""
+    """Values (N,) of a column in the unit of a chart.
+
+    A place on a ring is from 0 to below 360 degrees, as in the names of openings. NaN breaks its curve where the ball
+    passes 0 degrees."""
     shown = chart.factor * values
     if chart.step != STEP_DEG:
         return shown
@@ -198,7 +207,7 @@ def in_unit(chart: Chart, values: Array) -> Array:
 
 
 def at_times(times: Array, known: Array, values: Array) -> Array:
-    """Values at other times, linear between known ones; NaN outside and beside NaN."""
+    """Values at other times, interpolated linearly; NaN outside the known times and beside NaN."""
     if not len(known):
         return np.full(len(times), np.nan)
     return np.interp(times, known, values, left=np.nan, right=np.nan)
@@ -214,13 +223,13 @@ def around(columns: tuple[Array, ...], t: float) -> tuple[Array, ...]:
 
 
 def window(begin: float, end: float, t: float) -> tuple[float, float]:
-    """SHOWN_S around t, within a run from `begin` to `end`, s."""
+    """Ends of a window of SHOWN_S around t, within a run from `begin` to `end`, s."""
     first = max(begin, min(t - 0.5 * SHOWN_S, end - SHOWN_S))
     return first, first + SHOWN_S
 
 
 def spread(curves: Sequence[Array]) -> tuple[float, float]:
-    """From a little below all curves to a little above."""
+    """Ends of an axis a little below and a little above all curves."""
     known = np.concatenate(curves)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
@@ -229,7 +238,7 @@ def spread(curves: Sequence[Array]) -> tuple[float, float]:
 
 
 def with_line(columns: tuple[Array, ...], t: float, low: float, high: float) -> tuple[Array, ...]:
-    """The curves, and one more column that goes from `low` to `high` at t and is NaN elsewhere."""
+    """The columns, and one more for a vertical line: from `low` to `high` at t, NaN elsewhere."""
     times, *curves = columns
     at, both = int(np.searchsorted(times, t)), np.array([t, t])
     here = np.insert(np.full(len(times), np.nan), at, [low, high])

@@ -15,10 +15,10 @@ from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array
 from mazeplan.maze.memory import FADING_S
 
-PLANS = 90  # newest plans that are compared with the ball
-ENOUGH = 5  # plans of an age that give an error
-LEVEL = 0.9  # of the bounds of a posterior
-# Beta prior of an untried opening: that of `maze.graph.RouteOptions`, which would import networkx
+PLANS = 90  # number of newest plans that are compared with the ball
+ENOUGH = 5  # minimum number of plans of an age for an error
+LEVEL = 0.9  # probability between the bounds of a posterior
+# Beta prior of an untried opening, the same as in `maze.graph.RouteOptions`; importing that would import networkx
 PRIOR = (3.0, 0.3)
 
 
@@ -29,7 +29,10 @@ def number(value: Any) -> float:
 
 @dataclass(frozen=True)
 class FollowedPlan:
-    """A plan, with the ring and the opening for which it was made. theta: (N,); radius: of the ring's track, m."""
+    """A plan, with the ring and the opening for which it was made.
+
+    theta: planned angles, (N,)
+    radius: of the ring's track, m"""
 
     t0: float
     dt: float
@@ -39,13 +42,13 @@ class FollowedPlan:
     opening: str | None = None
 
     def at(self, t: float) -> float:
-        """Planned angle at time t, by the step that `control.tracking.plan_step` takes."""
+        """Planned angle at time t, at the step that `control.tracking.plan_step` takes."""
         step = 0 if math.isnan(t) else round((t - self.t0) / self.dt)
         return float(self.theta[min(max(step, 0), len(self.theta) - 2)])
 
 
 class PlanErrors:
-    """How far off plans were, by age."""
+    """Errors of plans by their age."""
 
     def __init__(self) -> None:
         self._plans: deque[FollowedPlan] = deque(maxlen=PLANS)
@@ -57,7 +60,7 @@ class PlanErrors:
             self._plans.append(plan)
 
     def compare(self, t: float, theta: float, ring: Any, opening: Any) -> None:
-        """Compare plans to this opening with the angle of the ball in the same ring."""
+        """Compare the angle of the ball in a ring with the kept plans for this ring and this opening."""
         if math.isnan(t) or math.isnan(theta):
             return
         for plan in self._plans:
@@ -71,7 +74,7 @@ class PlanErrors:
             self._count[step] += 1.0
 
     def after(self, steps: int) -> Array:
-        """rms error, m, (steps,); NaN for ages with too few plans."""
+        """rms error of plans after 0, 1, 2 ... steps, m, (steps,); NaN for ages with too few plans."""
         out, known = np.full(steps, math.nan), min(steps, len(self._count))
         enough = np.flatnonzero(self._count[:known] >= ENOUGH)
         out[enough] = np.sqrt(self._squares[enough] / self._count[enough])
@@ -94,7 +97,7 @@ class OpeningTries:
         return OpeningTries(number(document.get("t")), counts, float(document.get("fading_s", FADING_S)))
 
     def now(self, name: str, t: float) -> tuple[float, float, float, float, float]:
-        """Successes, failures, mean of the posterior, and its bounds."""
+        """Successes and failures as they count at time t, mean of the posterior, and its two bounds."""
         kept = math.exp(-max(t - self.t, 0.0) / self.fading_s)
         successes, failures = (kept * count for count in self.counts.get(name, (0.0, 0.0)))
         a, b = PRIOR[0] + successes, PRIOR[1] + failures
@@ -102,7 +105,7 @@ class OpeningTries:
 
 
 class RecentRows:
-    """A table that grows at its end and forgets its beginning; rows that it gave out do not change."""
+    """A table that grows at its end and forgets its beginning. Rows that `newest` has returned do not change."""
 
     def __init__(self, kept: int) -> None:
         self._kept, self._count = kept, 0
@@ -118,7 +121,7 @@ class RecentRows:
         self._count += 1
 
     def last(self, name: str) -> float:
-        """The newest number in a column; NaN without one."""
+        """The newest finite number in a column; NaN without one."""
         column = self.newest()[:, COLUMN[name]]
         known = column[~np.isnan(column)]
         return float(known[-1]) if len(known) else math.nan
@@ -130,7 +133,7 @@ class RecentRows:
 
 @lru_cache(maxsize=4096)
 def bounds(a: float, b: float) -> tuple[float, float]:
-    """Bounds of a Beta distribution that hold LEVEL of it."""
+    """The bounds between which a Beta distribution has the probability LEVEL, with equal tails."""
     from scipy.special import betaincinv
 
     rest = 0.5 * (1.0 - LEVEL)

@@ -1,8 +1,9 @@
 """The maze in 3D as it tilts: ball and trail, the plan ahead with its errors, and the openings.
 
-opening   grey: untried; else from `bad` over `unsure` to `good` by the chance of getting through, the mean of its
-          Beta posterior; a label has this mean and its 90 % bounds; red plug: closed; bright frame: the next one
-goal      its floor is green; before a run a line shows the route from where the ball will be placed
+opening   grey: untried. Otherwise the chance of getting through, which is the mean of its Beta posterior, gives a
+          colour from `bad` over `unsure` to `good`; a label shows this mean and its 90 % bounds.
+          Red plug: closed. Bright frame: the next opening
+goal      the floor of the goal ring is green; before a run a line shows the route from the start of the ball
 plan      a line on the track of the ring, in a band of 2 rms errors of earlier plans to either side
 tilt      drawn larger than it is; a slider sets the factor
 """
@@ -26,28 +27,30 @@ from mazeplan.maze.geometry import Maze, Opening
 if TYPE_CHECKING:
     from viser import ViserServer
 
-UNIT = 10.0  # lengths in the scene are dm: cameras and lights of viser are made for things about as large as 1
+UNIT = 10.0  # lengths in the scene are dm, because viser's cameras and lights suit things of a size near 1
 TRAIL_S, TRAIL_POINTS = 3.0, 90
 PLAN_POINTS = 64
 ROUTE_POINTS = 400
-WIDEST = 0.015  # m to either side, of the band: an estimate that was lost makes errors larger than the maze
-TILT_SHOWN = 3.0  # times as large as it is
-WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
+WIDEST = 0.015  # m; maximum half width of the band, because a lost estimate makes errors larger than the maze
+TILT_SHOWN = 3.0  # drawn tilt over true tilt
+WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
 WALL, TABLE = (178, 184, 192), (205, 208, 212)
 FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
 GOAL_FLOOR = (172, 222, 190)
 PUSH_PER_S = 4.0  # speed of a push, m/s, for each m that a person drags the ball
 SHADE = (222, 225, 229)
-SHADE_BELOW, RAISED = 0.3, 0.15  # of the rim's radius: depth of the plate's shade, usual height of its raised edge
+SHADE_BELOW, RAISED = 0.3, 0.15  # depth of the plate's shade and usual height of its raised edge, in radii of the rim
 LABELS_AT = -60.0  # deg, where rings have their numbers
 Colour = tuple[int, int, int]
 
 
 class Scene:
-    """The scene of a page, under `name` in viser's tree: two of them may stand side by side (`at`: x, y in m).
+    """The scene of a maze on a page. A page may have two of them side by side.
 
-    on_ring, on_opening: called with number or name at a click, on_push: with the velocity x, y, m/s, at the end of a
-    drag of the ball; None: no clicks, no drags."""
+    name: of the scene in viser's tree
+    at: place of the maze, x, y in m
+    on_ring, on_opening: called with the number or name at a click; None: no clicks
+    on_push: called with the velocity x, y, m/s, at the end of a drag of the ball; None: no drags"""
 
     def __init__(
         self, server: ViserServer, maze: Maze, name: str = "/maze", at: tuple[float, float] = (0.0, 0.0), *,
@@ -114,7 +117,7 @@ class Scene:
         )  # fmt: skip
 
     def _build_planned(self) -> None:
-        """The route of the next run, and where its ball will be placed."""
+        """Add the route of the next run and the start of its ball, invisible at first."""
         scene, plate, nothing = self._server.scene, f"{self._name}/plate", np.zeros((ROUTE_POINTS - 1, 2, 3))
         self._route = scene.add_line_segments(
             f"{plate}/route", nothing.astype(np.float32), rgb("planned"), thickness=0.016, visible=False
@@ -150,7 +153,7 @@ class Scene:
                 self._openings[opening.name].show(opening)
 
     def show_goal(self, ring: int | None) -> None:
-        """Colour the floor of the goal."""
+        """Colour the floor of the goal ring."""
         if ring != self._goal:
             for number, colour in ((self._goal, None), (ring, GOAL_FLOOR)):
                 if number in self._floors:
@@ -181,7 +184,9 @@ class Scene:
 
 
 class _OpeningMark:
-    """An opening: a mark on its floor, a frame while it is next, a plug while it is closed, a label once tried."""
+    """The drawing of an opening: a mark on its floor, a frame while it is the next opening, a plug while it is closed.
+
+    A label shows that it is closed, or its chance of getting through once it was tried."""
 
     def __init__(self, scene: Scene, opening: Opening, on_click: Callable[[str], None] | None) -> None:
         maze, name = scene._maze, f"opening/{opening.name}"
@@ -224,7 +229,7 @@ class _OpeningMark:
 
 
 async def _push(on_push: Callable[[float, float], None], event: Any) -> None:
-    """At the end of a drag of the ball, in proportion to its way."""
+    """At the end of a drag of the ball, push the ball with a speed in proportion to the length of the drag."""
     x, y, height = event.start_position
     to = pointed_place(event.client.camera.position, event.end_position, height)
     if event.phase == "end" and to is not None:
@@ -232,26 +237,26 @@ async def _push(on_push: Callable[[float, float], None], event: Any) -> None:
 
 
 def outline(maze: Maze, at: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """Points, (N, 3), between which a maze lies that stands at a place, m, and tilts."""
+    """Points, (N, 3), that enclose a maze while it tilts. at: place of the maze, x, y in m"""
     rim = UNIT * maze.walls[0].outer_radius
     return around(rim, (UNIT * at[0], UNIT * at[1]), -SHADE_BELOW * rim, RAISED * rim)
 
 
 def add_mesh(server: ViserServer, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
-    """A mesh, m, in the scene."""
+    """Add a mesh, in m, to the scene."""
     vertices, faces = mesh
     return server.scene.add_mesh_simple(name, UNIT * vertices, faces, color=colour, side="double", **more)
 
 
 def wall_meshes(maze: Maze) -> dict[str, Mesh]:
-    """All walls, as high as they are shown, by a name for the scene."""
+    """All walls with their drawn height, by their names in the scene."""
     height = WALLS_SHOWN * maze.wall_height
     found = {f"wall{wall.outer_ring}": wall_mesh(wall, height) for wall in maze.walls}
     return found | {f"radial{i}": radial_mesh(maze, wall, height) for i, wall in enumerate(maze.radial_walls)}
 
 
 def opening_colour(known: OpeningShown) -> Colour:
-    """Grey for an untried opening, else by the chance of getting through."""
+    """Grey for an untried opening; otherwise the colour shows the chance of getting through."""
     if not known.tried:
         return rgb("skipped")
     share = min(max(known.chance, 0.0), 1.0)
@@ -267,7 +272,7 @@ def attitude(beta: float, gamma: float) -> tuple[float, float, float, float]:
 
 
 def resampled(points: Array, count: int) -> Array:
-    """`count` rows from (N, k) rows evenly by number; the whole, however many there are."""
+    """`count` rows, interpolated at even steps from the first to the last of (N, k) rows."""
     at = np.linspace(0.0, len(points) - 1.0, count)
     return np.column_stack([np.interp(at, np.arange(len(points)), column) for column in points.T])
 

@@ -1,7 +1,7 @@
 """viser's server behind the check of `door`, on a socket that listens already.
 
-viser has no place for a check. It serves with websockets' `serve`: while it starts, a function replaces `serve`, which
-asks the door before viser, and takes our socket.
+viser has no place for a check. It serves with `serve` of websockets. While viser starts, a function of this module
+replaces `serve`. The function uses our socket, and for each request it asks the door before viser.
 """
 
 from __future__ import annotations
@@ -23,18 +23,22 @@ from mazeplan.core.resources import to_install
 if TYPE_CHECKING:
     from viser import ViserServer
 
-LOOK_S = 0.02  # s between looks whether the page is ready
+LOOK_S = 0.02  # s between checks whether the page is ready
 
 
 def check_installed() -> None:
-    """Raises InputError, with the command that installs viser, where it is missing."""
+    """Raises InputError, with the command that installs viser, if viser is missing."""
     if find_spec("viser") is None:
         raise InputError(f"the page needs viser: {to_install('view')}")
 
 
 def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "") -> ViserServer:
-    """viser's server, which gets a request only after the door's check, and after `ready`: earlier requests wait.
-    bar: HTML above its client. Raises RuntimeError for a viser that starts in another way, without the check."""
+    """viser's server. It gets a request only after the door's check.
+
+    ready: requests wait until it is set
+    bar: HTML above viser's client
+
+    Raises RuntimeError for a viser that starts in another way and would skip the check."""
     import rich
     import viser
 
@@ -42,7 +46,7 @@ def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> None:
-            """Never: that would lead through a computer of others."""
+            """Do nothing: a share URL would lead through somebody else's computer."""
 
         def disconnect_share_url(self) -> None:
             """Nothing to disconnect."""
@@ -74,7 +78,7 @@ def _behind(door: Door, listening: socket.socket, ready: Event, bar: str) -> Ite
 
 
 def _checked(door: Door, ready: Event, bar: str, then: Any) -> Any:
-    """viser's answer to a request, or the door's."""
+    """The function that answers a request: with the door's refusal, otherwise with viser's answer."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 

@@ -1,4 +1,4 @@
-"""Pages without a run: recorded runs, and a map to edit. Each is served until Ctrl-C."""
+"""Pages without a live run: recorded runs, and the map editor. Each page is served until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from mazeplan.apps.view.replay.recorded import RecordedRun, open_recording
 from mazeplan.apps.view.server import check_installed
 from mazeplan.core.errors import LogError
 
-MOST = 2  # runs beside each other
+MOST = 2  # maximum number of runs beside each other
 
 
 def open_logs(logs: Sequence[str | Path], tell: Callable[[str], None] = lambda text: None) -> list[RecordedRun]:
-    """Recorded runs, one or two; tell: gets the name of each before it is read. Raises LogError for a file without a
-    run, and InputError without viser."""
+    """Open one or two recorded runs. tell: gets the name of each log before it is read
+
+    Raises LogError for a file without a run, and InputError without viser."""
     if len(logs) > MOST:
         raise LogError(f"got {len(logs)} logs, expected one, or two to see beside each other")
     check_installed()
@@ -30,14 +31,16 @@ def open_logs(logs: Sequence[str | Path], tell: Callable[[str], None] = lambda t
 
 
 def show_logs(runs: Sequence[RecordedRun], host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
-    """Runs beside each other, while `on` is true. Raises InputError for a port that cannot be used."""
+    """Show runs beside each other while `on()` is true. Raises InputError for a port that cannot be used."""
     from mazeplan.apps.view.replay.tab import ReplayTab
 
     _serve(ReplayTab(runs), host, port, on)
 
 
 def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
-    """A map file, or a packaged map, saved under another name. Raises MapError for a map that cannot be read."""
+    """Edit a map file, or a packaged map, which is saved under another name, while `on()` is true.
+
+    Raises MapError for a map that cannot be read."""
     from mazeplan.apps.view.editor.mapeditor import MapEditor
     from mazeplan.apps.view.editor.tab import EditTab
 
@@ -66,7 +69,7 @@ def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool], note: str = "
                 if text:
                     _say(text)
             page.loop(on)
-        except KeyboardInterrupt:  # the way to end it
+        except KeyboardInterrupt:  # Ctrl-C is the usual way to end a page
             pass
         finally:
             page.close()

@@ -1,9 +1,9 @@
 """From the messages of a run (`core.logs.run_log`) to moments that can be drawn.
 
-A live page hands each message to `Story.take` and asks for `Story.moment` whenever it draws. A replay takes `moments`:
-one for each tick of a log.
+A live page gives each message to `Story.take` and calls `Story.moment` whenever it draws. A replay uses `moments`, one
+for each tick of a log.
 
-The errors of earlier plans of a run show how far its plan may be off: rms along the ring, by age of the plan.
+The errors of earlier plans of a run show how wrong its plan may be: rms along the ring, by age of the plan.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 
 SHOWN_S = 10.0  # s of rows in a moment
-EVENTS = 8  # that a moment keeps
+EVENTS = 8  # maximum number of events in a moment
 
 
 class Story:
-    """What a page knows of a run. A header begins another run. ticks: that the run has had."""
+    """What a page knows of a run. A header begins another run. ticks: number of ticks of the run so far"""
 
     def __init__(self) -> None:
         self._runs = 0
@@ -83,7 +83,7 @@ class Story:
         self._followed: FollowedPlan | None = None
 
     def take(self, topic: str, document: dict[str, Any]) -> None:
-        """One message; unknown topics are ignored."""
+        """Take one message. Unknown topics are ignored."""
         if topic == "/header":
             self._runs += 1
             self._begin(document)
@@ -127,9 +127,10 @@ class Story:
             self._new_plans.append(FollowedPlan(t0, dt, theta))
 
     def _follow(self, planned: float, now: float) -> None:
-        """Find the plan that is followed: the last one, or one of this tick, one for each opening in question.
+        """Find the plan that the run follows: the plan followed so far, or a plan of this tick.
 
-        The tick has the planned angle of the moment, and that of the plan's end."""
+        A tick may have one plan for each opening in question. The followed plan fits two angles in the tick best: the
+        planned angle now, then the angle at the end of the plan."""
         known, self._new_plans = [p for p in (self._followed, *self._new_plans) if p is not None], []
         if math.isnan(planned):
             self._followed = None
@@ -206,12 +207,12 @@ class Story:
 
 
 def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
-    """One moment for each tick of a run, with all messages before the next tick; the last has the result."""
+    """One moment for each tick of a run, with the messages before the next tick. The last moment has the result."""
     return list(moments_from(Story(), messages))
 
 
 def moments_from(story: Story, messages: Iterable[tuple[str, dict[str, Any]]], first: int = 0) -> Iterator[Moment]:
-    """The same for a story that has begun, from the tick `first` on, counted from 0."""
+    """Like `moments`, for a story that has begun, from the tick `first` on, counted from 0."""
     last, waiting = None, False
     for topic, document in messages:
         if topic in ("/tick", "/event", "/plan", "/tree") and waiting:
@@ -256,7 +257,7 @@ def _nodes(document: dict[str, Any]) -> tuple[NodeShown, ...]:
 
 
 def _active(nodes: tuple[NodeShown, ...], statuses: str) -> tuple[int, ...]:
-    """Numbers of the nodes that run, as do all above them."""
+    """Numbers of the nodes that run, if all nodes above them run, too."""
     running: list[int] = []
     for i, (node, letter) in enumerate(zip(nodes, statuses, strict=False)):
         if letter == "R" and (node.parent < 0 or node.parent in running):
@@ -271,7 +272,7 @@ def _failure(t: float, event: FailureReported) -> Failure | None:
 
 
 def _words(event: RunEvent) -> str:
-    """An event in words; empty for one that the page does not show."""
+    """An event in words; empty for an event that the page does not show."""
     match event:
         case RingEntered(ring):
             return f"in ring {ring}"

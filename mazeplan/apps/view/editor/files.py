@@ -1,7 +1,7 @@
 """Controls of the editor for files and runs: save, begin a new map from a template, try a run.
 
-Nothing of a person is overwritten: a new file needs a new name, and changes that are not saved are left only after a
-question.
+The editor does not overwrite the work of a person. A new file needs a new name. Before it drops changes that are not
+saved, it asks.
 """
 
 from __future__ import annotations
@@ -22,28 +22,31 @@ from mazeplan.maze.mapfile import packaged_maps
 from mazeplan.rigs.registry import simulated_rigs
 
 Pressed = Callable[[Callable[[Any], object]], Callable[[Any], None]]
-RIG = "toy"  # of a trial, until a person takes another
+RIG = "toy"  # rig of a trial, until a person selects another
 NEW = "new.yaml"
 
 
 class FileControls:
-    """pressed: makes a callback of a person's action; tell: shows what was done."""
+    """The controls for files and runs.
+
+    pressed: makes a callback from an action of a person
+    tell: shows what was done"""
 
     def __init__(self, editor: MapEditor, pressed: Pressed, tell: Callable[[str], None]) -> None:
         self._editor, self._pressed, self._tell = editor, pressed, tell
-        self._asking: dict[int, Any] = {}  # by browser: the question that is open there
+        self._asking: dict[int, Any] = {}  # the open question of each browser
         self._trial: Trial | None = None
-        self._tried, self._trials = "", 0  # text of the map of the last trial; how many there were
+        self._tried, self._trials = "", 0  # map text of the last trial; number of trials
         self._shown: tuple[Any, ...] = ()
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """What `draw` depends on, beside the editor."""
+        """The values that `draw` depends on, in addition to the editor."""
         trial = self._trial
         return () if trial is None else (self._trials, trial.said, trial.over)
 
     def build(self, gui: Any, scene: EditScene) -> None:
-        """Save, try, begin anew."""
+        """Add the controls to save, to try a run, and to begin a new map."""
         self._scene = scene
         with gui.add_folder("File"):
             self._name = gui.add_text(
@@ -70,7 +73,9 @@ class FileControls:
         back.on_trigger(lambda event: self._leave(event.client_id))
 
     def draw(self, overtaken: str) -> None:
-        """Labels and colours; outcome and path of a trial."""
+        """Update labels, colours, and outcome and path of a trial.
+
+        overtaken: what another program did to the file (`MapEditor.overtaken`)"""
         editor, trial = self._editor, self._trial
         self._save.color = "red" if editor.check.errors else "green" if editor.changed else "gray"
         self._save.label = "Save, with errors …" if editor.check.errors else "Save"
@@ -137,7 +142,7 @@ class FileControls:
     # -- questions --------------------------------------------------------------------------------------------------
 
     def _ask(self, event: Any, title: str, rows: Iterable[str], label: str, do: Callable[[], None]) -> None:
-        """Ask in the browser of the event; `do` follows where the button with this label is pressed."""
+        """Ask a question in the browser of the event. The button with this label calls `do`."""
         gui, browser = event.client.gui, event.client.client_id
         self._leave(browser)
         self._asking[browser] = modal = gui.add_modal(title)
@@ -161,7 +166,7 @@ class FileControls:
 
 
 def outcome_html(trial: Trial) -> str:
-    """How a trial goes or went, and the command that repeats it."""
+    """The state or outcome of a trial, and the command that repeats it."""
     sign, ink = ("▶", "running") if not trial.over else ("✓", "good") if trial.arrived else ("✕", "bad")
     return (
         f'<div style="{FONT}" data-trial="{"over" if trial.over else "running"}">'

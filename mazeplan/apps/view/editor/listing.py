@@ -1,4 +1,4 @@
-"""A map's text as HTML: numbered lines, the line of the opening that is chosen, each problem below its line."""
+"""A map's text as HTML: numbered lines, the line of the chosen part marked, each problem below its line."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from mazeplan.core.errors import MapError
 from mazeplan.core.palette import COLOURS, INKS, TINTS
 
 FONT = "font-family:ui-monospace,Menlo,Consolas,monospace;font-size:11px;line-height:1.5;"
-MOST = 2000  # lines that are shown
+MOST = 2000  # maximum number of lines shown
 
 
 def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed: frozenset[int] = frozenset()) -> str:
-    """chosen: line to point at; changed: lines that are others than in the file, all from 1."""
+    """The text as HTML. Lines are counted from 1.
+
+    chosen: line to mark
+    changed: lines that differ from the file"""
     at: dict[int, list[MapError]] = defaultdict(list)
     rows = text.splitlines()
     for problem in problems:
@@ -51,16 +54,16 @@ def _problem_text(problem: MapError) -> str:
 
 
 def _coloured(row: str) -> str:
-    """Comments stand back a little."""
+    """A line as HTML, with its comment in a quieter colour."""
     mark = 0 if row.lstrip().startswith("#") else row.find(" #")
     if mark < 0 or (mark and any(quote in row for quote in "\"'")):
         return escape(row) or " "
-    whole = "display:inline-block;text-indent:0" if mark else ""  # a short one behind an entry wraps as a whole
+    whole = "display:inline-block;text-indent:0" if mark else ""  # a short comment after an entry wraps as a whole
     return f'{escape(row[:mark])}<span style="color:{INKS["quiet"]};{whole}">{escape(row[mark:])}</span>'
 
 
 def changed_lines(before: str, now: str) -> frozenset[int]:
-    """Lines of a text, from 1, that are not in the one before, or below which lines are gone."""
+    """Numbers, from 1, of lines of the text `now` that are not in `before`, or below which lines were removed."""
     from difflib import SequenceMatcher
 
     matcher = SequenceMatcher(None, before.splitlines(), now.splitlines(), autojunk=False)

@@ -1,7 +1,7 @@
-"""A map that is edited: its text, its errors and their lines, steps to undo, and its file.
+"""The map while it is edited: its text, its errors with their lines, steps to undo, and its file.
 
 This module has no page. The text is the map: each drag becomes a change of the text (`maze.mapedit`), and the page
-draws the text. A text with errors can be edited; saving it needs `with_errors`.
+draws the text. A text with errors can be edited, but saving it needs `with_errors`.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from mazeplan.maze.mapfile import MapCheck, check_text, find_map, packaged_maps
 from mazeplan.maze.mapschema import NAME_PATTERN
 from mazeplan.maze.yamltree import MAX_BYTES, read_yaml
 
-MOST_STEPS = 500  # that can be undone
+MOST_STEPS = 500  # maximum number of steps that can be undone
 ROOM = 1.2  # width of the first opening of a wall, in diameters of the ball
-THICK_MM = 5.0  # of the first radial wall
+THICK_MM = 5.0  # thickness of the first radial wall
 _BOM = b"\xef\xbb\xbf"
 
 
 class MapEditor:
     """One map file, open for editing.
 
-    source: a file, or the name of a packaged map, which is saved under another name. Raises MapError for a file that
-    cannot be read or is no YAML. A map with errors can be opened.
-
+    source:   a file, or the name of a packaged map, which is saved in the current folder
     text:     of the map
     check:    result of `check_text`; its `maze` is None while there are errors
     maze:     the last maze without errors; None before the first
     pieces:   openings, radial walls and rings in the text, also with errors (`mapedit.Written`)
     path:     of the file
+
+    Raises MapError for a file that cannot be read or is no YAML. A map with errors can be opened.
     """
 
     def __init__(self, source: str | Path) -> None:
@@ -55,7 +55,7 @@ class MapEditor:
         self._done: list[str] = []
         self._gesture: Hashable = None
         self.maze: Maze | None = None
-        self._new = False  # whether the map is one that no file has yet
+        self._new = False  # whether the map is new and no file holds it yet
         self._saved = content.removeprefix(_BOM).decode()
         self._take(self._saved)
 
@@ -66,9 +66,12 @@ class MapEditor:
         self.pieces: tuple[Written, ...] = mapedit.written(text)
 
     def new(self, template: str, name: str) -> None:
-        """Begin a map with the text of a packaged one, to be saved as a new file in the same folder; without undo.
+        """Begin a new map with the text of a packaged map. The steps to undo are gone.
 
-        Raises MapError for a template that is not packaged, and for a file name that is taken or none."""
+        template: name of the packaged map
+        name: of the new file, in the same folder
+
+        Raises MapError for a template that is not packaged, and for a file name that exists or is not allowed."""
         if template not in packaged_maps():
             raise MapError(f"got the template {template!r}, expected {one_of(packaged_maps(), template)}")
         path = self._other(name)
@@ -83,8 +86,9 @@ class MapEditor:
     # -- edits ------------------------------------------------------------------------------------------------------
 
     def move(self, index: int, angle_deg: float, gesture: Hashable = None, section: Section = "openings") -> None:
-        """Turn an opening or a radial wall to an angle. Calls with the same `gesture`, as a drag makes, are undone in
-        one step."""
+        """Turn an opening or a radial wall to an angle.
+
+        gesture: calls with the same gesture, such as those of a drag, are undone in one step"""
         turn = mapedit.move_wall if section == "radial_walls" else mapedit.move_opening
         self._change(lambda text: turn(text, index, angle_deg), gesture)
 
@@ -98,28 +102,32 @@ class MapEditor:
         self._change(lambda text: mapedit.close_opening(text, index, closed))
 
     def add(self, outer: int, angle_deg: float | None = None, width_mm: float | None = None) -> int:
-        """One more in the wall inside ring `outer`: by default in the middle of its largest piece and as wide as
-        the wall's last opening. Returns its index."""
+        """Add an opening to the wall inside ring `outer`. Returns its index.
+
+        angle_deg: by default the middle of the longest piece of the wall
+        width_mm: by default as wide as the wall's last opening"""
         angle = self.free_angle(outer) if angle_deg is None else angle_deg
         width = self.usual_width(outer) if width_mm is None else width_mm
         return self._add(lambda text: mapedit.add_opening(text, outer, angle, width), "openings")
 
     def add_wall(self, ring: int) -> int:
-        """One more radial wall across a ring, in the middle of the longest piece between its walls and openings, as
-        thick as the map's last one. Returns its index."""
+        """Add a radial wall across a ring. Returns its index.
+
+        It stands in the middle of the longest piece of the ring between radial walls and openings. It is as thick as
+        the map's last radial wall."""
         known = [piece.width_mm for piece in self.pieces if piece.section == "radial_walls"]
         angle, thickness = self._free_angle((ring - 1, ring), (ring,)), known[-1] if known else THICK_MM
         return self._add(lambda text: mapedit.add_wall(text, ring, angle, thickness), "radial_walls")
 
     def add_ring(self, number: int) -> int:
-        """A ring outside ring `number`, with one opening. Returns its index."""
+        """Add a ring outside ring `number`, with one opening. Returns its index."""
         wall = max(number - 1, 1)
         angle, width = self.free_angle(wall), self.usual_width(wall)
         self._change(lambda text: mapedit.add_ring(text, number, angle, width))
         return number - 1
 
     def remove(self, index: int, section: Section = "openings") -> None:
-        """Remove an opening, a radial wall, or a ring with its walls and the openings that led to it from outside."""
+        """Remove an opening, a radial wall or a ring. A ring takes its walls and the openings from outside with it."""
         edits = {"openings": mapedit.remove_opening, "radial_walls": mapedit.remove_wall}
         if section == "rings":
             self._change(lambda text: mapedit.remove_ring(text, index + 1))
@@ -133,7 +141,7 @@ class MapEditor:
         return next((new.index for new, old in pairs if _place(new) != _place(old)), len(self.of(section)) - 1)
 
     def write(self, text: str) -> None:
-        """Replace the whole text by a typed one."""
+        """Replace the whole text by typed text."""
         if len(text.encode()) > MAX_BYTES:
             raise MapError(f"got more than {MAX_BYTES} bytes, expected a map", file=self.path.name)
         plain = text.removeprefix("\ufeff").replace("\r\n", "\n")
@@ -153,11 +161,11 @@ class MapEditor:
         self._take(text)
 
     def undo(self) -> bool:
-        """Undo the last step; whether there was one."""
+        """Undo the last step. Returns whether there was one."""
         return self._step(self._done, self._undone)
 
     def redo(self) -> bool:
-        """Redo the last undone step; whether there was one."""
+        """Redo the last undone step. Returns whether there was one."""
         return self._step(self._undone, self._done)
 
     def _step(self, taken: list[str], kept: list[str]) -> bool:
@@ -187,7 +195,7 @@ class MapEditor:
 
     @property
     def changed(self) -> bool:
-        """Whether the text differs from the file, or has none yet."""
+        """Whether the text differs from the file, or belongs to a new map without a file."""
         return self._new or self.text != self._saved
 
     @property
@@ -197,7 +205,7 @@ class MapEditor:
 
     @property
     def wrong(self) -> frozenset[tuple[str, int]]:
-        """Sections and indices of what errors name."""
+        """Sections and indices of the pieces that the errors name."""
         named = (re.findall(r"(\w+)\[(\d+)\]", f"{error.key} {error.problem}") for error in self.check.errors)
         return frozenset((section, int(index)) for found in named for section, index in found)
 
@@ -215,16 +223,21 @@ class MapEditor:
         return next((piece for piece in self.of(section) if piece.index == index), None)
 
     def usual_width(self, outer: int) -> float:
-        """Width, mm, of the last opening of a wall, else one that the ball passes."""
+        """Width, mm, of the last opening of a wall; for a wall without openings, a width that the ball passes."""
         same = [opening.width_mm for opening in self.openings if opening.outer == outer]
         return same[-1] if same else math.ceil(20.0 * ROOM * self._drawn.ball.radius * 1000.0) / 10.0
 
     def free_angle(self, outer: int) -> float:
-        """Degrees: the middle of the longest piece of the wall between openings, and radial walls on either side."""
+        """The middle, deg, of the longest piece of a wall between its openings and the radial walls on both sides.
+
+        outer: the ring outside the wall"""
         return self._free_angle((outer,), (outer, outer + 1))
 
     def _free_angle(self, openings: tuple[int, ...], walls: tuple[int, ...]) -> float:
-        """Degrees: the middle of the longest piece between the openings of some walls and the walls of some rings."""
+        """The middle, deg, of the longest piece between openings and radial walls.
+
+        openings: the walls whose openings count, by the ring outside each
+        walls: the rings whose radial walls count"""
         angles = sorted(
             piece.angle_deg % 360.0
             for section, rings in (("openings", openings), ("radial_walls", walls))
@@ -244,7 +257,7 @@ class MapEditor:
         return self.maze
 
     def wall_at(self, x: float, y: float) -> tuple[int, float]:
-        """The wall nearest to a place in the plate, m, as the ring outside it, and the angle there in degrees."""
+        """The wall nearest to a place in the plate, m: the number of the ring outside it, and the angle there, deg."""
         radius, angle = math.hypot(x, y), math.degrees(math.atan2(y, x)) % 360.0
         walls = [wall for wall in self._drawn.walls if wall.outer_ring]
 
@@ -256,10 +269,16 @@ class MapEditor:
     # -- the file ---------------------------------------------------------------------------------------------------
 
     def save(self, name: str | None = None, *, with_errors: bool = False) -> Path:
-        """Write the text, all at once or not at all. name: another file in the same folder, which must not exist yet.
+        """Write the text, completely or not at all. Returns the path of the file.
 
-        Raises MapError: the first error of the map unless `with_errors`; a file that another program
-        changed since; a place that cannot be written. Then the file does not change."""
+        name: another file in the same folder, which must not exist yet
+        with_errors: whether to save a map that has errors
+
+        Raises MapError in three cases, in which the file does not change:
+
+        - the map has errors and `with_errors` is false: the first error of the map
+        - another program has changed the file
+        - the file cannot be written"""
         path = self.path if name in (None, self.path.name) else self._other(name)
         if self.check.errors and not with_errors:
             raise self.check.errors[0]
@@ -285,7 +304,7 @@ class MapEditor:
         return self.path.with_name(name)
 
     def overtaken(self) -> str:
-        """What another program did to the file since it was read or saved here; empty for nothing."""
+        """What another program did to the file since the editor read or saved it; empty if nothing."""
         if self._on_disk is None:
             return ""
         try:
@@ -312,7 +331,7 @@ class MapEditor:
 
 def _write_new(path: Path, content: bytes) -> None:
     """Write a new file. Raises FileExistsError."""
-    with path.open("xb"):  # with the rights of a new file
+    with path.open("xb"):  # gives the file the permissions of a new file
         pass
     try:
         _put(path, content)
@@ -322,7 +341,7 @@ def _write_new(path: Path, content: bytes) -> None:
 
 
 def _put(path: Path, content: bytes) -> None:
-    """Replace a file in one step; it keeps its rights."""
+    """Replace a file in one step. The file keeps its permissions."""
     number, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     draft = Path(name)
     try:

@@ -1,9 +1,9 @@
 """A map in 3D while it is edited: its walls, and a mark for each opening and radial wall, which a pointer drags.
 
-opening       a gap with a coloured floor; a closed one has a grey block in it
+opening       a coloured floor between the ends of the wall; a closed opening has a grey block in it
 radial wall   a grey block over it
-ring          a click on its floor chooses it
-colours       `bad`: with an error; `planned`: chosen
+ring          a click on the floor chooses the ring
+colours       `bad`: a part with an error; `planned`: the chosen part
 
 A drag turns the mark; the walls follow as soon as the map has no error.
 """
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 Phase = Literal["start", "update", "end"]
 Key = tuple[Section, int]  # section and index of a piece
-Dragged = Callable[[Key, float, Phase], None]  # what is dragged, degrees where it is dragged to
-ABOVE = 1.15  # height of a block in heights of the wall: it can be grabbed above it
-FLAT = 0.001  # m, height of the mark in an opening: it looks open
-CHOSEN = 0.25  # share of its colour in the floor of the chosen ring
-PATH_AT = 0.003  # m above the floor
-NEAR = 0.016  # m; so far beside an opening it is still grabbed
-FROM = (0.0, -0.25, 1.0)  # the camera: from above, there one drags best
+Dragged = Callable[[Key, float, Phase], None]  # the dragged piece, the angle to which it is dragged in deg, the phase
+ABOVE = 1.15  # height of a block over height of the wall; the part above the wall can be grabbed
+FLAT = 0.001  # m, height of the mark in an opening, so low that the opening looks open
+CHOSEN = 0.25  # share of the colour `planned` in the floor of the chosen ring
+PATH_AT = 0.003  # m, height of the path above the floor
+NEAR = 0.016  # m; a pointer nearer than this grabs an opening or a radial wall
+FROM = (0.0, -0.25, 1.0)  # direction of the camera: from above, where dragging is easiest
 
 
 class EditScene:
-    """Draws an editor's map. dragged, clicked: called with what a person drags or clicks."""
+    """Draws an editor's map. dragged, clicked: called with the part that a person drags or clicks"""
 
     def __init__(self, page: Page, dragged: Dragged, clicked: Callable[[Key], None]) -> None:
         self._page, self._dragged, self.clicked = page, dragged, clicked
@@ -60,7 +60,7 @@ class EditScene:
         """Draw what has changed."""
         if editor.maze is None:
             return
-        last = len(editor.maze.rings)  # a ring more, with an error, is not drawn yet
+        last = len(editor.maze.rings)  # further rings of a text with errors are not drawn yet
         pieces = tuple(p for p in editor.pieces if p.section != "rings" and p.inner <= last)
         self._pieces = pieces
         if editor.maze != self._maze:
@@ -81,7 +81,7 @@ class EditScene:
             self._blocks[place].show(editor.maze, piece, colour, chosen == key)
 
     def show_path(self, path: Array) -> None:
-        """Draw a path of the ball, (N, 2), m, in the maze; none for fewer than two places."""
+        """Draw a path of the ball in the maze, (N, 2), m. Fewer than two places draw nothing."""
         if self._path is not None:
             self._path.remove()
         self._path = None
@@ -90,7 +90,7 @@ class EditScene:
             self._path = self._page.server.scene.add_line_segments("/map/path", line, rgb("real"), thickness=0.02)
 
     def _show_walls(self, maze: Maze) -> None:
-        """Walls and floors; of a changed maze only what is changed."""
+        """Draw walls and floors; for a changed maze only the changed parts."""
         before, server = self._maze, self._page.server
         if before is None or before.rings != maze.rings or before.rim_thickness != maze.rim_thickness:
             rim = maze.walls[0].outer_radius
@@ -101,7 +101,7 @@ class EditScene:
                 for name in (f"ring{ring.number}", f"grip{ring.number - 1}"):
                     server.scene.remove_by_name(f"/map/{name}")
             self._floors = {ring.number: self._add_floor(maze, ring.number) for ring in maze.rings}
-            for wall in maze.walls:  # transparent, for the pointer: a drag makes the walls themselves anew
+            for wall in maze.walls:  # transparent walls for the pointer, because a drag replaces the visible walls
                 form = wall_mesh(replace(wall, openings=()), 1.02 * WALLS_SHOWN * maze.wall_height)
                 grip = add_mesh(server, f"/map/grip{wall.outer_ring}", form, WALL, opacity=0.0, cast_shadow=False)
                 grip.on_drag(self._drag)
@@ -126,7 +126,7 @@ class EditScene:
         return floor
 
     async def _click(self, event: Any) -> None:
-        """A click at a wall: on the floor of a gap, behind the transparent wall, lies what it is for."""
+        """Choose the opening or radial wall on the floor behind the transparent wall that was clicked."""
         eye = np.asarray(event.ray_origin)
         place = pointed_place(eye, eye + np.asarray(event.ray_direction), 0.0)
         near = None if place is None else self._near(*place)
@@ -137,7 +137,7 @@ class EditScene:
         self.drag(event, None)
 
     def drag(self, event: Any, key: Key | None) -> None:
-        """A drag of a block, or (key None) one that begins elsewhere in the maze and grabs what is near there."""
+        """Handle a drag. key: the dragged block; None: the drag grabs the part nearest to where it begins"""
         x, y, height = event.start_position
         if event.phase == "start":
             near = self._near(x, y) if key is None else key
@@ -152,7 +152,7 @@ class EditScene:
             self._grips.pop(event.client.client_id, None)
 
     def _near(self, x: float, y: float) -> Key | None:
-        """The opening or radial wall nearest to a place in the scene; None without one near."""
+        """The opening or radial wall nearest to a place in the scene; None if none is within NEAR."""
         maze = self._maze
         if maze is None or not self._pieces:
             return None
@@ -166,7 +166,10 @@ class EditScene:
 
 @dataclass(frozen=True)
 class _Grip:
-    """What is dragged: where it was, deg, and at which angle it was grabbed, rad."""
+    """A part that a person drags.
+
+    start_deg: angle of the part before the drag, deg
+    grabbed: angle at which the pointer grabbed it, rad"""
 
     key: Key
     start_deg: float
@@ -174,7 +177,7 @@ class _Grip:
 
 
 class _Block:
-    """The mark of an opening or a radial wall. place: its number in the scene."""
+    """The mark of an opening or a radial wall. place: number of the mark in the scene"""
 
     def __init__(self, server: ViserServer, place: int, scene: EditScene) -> None:
         self._server, self._name, self._scene = server, f"/map/block{place}", scene
@@ -209,10 +212,10 @@ class _Block:
             self._label.text = text
 
     def _build(self, maze: Maze, opening: Written) -> None:
-        """A box at angle 0, that is turned to where it belongs."""
+        """Make the block at angle 0; `show` turns it to its place."""
         width, high = max(opening.width_mm / 1000.0, 1e-3), ABOVE * WALLS_SHOWN * maze.wall_height
         if opening.section == "radial_walls":
-            thickest = 1.9 * maze.rings[opening.outer - 1].inner_radius  # a thicker one is an error
+            thickest = 1.9 * maze.rings[opening.outer - 1].inner_radius  # a thicker wall is an error
             box = radial_mesh(maze, RadialWall("", opening.outer, 0.0, min(width, thickest)), high)
         else:
             at_zero = Opening("", opening.outer, opening.inner, 0.0, width)
@@ -227,7 +230,7 @@ class _Block:
             self._scene.clicked(self._key)
 
         @self._mesh.on_drag
-        async def _(event: Any) -> None:  # async: they come one after another
+        async def _(event: Any) -> None:  # async: the events come one after another
             self._scene.drag(event, self._key)
 
     def remove(self) -> None:
@@ -248,7 +251,7 @@ def _floor(number: int, chosen: bool) -> tuple[int, int, int]:
 
 
 def outline(maze: Maze) -> Array:
-    """Points, (N, 3), between which the maze lies with its blocks."""
+    """Points, (N, 3), that enclose the maze with its blocks."""
     return around(UNIT * maze.walls[0].outer_radius, high=UNIT * ABOVE * WALLS_SHOWN * maze.wall_height)
 
 
@@ -258,7 +261,8 @@ def about_z(angle: float) -> tuple[float, float, float, float]:
 
 
 def pointed_angle(camera: Any, pointer: Any, height: float) -> float | None:
-    """The angle, rad, where the ray from the camera through `pointer` meets the plane z = `height`; None where it does
-    not, or in the middle."""
+    """The angle, rad, where the ray from the camera through `pointer` meets the plane z = `height`.
+
+    None if the ray does not meet the plane, or meets it in the middle of the maze."""
     place = pointed_place(camera, pointer, height)
     return None if place is None or math.hypot(*place) < 1e-6 else math.atan2(place[1], place[0])

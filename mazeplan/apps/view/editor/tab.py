@@ -1,4 +1,4 @@
-"""The tab in which a map is edited: the maze to drag in, its YAML with all errors, and buttons."""
+"""The tab of the map editor: the maze with parts to drag, the YAML with all errors, and buttons."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from mazeplan.core.errors import MapError
 from mazeplan.core.palette import INKS
 from mazeplan.maze.mapedit import Section, Written
 
-TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
-LOOK_S = 1.0  # between looks at the file
-PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
+TEXT_WIDTH = 400  # pixels of the panel with the YAML: as wide as a line of maps/cme.yaml with an opening
+LOOK_S = 1.0  # s between looks at the file
+PAUSE_S = 1.0  # s; after a longer pause in typing, a new step to undo begins
 KINDS: dict[str, Section] = {"opening": "openings", "radial wall": "radial_walls", "ring": "rings"}
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
     "font-size:11px!important;font-family:ui-monospace,Menlo,Consolas,monospace!important}"
-    # and keeps room for a label beside them
+    # hides the room that viser keeps for a label beside the text field
     ".mantine-Flex-root:has(> * .mantine-Textarea-input) > :first-child:not(:has(textarea)){display:none}"
 )
 
 
 class EditTab:
-    """See `page.Tab`. Browsers change the editor, under a lock; `draw` shows it."""
+    """See `page.Tab`. Browsers change the editor under a lock, and `draw` shows the editor."""
 
     def __init__(self, editor: MapEditor) -> None:
         self._editor, self._lock = editor, RLock()
@@ -39,21 +39,21 @@ class EditTab:
         self._refused = ""  # why the last action was refused
         self._said = ""
         self._typed_at = 0.0
-        self._overtaken, self._looked_at = "", 0.0  # what another program did to the file, and when we looked
+        self._overtaken, self._looked_at = "", 0.0  # what another program did to the file; time of the last look
         self._drawn: tuple[Any, ...] = ()
         self._files = FileControls(editor, self._pressed, self._tell)
 
     # -- the page ---------------------------------------------------------------------------------------------------
 
     def build(self, page: Page) -> None:
-        """Scene, text, buttons."""
+        """Add scene, text and buttons to the page."""
         gui = page.server.gui
         self._scene = EditScene(page, self._drag, self._choose)
         panel = gui.add_panel()
         with panel.add_tab("YAML"):
             self._listing = gui.add_html("")
         with panel.add_tab("Type"):
-            # viser makes fields of text a few lines high
+            # without the style, viser makes text fields only a few lines high
             said = "The maze shows what you type at once, as long as it has no errors."
             gui.add_html(f'<style>{TYPED}</style><div style="{FONT}color:{INKS["quiet"]}">{said}</div>')
             self._typed = gui.add_text("", _plain(self._editor.text), multiline=True)
@@ -103,7 +103,7 @@ class EditTab:
         self._files.close()
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
-        """A callback for a person's action; the page shows why an action is refused."""
+        """A callback for an action of a person. If the editor refuses the action, the page shows why."""
 
         def attempt(event: Any) -> None:
             self._refused = self._said = ""
@@ -238,12 +238,12 @@ def _key(piece: Written) -> Key:
 
 
 def _plain(text: str) -> str:
-    """As a browser has it in a field of text."""
+    """The text with the line ends that a browser uses in a text field."""
     return re.sub("\r\n?", "\n", text)
 
 
 def head_html(editor: MapEditor, refused: str, said: str, overtaken: str = "") -> str:
-    """The file, whether it is saved, whether it has errors."""
+    """The name of the file, whether the text is saved, whether it has errors, and messages."""
     state = "changed, not saved" if editor.changed else "as in the file"
     if overtaken:
         state = f"the file {overtaken}" + (", and yours is not saved" if editor.changed else "")

@@ -1,6 +1,7 @@
 """A trial of a map: one simulated navigation on its file, by `mazeplan navigate` in a process of its own.
 
-The page goes on meanwhile, whatever the run does. Its log lies in a folder that goes with the trial.
+The page goes on meanwhile, whatever the run does. The log of the run is in a temporary folder, which is removed after
+the run.
 """
 
 from __future__ import annotations
@@ -20,14 +21,19 @@ from mazeplan.core.errors import MazeplanError
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.core.records import Array
 
-END_S = 5.0  # s that a run has to level its plate and end
+END_S = 5.0  # s that a run has to level the plate and end
 
 
 class Trial:
     """A run that has begun, from ring 1 to the centre.
 
-    command: to repeat it; said: its newest line; over: whether it ended; arrived: whether the ball did; path: places of
-    the ball, (N, 2), m, once it is over. Raises OSError if no process can be started."""
+    command: the command that repeats the run
+    said: the newest line of the run, then its outcome
+    over: whether the run has ended
+    arrived: whether the ball arrived
+    path: places of the ball, (N, 2), m, once the run is over
+
+    Raises OSError if no process can be started."""
 
     def __init__(self, file: Path, rig: str, seed: int) -> None:
         words = ["navigate", "--map", str(file), "--rig", rig, "--seed", str(seed)]
@@ -57,7 +63,7 @@ class Trial:
         self.over = True
 
     def stop(self) -> None:
-        """Ask the run to end, and return at once; nothing for one that is over."""
+        """Ask the run to end, and return at once. Does nothing if the run is over."""
         if self._process.poll() is None:
             self._stopped, self.said = True, "stopping"
             self._process.terminate()
@@ -71,14 +77,14 @@ class Trial:
 
 
 def _verdict(document: dict[str, Any]) -> str:
-    """How the run ended, in words; document: what `navigate --json` printed."""
+    """How the run ended, in words. document: what `navigate --json` printed"""
     passed = [ring["opening"] for ring in document["rings"] if ring["opening"]]
     word = "arrived" if document["success"] else document["reason"].replace("_", " ")
     return f"{word} after {document['time_s']:.1f} s" + (f", by {', '.join(passed)}" if passed else "")
 
 
 def _path(log: Path) -> Array:
-    """Places of the ball in a log; none for a run that did not come so far."""
+    """Places of the ball in a log, (N, 2), m; empty for a run that left no readable log."""
     try:
         _, messages, _ = read_messages(log)
         balls = [moment.ball for moment in moments(messages)]

@@ -1,8 +1,8 @@
-"""Moments of a log, made when they are asked for.
+"""Moments of a log, made when they are needed.
 
-A log of up to WHOLE ticks is read when it is opened. Of a longer one, a block of BLOCK ticks is read with LEAD ticks
-before it: these fill the curves of its first moments. What lasts longer than that is known from the whole log (tree,
-failures, goal, closed openings, tries), except for the errors of plans, which then are those of the last plans.
+A log of up to WHOLE ticks is read as one block. A longer log is read in blocks of BLOCK ticks. Each block is read with
+LEAD ticks before it, which fill the curves of its first moments. Older messages that still count (tree, failures, goal,
+closed openings, tries) come from the whole log. The errors of plans in a block use only the ticks that were read.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ NEWEST = ("/status", "/openings")  # each message replaces the one before
 
 
 class LoggedMoments(Sequence[Moment]):
-    """One moment for each tick. Raises LogError for a damaged message, and a file that was changed meanwhile.
+    """One moment for each tick. Raises LogError for a damaged message, and for a file that was changed meanwhile.
 
-    whole: whether all of them are read at once"""
+    whole: whether all moments are read at once"""
 
     def __init__(self, index: LogIndex) -> None:
         self._index, self._count = index, len(index.times)
         self.whole = self._count <= WHOLE
         self._size = max(self._count, 1) if self.whole else BLOCK
-        self._blocks: dict[int, tuple[list[Moment], Array]] = {}  # the one that was asked for last is the last
+        self._blocks: dict[int, tuple[list[Moment], Array]] = {}  # in the order of use, the latest last
 
     def __len__(self) -> int:
         return self._count
@@ -53,7 +53,7 @@ class LoggedMoments(Sequence[Moment]):
         return self._block(k // self._size)[0][k % self._size]
 
     def rows(self, first: int, end: int) -> Array:
-        """Newest rows of the moments `first` up to `end`, (end - first, len(COLUMNS)); theta goes on continuously."""
+        """The newest row of each moment from `first` up to `end`, (end - first, len(COLUMNS)); theta is continuous."""
         if first >= end:
             return np.empty((0, len(COLUMNS)))
         blocks = range(first // self._size, (end - 1) // self._size + 1)
@@ -84,14 +84,14 @@ class LoggedMoments(Sequence[Moment]):
             return list(islice(moments_from(story, index.messages(chunk), first), end - first))
 
     def _before(self, chunk: int) -> Iterator[Document]:
-        """What earlier chunks told that still counts."""
+        """The messages of earlier chunks that still count."""
         earlier = [document for number, document in self._index.rare if number < chunk]
         newest = {topic: i for i, (topic, _) in enumerate(earlier)}
         return (told for i, told in enumerate(earlier) if told[0] not in NEWEST or i == newest[told[0]])
 
 
 def turns(theta: Array) -> Array:
-    """What to take off an angle that jumps by whole turns, rad, (N,); over gaps of NaN too."""
+    """The whole turns to subtract from an angle so that it does not jump, rad, (N,); also across gaps of NaN."""
     off, known = np.zeros(len(theta)), np.flatnonzero(np.isfinite(theta))
     steps = np.round(np.diff(theta[known]) / (2.0 * np.pi))
     off[known[1:]] = 2.0 * np.pi * steps

@@ -1,7 +1,7 @@
-"""Recorded runs: their moments, one time for all of them, and failures to jump to.
+"""Recorded runs: their moments, one time for all runs, and failures to jump to.
 
-This module has no page and no clock: its user says how much time passed. Times are s of the rigs' clocks, which begin
-at 0 with each run, so that two runs can play side by side.
+This module has no page and no clock: the caller says how much time passed. Times are s of the rigs' clocks. Each clock
+begins at 0 with its run, so that two runs can play side by side.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from mazeplan.core.logs.run_log_reader import checked_fields, trees_of
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # s of the run in one on the wall
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # s of the run in 1 s of wall time
 _NEAR = 1e-6  # s; times that are no farther apart are the same tick
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A failure to jump to: its time, in short, and in full."""
+    """A failure to jump to: its time, a short text, and a full text."""
 
     t: float
     brief: str
@@ -45,10 +45,10 @@ class RecordedRun:
     header:   facts about the run
     moments:  one for each tick
     times:    of the ticks, (N,), never decreasing
-    maze:     None for a log without a map that can be read
-    failures: with their recoveries; of a run that did not arrive, also how it ended
+    maze:     None if the log has no map that can be read
+    failures: with their recoveries; if the run did not arrive, also its end
     notes:    what the log lacks, a sentence each
-    result:   the outcome, None when there is none
+    result:   the outcome, None if the log has none
     """
 
     name: str
@@ -61,11 +61,11 @@ class RecordedRun:
     result: dict[str, Any] | None
 
     def at(self, t: float) -> Moment:
-        """The moment of the last tick until time t; before the first tick, of the first."""
+        """The moment of the last tick until time t; before the first tick, the first moment."""
         return self.moments[self.tick_at(t)]
 
     def tick_at(self, t: float) -> int:
-        """The number, from 0, of that tick."""
+        """The number, from 0, of the tick that `at` shows at time t."""
         return max(0, int(np.searchsorted(self.times, t + _NEAR, side="right")) - 1)
 
     def column(self, name: str, first: int = 0, end: int | None = None) -> Array:
@@ -82,8 +82,9 @@ class RecordedRun:
 
 
 def open_recording(path: str | Path) -> RecordedRun:
-    """Open a log, also one that was cut or is of an older version: `LoggedMoments` says what is read of it now. Raises
-    LogError for a log that cannot be shown."""
+    """Open a log, also a log that was cut off or that an older version wrote. Raises LogError if it cannot be shown.
+
+    `LoggedMoments` says which part is read now."""
     path = Path(path)
     index = index_log(path)
     rare, shown = [document for _, document in index.rare], LoggedMoments(index)
@@ -92,7 +93,7 @@ def open_recording(path: str | Path) -> RecordedRun:
     with checked_fields(path):
         failures, trees = tuple(_failures(rare)), trees_of(rare)
     times = np.array([moment.t for moment in shown]) if shown.whole else index.times
-    shown[0]  # the first one that is drawn
+    shown[0]  # the page draws it first; raises LogError if it is damaged
     if not np.isfinite(times).all():
         raise LogError("damaged: a tick without a time", file=path)
     times, maze = np.maximum.accumulate(times), maze_of(index.header)
@@ -129,7 +130,7 @@ def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:
 
 
 class Playback:
-    """The time that a replay shows. times: (N,) of the ticks at which steps stop, s, never decreasing."""
+    """The time that a replay shows. times: of the ticks at which steps stop, (N,), s, never decreasing"""
 
     def __init__(self, times: Array) -> None:
         self._times = times
@@ -137,20 +138,20 @@ class Playback:
 
     @property
     def first(self) -> float:
-        """s."""
+        """Time of the first tick, s."""
         return float(self._times[0])
 
     @property
     def last(self) -> float:
-        """s."""
+        """Time of the last tick, s."""
         return float(self._times[-1])
 
     def seek(self, t: float) -> None:
-        """Go to a time, at most to an end."""
+        """Go to a time between the first and the last tick."""
         self.t = min(max(t, self.first), self.last) if math.isfinite(t) else self.t
 
     def step(self, ticks: int) -> None:
-        """Go to the next tick (1), the one before (-1) ..., and stay there."""
+        """Go to the next tick (1), the previous tick (-1) ..., and stay there."""
         self.playing = False
         if ticks > 0:
             at = int(np.searchsorted(self._times, self.t + _NEAR, side="right")) + ticks - 1
@@ -165,13 +166,13 @@ class Playback:
             self.t = self.first
 
     def advance(self, seconds: float) -> None:
-        """Seconds passed on the wall clock."""
+        """Let wall time pass, s."""
         if self.playing:
             self.seek(self.t + self.speed * max(seconds, 0.0))
             self.playing = self.t < self.last - _NEAR
 
     def jump(self, marks: Sequence[Mark], direction: int) -> Mark | None:
-        """Go to the next mark (1) or the one before (-1) and stay there; None without one."""
+        """Go to the next mark (1) or the previous mark (-1) and stay there. Returns the mark, None without one."""
         self.playing = False
         ahead = [mark for mark in marks if direction * (mark.t - self.t) > _NEAR]
         mark = min(ahead, key=lambda mark: abs(mark.t - self.t), default=None)
@@ -181,7 +182,7 @@ class Playback:
 
 
 def common_times(recordings: Sequence[RecordedRun]) -> Array:
-    """Times at which steps stop: the ticks of the first run, and those of others before and after it, (N,)."""
+    """Times at which steps stop, (N,): all ticks of the first run, and the ticks of other runs before and after it."""
     times = recordings[0].times
     for other in (recording.times for recording in recordings[1:]):
         before, after = other[other < times[0] - _NEAR], other[other > times[-1] + _NEAR]

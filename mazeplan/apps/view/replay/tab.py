@@ -1,4 +1,4 @@
-"""The tab of recorded runs: their mazes side by side at one time, curves, failures, and trees."""
+"""The tab of recorded runs: their mazes side by side at the same time, curves, failures, and trees."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from mazeplan.core.palette import INKS
 from mazeplan.maze.geometry import Maze
 
 MOST_BUTTONS = 30  # failures with a button of their own
-APART, BELOW = 2.15, 2.5  # distance of two mazes in radii of the larger one's rim, side by side or one below the other
-FROM_BELOW = (0.0, -0.35, 1.0)  # the camera, where one is below the other
-NAME_BELOW = 1.25  # so far from the middle of a maze is its name, in these radii
+APART, BELOW = 2.15, 2.5  # distance of two mazes side by side, or one below the other, in radii of the larger rim
+FROM_BELOW = (0.0, -0.35, 1.0)  # direction of the camera if one maze is below the other
+NAME_BELOW = 1.25  # distance of a maze's name from the middle of the maze, in radii of the larger rim
 LETTERS = "AB"
 
 
 class ReplayTab:
-    """See `page.Tab`. One recording, or two."""
+    """See `page.Tab`. Shows one or two recorded runs."""
 
     def __init__(self, recordings: Sequence[RecordedRun]) -> None:
         self._recordings = tuple(recordings)
@@ -39,7 +39,7 @@ class ReplayTab:
         self._before, self._drawn, self._tilt_shown = 0.0, (), TILT_SHOWN
 
     def build(self, page: Page) -> None:
-        """Scenes, curves, controls of time, failures, facts, trees."""
+        """Add scenes, curves, controls of time, failures, facts and trees to the page."""
         server, gui = page.server, page.server.gui
         self._scenes = self._build_scenes(page)
         curves = gui.add_panel()
@@ -143,7 +143,7 @@ class ReplayTab:
     # -- what is shown ----------------------------------------------------------------------------------------------
 
     def draw(self, now: float) -> None:
-        """Let time pass, and draw its moment."""
+        """Let time pass, and draw the moment of the new time."""
         with self._lock:
             player = self._player
             player.advance(now - self._before if self._before else 0.0)
@@ -166,7 +166,10 @@ class ReplayTab:
 
 
 def places(mazes: Mapping[str, Maze | None], reach: float, below: bool = False) -> dict[str, tuple[float, float]]:
-    """Places of mazes of up to a radius of `reach`, m: one in the middle; two side by side or one below the other."""
+    """Places of the mazes, x, y in m: one maze in the middle, two side by side or one below the other.
+
+    reach: radius of the larger maze, m
+    below: whether one maze is below the other"""
     if len(mazes) < 2:
         return dict.fromkeys(mazes, (0.0, 0.0))
     x, y = (0.0, -0.5 * BELOW * reach) if below else (0.5 * APART * reach, 0.0)
@@ -174,7 +177,7 @@ def places(mazes: Mapping[str, Maze | None], reach: float, below: bool = False) 
 
 
 def layouts(mazes: Mapping[str, Maze | None], reach: float) -> list[Layout]:
-    """The ways to place mazes, with their names below them."""
+    """The possible layouts of the mazes, each maze with its name below it."""
     found = []
     for below in (False, True)[: len(mazes)]:
         at = places(mazes, reach, below)
