@@ -110,3 +110,10 @@ def test_trees_of_several_files_are_kept_apart(path, tmp_path):
     )
     coverage = Coverage(go(path, Dither="S"), tick_tree(str(other), {"Dither": "F", "Replan": "S"}))
     assert f"{other}:1: Main/Sequence/Replan: never ticked" in coverage.missing()
+
+
+def test_postconditions_are_no_branches(path):
+    path.write_text(path.read_text().replace("<Dither/>", '<Dither _onSuccess="done := true" _post="done := true"/>'))
+    coverage = Coverage(go(path, Dither="S"))
+    assert not any("_onSuccess" in line or "_post" in line for line in coverage.missing("branches"))
+    assert len(coverage.all_branches()) == 5

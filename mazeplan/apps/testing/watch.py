@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mazeplan.apps.testing.leafscript import Player, Script, script
-from mazeplan.behavior.conditions import CONDITIONS, DECISIONS, WHILE, Conditions
+from mazeplan.behavior.conditions import DECISIONS, WHILE, Conditions
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.controls import Fallback, ReactiveFallback
 from mazeplan.behavior.decorators import SubTree
@@ -34,7 +34,7 @@ class NodeInfo:
     element: key of the element in the file; nodes have the same key if a subtree is used twice
     parent: index of the node above; None for the root
     chooses: whether it is a Fallback or ReactiveFallback, which tries one child after the other
-    conditions: names of its pre- and postconditions"""
+    conditions: names of its preconditions"""
 
     index: int
     path: str
@@ -250,7 +250,7 @@ def _described(root: TreeNode, tree: str) -> Iterator[NodeInfo]:
         index, count = count, count + 1
         path, short = f"{above}/{node.name}".lstrip("/"), f"{tree}/{node.name}"
         file, line = (None, 0) if node.place is None else (node.place.file, node.place.line)
-        given = () if node.conditions is None else tuple(name for name in CONDITIONS if name in node.conditions.given)
+        given = () if node.conditions is None else tuple(name for name in DECISIONS if name in node.conditions.given)
         leaf, chooses = not isinstance(node, Node), isinstance(node, Fallback | ReactiveFallback)
         kind = type(node).__name__
         yield NodeInfo(index, path, short, node.name, kind, file, line, element, parent, leaf, chooses, given)
