@@ -210,7 +210,7 @@ class Planner:
             core.certify(w)
         ms = self._watch.end()
         free, wrong, expected, got = w.numbers[
-            [workspace.FREE, workspace.WRONG, workspace.EXPECTED, workspace.GOT]
+            [workspace.GRADIENT, workspace.WRONG_SIGN, workspace.EXPECTED, workspace.GOT]
         ].tolist()
         seal = None if reason is StopReason.NOT_FINITE else Certificate(free, wrong, expected, got)
         cost = float(w.numbers[workspace.COST])

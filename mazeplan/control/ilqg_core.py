@@ -326,8 +326,8 @@ def iterate(w, f, p, q, rules):
 def certify(w):
     """First-order optimality of the plan, by the adjoint of the stored derivatives.
 
-    numbers[FREE]:   largest gradient of the cost with respect to a control inside its limits
-    numbers[WRONG]:  the same for a control at a limit, if the cost falls inwards"""
+    numbers[GRADIENT]:    largest gradient of the cost with respect to a control inside its limits
+    numbers[WRONG_SIGN]:  the same for a control at a limit, if the cost falls inwards"""
     T, n = w.controls.shape[0], w.V.shape[0]
     free = wrong = 0.0
     w.V[:] = w.lx[T]
@@ -349,4 +349,4 @@ def certify(w):
             for m in range(n):
                 w.Qx[j] += w.A[t, m, j] * w.V[m]
         w.V[:] = w.Qx
-    w.numbers[ws.FREE], w.numbers[ws.WRONG] = free, wrong
+    w.numbers[ws.GRADIENT], w.numbers[ws.WRONG_SIGN] = free, wrong

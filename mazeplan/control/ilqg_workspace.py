@@ -18,7 +18,10 @@ FINAL = REAL(VECTOR, VECTOR)  # s, p
 FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
 
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
-COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT, ALPHA = range(13)
+# columns of `Workspace.numbers`: cost of the plan; regularisation and the factor that changes it; which derivatives are
+# valid; expected change of the cost by slope and curvature; largest correction of a control; expected and actual
+# reduction of the cost; largest gradients of the certificate; whether M is used; length of the last step
+COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, GRADIENT, WRONG_SIGN, SECANT, ALPHA = range(13)
 NUMBERS = 13
 FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # valid derivatives: all, only those of the dynamics, none
 

@@ -189,8 +189,8 @@ class _Scale:
 
     def take(self, inputs: Array, features: Array, y: Array, rows: Any) -> tuple[Array, Array, int]:
         """For some rows: scaled inputs and features side by side, scaled target, and the number of inputs."""
-        wide = np.hstack([(inputs[rows] - self.middle) / self.spread, features[rows] / self.features])
-        return wide, y[rows] / self.y, inputs.shape[1]
+        scaled = np.hstack([(inputs[rows] - self.middle) / self.spread, features[rows] / self.features])
+        return scaled, y[rows] / self.y, inputs.shape[1]
 
     def plain(self, h: Hyperparameters) -> Hyperparameters:
         """The hyperparameters in the units of the data."""
@@ -231,13 +231,13 @@ def _model(data: tuple[Array, Array, int], options: TrainingOptions, family: str
     import torch
     from gpytorch import kernels
 
-    wide, y = (torch.tensor(part, dtype=torch.float64, device=options.device) for part in data[:2])
-    d, m = data[2], wide.shape[1] - data[2]
+    columns, y = (torch.tensor(part, dtype=torch.float64, device=options.device) for part in data[:2])
+    d, m = data[2], columns.shape[1] - data[2]
 
     class Exact(gpytorch.models.ExactGP):
         def __init__(self) -> None:
             noise = gpytorch.constraints.GreaterThan(NOISE_FLOOR**2)
-            super().__init__(wide, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
+            super().__init__(columns, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
             self.family, self.inputs = family, d
             self.parts = torch.nn.ModuleList([_part(columns, flip, family) for columns, flip in options.terms])
             self.linear = None
@@ -260,13 +260,13 @@ def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
     """Set the first values of a start: typical values for start 0, else a draw around them."""
     import torch
 
-    wide = start > 0
+    random = float(start > 0)  # the first start has typical values
     for part in model.parts:
         n = part.base_kernel.lengthscale.shape[-1]
-        drawn = np.exp(0.7 + 0.8 * wide * rng.standard_normal(n))
+        drawn = np.exp(0.7 + 0.8 * random * rng.standard_normal(n))
         part.base_kernel.lengthscale = torch.tensor(drawn, device=model.train_targets.device)
-        part.outputscale = float(0.3 * np.exp(0.7 * wide * rng.standard_normal()))
-    model.likelihood.noise = float(0.1 * np.exp(0.7 * wide * rng.standard_normal()))
+        part.outputscale = float(0.3 * np.exp(0.7 * random * rng.standard_normal()))
+    model.likelihood.noise = float(0.1 * np.exp(0.7 * random * rng.standard_normal()))
     if model.linear is not None:
         model.linear.variance = torch.full_like(model.linear.variance, 0.3)
 
@@ -306,8 +306,8 @@ def _compiled_posterior(model: Any) -> Any:
     """Log posterior per row by `gp_likelihood`, for a CPU."""
     import torch
 
-    wide, y = model.train_inputs[0].numpy(), model.train_targets.numpy()
-    value, slopes = log_likelihood(_hyperparameters(model), wide[:, : model.inputs], wide[:, model.inputs :], y)
+    columns, y = model.train_inputs[0].numpy(), model.train_targets.numpy()
+    value, slopes = log_likelihood(_hyperparameters(model), columns[:, : model.inputs], columns[:, model.inputs :], y)
     parameters = [part.base_kernel.lengthscale for part in model.parts]
     parameters += [part.outputscale for part in model.parts] + [model.likelihood.noise]
     gradients = [*slopes.lengthscales, *slopes.variances, slopes.noise]

@@ -41,7 +41,8 @@ class Moves(NamedTuple):
     """What changes when each of J parameters moves by its step.
 
     p: parameters (J, P); in row j, parameter j is moved
-    w: inputs (1 + M, N, 2, W), averaged over each sample as they act on speed and on position; the first are unmoved
+    w: inputs (1 + M, N, 2, W), averaged over each sample; first axis: 0 unmoved, m as parameter m moves them;
+        third axis: 0 as they act on the speed, 1 as they act on the position
     which: row (J,) of w for each parameter; -1: the inputs do not change
     step: steps (J,)
     span: first of the terms that change, and one behind the last (J, 2)"""
