@@ -158,9 +158,9 @@ def _bounce(damping_ratio: float) -> str:
 
 
 def _even(start: float, end: float, step: float) -> list[float]:
-    """Angles from start to end, at equal distances of at most a step; empty if end lies a step or more before start."""
+    """Angles from start to end, at equal distances of at most a step; empty if end is not past start."""
     n = math.ceil((end - start) / step)
-    return [start + (end - start) * i / n for i in range(n + 1)]
+    return [] if n < 1 else [start + (end - start) * i / n for i in range(n + 1)]
 
 
 def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step: float) -> list[float]:

@@ -188,3 +188,17 @@ def test_one_opening_in_a_wall_and_boxes_do_not_multiply():
     model, _ = built(single)
     assert 5 * 360 * 0.9 < model.ngeom < 5 * 360 * 1.1
     assert machine("cme")[0].ngeom < 5 * 360 * 1.1
+
+
+@pytest.mark.parametrize("apart", [1e-6, 5e-5, 2e-4])  # m, between the openings' sides
+def test_openings_in_a_thin_wall_that_nearly_touch_have_only_cheeks_between_them(apart):
+    cme = MAZES["cme"]
+    rings = (replace(cme.rings[0], inner_radius=cme.rings[1].outer_radius + 1e-3), *cme.rings[1:])
+    width, radius = 15.3e-3, rings[1].outer_radius
+    between = 2.0 * math.asin(0.5 * (width + apart) / radius)
+    openings = tuple(Opening(f"1-2@{angle}", 1, 2, angle, width) for angle in (0.3, 0.3 + between))
+    maze = replace(cme, rings=rings, openings=(*openings, *(o for o in cme.openings if o.outer > 1)))
+    simulation = built(maze)
+    for opening in openings:
+        along, _ = frame(opening)
+        assert ray(simulation, (rings[1].outer_radius - 5e-3) * along, along) > 10e-3  # through to the rim
