@@ -35,7 +35,7 @@ def test_an_error_stands_where_the_ball_was_half_way():
     errors = np.full((40, 4), 0.1)
     done = SimpleNamespace(
         held=SimpleNamespace(starts=starts, before=errors, after=0.0 * errors),
-        searched=SimpleNamespace(first=SimpleNamespace(filtered=SimpleNamespace(state=state))),
+        searched=SimpleNamespace(without=SimpleNamespace(filtered=SimpleNamespace(state=state))),
     )
     places = _by_place(done, MAZE)  # pyright: ignore
     row = next(i for i, (inner, outer) in enumerate(places["rings"]) if inner < radius < outer)
