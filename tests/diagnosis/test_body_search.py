@@ -75,7 +75,7 @@ def test_one_thing_that_changed_is_named_with_its_size_and_nothing_else(toy, how
 def test_a_rig_as_it_was_raises_no_alarm(seed):
     found = search_rig(filtered(plainball.Toy(), seed), reference(), MAZE)
     assert found.found == ()
-    assert found.fit.minus2 == found.first.minus2
+    assert found.fit.minus2 == found.without.minus2
 
 
 @pytest.mark.slow
