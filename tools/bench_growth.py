@@ -1,6 +1,6 @@
 """How cost grows with size: the section `growth` of BENCHMARKS.md, and docs/growth.png.
 
-Usage: python tools/bench_growth.py [--quick].
+Usage: python tools/bench_growth.py [--quick | ROW ...], such as "map check": measures these rows of BENCHMARKS.md anew.
 
 The exponent p of a row is that of cost ~ size^p between its two largest sizes.
 """
@@ -178,7 +178,10 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
             "route", "openings, 30 rings", (100, 200, 500, 1000, 2000), lambda n: route_ms(30, n),
             "any two openings of a ring make an edge, as the time of a turn is not the sum of its parts'",
         ),
-        Growth("route", "rings, 3 openings each", (5, 10, 20, 50), lambda n: route_ms(n, 3 * n)),
+        Growth(
+            "route", "rings, 3 openings each", (5, 10, 20, 50), lambda n: route_ms(n, 3 * n),
+            "the search keeps its states in a heap: n log n",
+        ),
         Growth("read a log", "minutes", (1, 5, 15, 60), read),
         Growth("open in the page", "minutes", (1, 5, 15, 60), opened),
         Growth("learn", "rows of the process", (500, 1000, 2000, 4000), learned),
@@ -202,23 +205,36 @@ def exponent(sizes: Sequence[int], ms: Sequence[float]) -> float:
     return math.log(ms[-1] / ms[-2]) / math.log(sizes[-1] / sizes[-2])
 
 
+def row(growth: Growth, cost: Sequence[float]) -> str:
+    """A row of the table, in Markdown."""
+    costs = ", ".join(f"{size}: {growth.text(ms)}" for size, ms in zip(growth.sizes, cost, strict=True))
+    head = f"| {growth.what} | {growth.unit} | "
+    return f"{head}{costs} | {exponent(growth.sizes, cost):.2f} | {growth.why or '-'} |"
+
+
+def measure_again(names: Sequence[str]) -> None:
+    """Measure the rows of these names (first column) anew, and replace them in BENCHMARKS.md."""
+    path = ROOT / "BENCHMARKS.md"
+    with tempfile.TemporaryDirectory() as place:
+        for growth in (g for g in growths(Path(place), False) if g.what in names):
+            new, head = row(growth, [growth.cost(size) for size in growth.sizes]), f"| {growth.what} | {growth.unit} | "
+            lines = [new if line.startswith(head) else line for line in path.read_text().splitlines()]
+            path.write_text("\n".join(lines) + "\n")
+            print(new)
+
+
 def growth_section(quick: bool) -> list[str]:
     """Everything, as lines of Markdown; draws docs/growth.png unless quick."""
     with tempfile.TemporaryDirectory() as place:
         found = [(growth, [growth.cost(size) for size in growth.sizes]) for growth in growths(Path(place), quick)]
     if not quick:
         draw(found, ROOT / "docs" / "growth.png")
-    rows = [
-        f"| {growth.what} | {growth.unit} | "
-        f"{', '.join(f'{size}: {growth.text(ms)}' for size, ms in zip(growth.sizes, cost, strict=True))} | "
-        f"{exponent(growth.sizes, cost):.2f} | {growth.why or '-'} |"
-        for growth, cost in found
-    ]
+    rows = [row(growth, cost) for growth, cost in found]
     return [
         "## How cost grows",
         "",
         "`tools/bench_growth.py`, one core, wall time. The exponent p is that of cost ~ size^p between the two largest "
-        "sizes: 1 is linear.",
+        "sizes: 1 is linear. It differs by about 0.15 from one measurement to the next.",
         "",
         "| what | size | size: time | exponent | why |",
         "|---|---|---|---|---|",
@@ -243,4 +259,7 @@ def draw(found: Sequence[tuple[Growth, list[float]]], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    print("\n".join(growth_section("--quick" in sys.argv)))
+    if names := [word for word in sys.argv[1:] if word != "--quick"]:
+        measure_again(names)
+    else:
+        print("\n".join(growth_section("--quick" in sys.argv)))
