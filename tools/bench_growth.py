@@ -169,8 +169,8 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
         return best_ms(lambda: open_recording(log))
 
     every = [
-        Growth("plan", "rows of the process", (500, 1000, 2000, 4000, 8000, 16000), lambda n: plan_ms(rows=n)),
-        Growth("tick", "rows of the process", (500, 1000, 2000, 4000, 8000, 16000), tick_ms),
+        Growth("plan", "rows of the Gaussian process", (500, 1000, 2000, 4000, 8000, 16000), lambda n: plan_ms(rows=n)),
+        Growth("tick", "rows of the Gaussian process", (500, 1000, 2000, 4000, 8000, 16000), tick_ms),
         Growth("plan", "steps of the horizon", (10, 20, 40, 80, 160), lambda n: plan_ms(horizon=n)),
         Growth("map check", "openings, 30 rings", (100, 200, 500, 1000, 2000), lambda n: check_ms(30, n)),
         Growth("map check", "rings, 3 openings each", (5, 10, 20, 50), lambda n: check_ms(n, 3 * n)),
@@ -184,13 +184,14 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
         ),
         Growth("read a log", "minutes", (1, 5, 15, 60), read),
         Growth("open in the page", "minutes", (1, 5, 15, 60), opened),
-        Growth("learn", "rows of the process", (500, 1000, 2000, 4000), learned),
-        Growth("compare", "rows of the process", (500, 1000, 2000, 4000), compared),
+        Growth("learn", "rows of the Gaussian process", (500, 1000, 2000, 4000), learned),
+        Growth("compare", "rows of the Gaussian process", (500, 1000, 2000, 4000), compared),
         Growth(
             "end of a campaign", "runs", (100, 1000, 10_000, 100_000), lambda n: measured(n)[0],
         ),
         Growth(
-            "memory of it", "runs", (100, 1000, 10_000, 100_000), lambda n: measured(n)[1], memory=True,
+            "memory at the end of a campaign", "runs", (100, 1000, 10_000, 100_000), lambda n: measured(n)[1],
+            memory=True,
         ),
         Growth(
             "diagnose", "minutes", (1, 2, 5, 15, 60),
@@ -252,7 +253,7 @@ def draw(found: Sequence[tuple[Growth, list[float]]], path: Path) -> None:
         axes.loglog(sizes, np.array(ms) / ms[0], marker=mark, label=f"{growth.what}, by {growth.unit}")
     most = max(growth.sizes[-1] / growth.sizes[0] for growth, _ in found)
     axes.loglog([1.0, most], [1.0, most], color="0.6", linestyle="--", label="linear")
-    axes.set(xlabel="size, times the smallest", ylabel="time, times that of the smallest")
+    axes.set(xlabel="size, times the smallest", ylabel="time or memory, times that of the smallest")
     axes.grid(visible=True, which="both", alpha=0.2)
     axes.legend(fontsize=8)
     figure.savefig(path, dpi=120)
