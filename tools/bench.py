@@ -41,6 +41,7 @@ from bench_learning import learning_section
 from bench_memory import memory_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
+from bench_mutants import mutants_section
 from bench_neural import neural_section
 from bench_out import out_section
 from bench_pairs import pairs_section
@@ -230,6 +231,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,
     "growth": growth_section, "realtime": realtime_section, "memory": memory_section,
+    "mutants": mutants_section,  # hours as well
 }  # fmt: skip
 
 

@@ -3,9 +3,9 @@
     python tools/mutate.py --count 100 --seed 1 [--only mazeplan/behavior] [-o build/mutants.jsonl]
 
 Each fault is one small change of the code: < for <=, + for -, and for or, another number. The tests of the changed
-module run on a copy of the repository: the files nearest to it by imports. A fault that none of them notices is a
-survivor: a test is missing, or the change means nothing. The file has one line for each fault; a second call goes
-on where the first one stopped.
+module run on a copy of the repository: the files nearest to it by imports, the tests of `make test` first and the slow
+ones after them. A fault that none of them notices is a survivor: a test is missing, or the change means nothing. The
+file has one line for each fault; a second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ TESTS = {
     "control": ("control", "estimation"),
     "run": ("run",),
 }  # rooms of other names
-LIMIT_S = 420.0  # of the tests of one fault; one that takes longer counts as noticed
+OUTPUT = ROOT / "build" / "mutants.jsonl"
+STAGES = ("not slow and not realtime", "slow and not realtime")  # by marker; most faults need the first stage only
+LIMIT_S = 420.0  # of one stage of the tests of one fault; one that takes longer counts as noticed
 SLOW = ["a test that took too long"]
 MOST_FILES = 12  # files of tests for one fault
 LEFT_OUT = ("test_pages.py", "test_public_names.py")  # they run the whole program, for minutes
@@ -177,30 +179,30 @@ def noticed(fault: Fault, copy: Path, broken: set[str]) -> str:
     """What became of a fault in a copy of the repository: noticed, survived, or no tests. broken: tests that fail
     without any fault too; they are left out, and those that are found are added."""
     path, tests = copy / fault.file, files_for(fault.file)
-    if not tests:
-        return "no tests"
     data = path.read_bytes()
-    while True:
+    stages = list(STAGES) if tests else []
+    while stages:
         path.write_bytes(data[: fault.start] + fault.after.encode() + data[fault.end :])
         try:
-            failed = _failed(copy, tests, broken)
+            failed = _failed(copy, tests, stages[0], broken)
         finally:
             path.write_bytes(data)
         if not failed:
-            return "survived"
-        if failed == SLOW or not _failed(copy, failed, broken):
+            stages.pop(0)
+        elif failed == SLOW or not _failed(copy, failed, stages[0], broken):
             return "noticed"
-        if broken.issuperset(failed):  # a file that cannot be collected
+        elif broken.issuperset(failed):  # a file that cannot be collected
             return "no tests"
         broken.update(failed)
+    return "survived" if tests else "no tests"
 
 
-def _failed(copy: Path, tests: list[str], broken: set[str]) -> list[str]:
-    """The first test that fails, or SLOW; none if all pass."""
+def _failed(copy: Path, tests: list[str], stage: str, broken: set[str]) -> list[str]:
+    """The first test of a stage that fails, or SLOW; none if all pass."""
     # Bytecode knows its source by size and second: a fault put in and taken out within one second would stay in it.
     where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     without = [f"--deselect={name}" for name in sorted(broken)]
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "--rootdir=."]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "--rootdir=.", "-m", stage]
     try:
         ran = subprocess.run(
             [*command, *without, *tests],
@@ -232,30 +234,44 @@ def drawn(count: int, seed: int, only: list[str]) -> list[Fault]:
     return found
 
 
+def results(count: int, seed: int, only: list[str], output: Path) -> tuple[list[tuple[Fault, str]], set[str]]:
+    """What became of each fault that is drawn, and the tests that fail without a fault; one line of `output` each."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    lines = output.read_text().splitlines() if output.exists() else []
+    known = {(d["file"], d["start"], d["after"]): d["became"] for d in map(json.loads, lines)}
+    found, broken = list[tuple[Fault, str]](), set[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "copy"
+        ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
+        shutil.copytree(ROOT, copy, ignore=ignored)
+        for fault in drawn(count, seed, only):
+            became = known.get((fault.file, fault.start, fault.after)) or noticed(fault, copy, broken)
+            if (fault.file, fault.start, fault.after) not in known:
+                with output.open("a") as stream:
+                    stream.write(json.dumps({**asdict(fault), "became": became}) + "\n")
+            found.append((fault, became))
+            if became != "noticed":
+                print(f"{became}: {described(fault)}", file=sys.stderr)
+    return found, broken
+
+
+def described(fault: Fault) -> str:
+    """Where a fault is, and what it changes."""
+    return f"{fault.file}:{fault.line}: {fault.before!r} -> {fault.after!r}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--count", type=int, default=100, help="number of faults (default 100)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw (default 1)")
     parser.add_argument("--only", nargs="+", default=[], help="folders or files to change (default: the core)")
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "mutants.jsonl")
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    lines = options.output.read_text().splitlines() if options.output.exists() else []
-    known = {(d["file"], d["start"], d["after"]): d["became"] for d in map(json.loads, lines)}
-    count, broken = Counter[str](), set[str]()
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "copy"
-        ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
-        shutil.copytree(ROOT, copy, ignore=ignored)
-        for fault in drawn(options.count, options.seed, options.only):
-            became = known.get((fault.file, fault.start, fault.after)) or noticed(fault, copy, broken)
-            if (fault.file, fault.start, fault.after) not in known:
-                with options.output.open("a") as stream:
-                    stream.write(json.dumps({**asdict(fault), "became": became}) + "\n")
-            count[became] += 1
-            if became != "noticed":
-                print(f"{became}: {fault.file}:{fault.line}: {fault.before!r} -> {fault.after!r}", flush=True)
-    print(", ".join(f"{name} {n}" for name, n in count.items()))
+    found, broken = results(options.count, options.seed, options.only, options.output)
+    for fault, became in found:
+        if became != "noticed":
+            print(f"{became}: {described(fault)}")
+    print(", ".join(f"{name} {n}" for name, n in Counter(became for _, became in found).items()))
     if broken:
         print("fail without a fault, too:", *sorted(broken))
 

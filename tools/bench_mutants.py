@@ -1,0 +1,23 @@
+"""Faults put into the code on purpose, for BENCHMARKS.md: those that no test notices (tools/mutate.py)."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from mutate import OUTPUT, described, results
+
+SEED = 1
+
+
+def mutants_section(quick: bool) -> list[str]:
+    """Rows in Markdown: what became of the faults, then each one that no test noticed."""
+    count = 3 if quick else 100
+    found, _ = results(count, SEED, [], OUTPUT)
+    became = Counter(what for _, what in found)
+    rows = ["## Faults put into the code on purpose", "", f"`python tools/mutate.py --count {count} --seed {SEED}`", ""]
+    rows += ["| faults | noticed by a test | not noticed | no test imports the file |", "|---|---|---|---|"]
+    rows.append(f"| {len(found)} | {became['noticed']} | {became['survived']} | {became['no tests']} |")
+    missed = [described(fault) for fault, what in found if what != "noticed"]
+    if missed:
+        rows += ["", "Not noticed:", "", *(f"- `{line}`" for line in missed)]
+    return rows
