@@ -26,16 +26,16 @@ class ChooseBall(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS with the number; where all are in the goal ring, that of the ball led last. FAILURE no_route."""
         run, goal = self.context, self.get("goal")
-        outside = [k for k, view in enumerate(run.views, start=1) if view.measured.ring != goal]
+        outside = [k for k, view in enumerate(run.balls.views, start=1) if view.measured.ring != goal]
         times = {k: self._expected_s(k, goal) for k in outside}
-        soonest = min(times, key=lambda k: times[k], default=run.ball)
+        soonest = min(times, key=lambda k: times[k], default=run.balls.led)
         if math.isinf(times.get(soonest, 0.0)):
             return self.fail_as(FailureKind.NO_ROUTE, f"no way leads any ball to ring {goal}")
         self.set("ball", soonest)
         return Status.SUCCESS
 
     def _expected_s(self, ball: int, goal: int) -> float:
-        here = self.context.views[ball - 1].state
+        here = self.context.balls.views[ball - 1].state
         route = self.context.graph.route(here.ring, goal, here.theta)
         return math.inf if route is None else route.expected_s
 
@@ -51,9 +51,9 @@ class LeadBall(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS."""
         run, ball = self.context, self.get("ball")
-        if ball > len(run.views):
-            raise self.wrong(f"ball: got {ball}, expected 1 to {len(run.views)}")
-        inside = (k for k, view in enumerate(run.views, start=1) if view.measured.ring == self.get("centre"))
+        if ball > len(run.balls.views):
+            raise self.wrong(f"ball: got {ball}, expected 1 to {len(run.balls.views)}")
+        inside = (k for k, view in enumerate(run.balls.views, start=1) if view.measured.ring == self.get("centre"))
         run.lead(ball, frozenset(inside))
         return Status.SUCCESS
 
@@ -69,10 +69,10 @@ class BallsStay(MazeLeaf):
     def step(self) -> Status:
         """FAILURE left_the_centre for a ball that has left; it is not kept any more."""
         run, centre = self.context, self.get("centre")
-        for ball in sorted(run.kept):
-            ring = run.views[ball - 1].measured.ring
+        for ball in sorted(run.balls.kept):
+            ring = run.balls.views[ball - 1].measured.ring
             if ring != centre:
-                run.kept = run.kept - {ball}
+                run.balls.kept = run.balls.kept - {ball}
                 detail = f"ball {ball} left ring {centre} for ring {ring}"
                 return self.fail_as(FailureKind.LEFT_THE_CENTRE, detail)
         return Status.SUCCESS

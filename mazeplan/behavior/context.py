@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mazeplan.behavior.blame import CommandError
+from mazeplan.behavior.current_leg import CurrentLeg
 from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
@@ -63,9 +64,6 @@ class SettleOptions:
         check_numbers(self)
 
 
-ENTERING = 0.24  # s that a ball may take from the middle of an opening into the next ring
-
-
 @dataclass(frozen=True)
 class LeafOptions:
     """Settings of the leaves; the option classes are defined beside their algorithms. A port in a tree overrides its
@@ -96,30 +94,67 @@ class BallView:
 
 
 @dataclass
+class BallRoles:
+    """All balls of a run, and which of them the leaves lead now.
+
+    aheads: for each ball, its `RunContext.ahead`
+    views: each ball at this tick
+    led: number of the ball that the leaves lead, from 1 on; `state`, `measured` and `ahead` belong to this ball
+    kept: numbers of the balls that must stay in the centre meanwhile
+    keeper: changes commands by which a kept ball would leave the centre
+    """
+
+    aheads: tuple[Callable[..., State], ...] = ()
+    keeper: Keeper | None = None
+    views: tuple[BallView, ...] = ()
+    led: int = 1
+    kept: frozenset[int] = frozenset()
+
+
+@dataclass
+class RunHistory:
+    """What has happened so far in a run.
+
+    failures: all failures, oldest first
+    since: index of the first failure on the way to this goal
+    replans: number of recoveries by planning again
+    planner_ms: computing time of each plan, ms
+    """
+
+    failures: list[Failure] = field(default_factory=list)
+    since: int = 0
+    replans: int = 0
+    planner_ms: list[float] = field(default_factory=list)
+
+    @property
+    def last_failure(self) -> Failure | None:
+        """The newest failure on the way to this goal, if any."""
+        return self.failures[-1] if len(self.failures) > self.since else None
+
+    def count(self, kind: FailureKind) -> int:
+        """How often this kind of failure has happened on the way to this goal."""
+        return sum(failure.kind is kind for failure in self.failures[self.since :])
+
+
+@dataclass
 class RunContext:
     """What the leaves of one tree share. `clock` gives rig time.
 
     ahead: `ahead(seconds, beside)` predicts the state if the last command is held; beside: shift of the ball, (x, y) m
     report: takes events and plans for log and display
-    measured: the estimate when the ball was seen last; `state` is that when the command will act
-    refused: the opening that did not take the ball, although the ball already counted as in the next ring
-    prepared: an opening that was chosen by a plan, and this plan
-    law: the law that steers along a ring now
     late_s: time from a sample until a command computed from it acts, s, as the model states
     rollout: tries commands in front of an opening; None: only the law for openings commands there
-    rerouted: whether closed or opened openings have changed the route since it was planned
-    since: index of the first entry of `failures` that belongs to this goal
-    leaving_ring: the ring that the ball will leave by the chosen opening
-    heading: the ring to which the tree planned its last route; None: no route yet
-    out: a ball that has left the maze, and where it is; None: none has
     policy: a learned policy, for `FollowPolicy`
-
-    With several balls:
-    ball: number, from 1 on, of the ball that the leaves lead now; `state`, `measured` and `ahead` belong to this ball
-    views: each ball
-    aheads: `ahead` of each ball
-    kept: numbers of the balls that must stay in the centre meanwhile
-    keeper: changes commands by which a kept ball would leave the centre
+    balls: all balls; most runs have one
+    now: rig time of this tick, s
+    state: the estimate for the time when the command of this tick will act
+    measured: the estimate when the ball was seen last
+    out: a ball that has left the maze, and where it is; None: none has
+    leg: the way out of the ball's ring by one opening
+    history: failures and counts
+    heading: the ring to which the tree planned its last route; None: no route yet
+    rerouted: whether closed or opened openings have changed the route since it was planned
+    law: the law that steers along a ring now
     """
 
     maze: Maze
@@ -130,43 +165,28 @@ class RunContext:
     ahead: Callable[..., State]
     report: Callable[[RunEvent | Plan], None]
     options: LeafOptions = field(default_factory=LeafOptions)
+    late_s: float = 0.0
+    rollout: OpeningRollout | None = None
+    policy: Policy | None = None
+    balls: BallRoles = field(default_factory=BallRoles)
     now: float = 0.0
     state: State | None = None
     measured: State | None = None
+    out: Out | None = None
     command: Command | None = None
     commanded_by: str = ""
-    plan: Plan | None = None
-    opening: Opening | None = None
-    goal_theta: float | None = None
-    failures: list[Failure] = field(default_factory=list)
-    replans: int = 0
-    planner_ms: list[float] = field(default_factory=list)
-    refused: Opening | None = None
-    prepared: tuple[Opening, Plan] | None = None
-    law: str = ""
-    late_s: float = 0.0
-    rollout: OpeningRollout | None = None
-    rerouted: bool = False
-    since: int = 0
-    leaving_ring: int | None = None
+    leg: CurrentLeg = field(default_factory=CurrentLeg)
+    history: RunHistory = field(default_factory=RunHistory)
     heading: int | None = None
-    out: Out | None = None
-    policy: Policy | None = None
-    ball: int = 1
-    views: tuple[BallView, ...] = ()
-    aheads: tuple[Callable[..., State], ...] = ()
-    kept: frozenset[int] = frozenset()
-    keeper: Keeper | None = None
-    _entering: tuple[int, int, float] | None = None
-    _falling: Opening | None = None
+    rerouted: bool = False
+    law: str = ""
 
     def carry_on(self, before: RunContext) -> None:
         """Go on where the tree of another goal stopped: keep its time, its failures and counts, and a ball that is
         falling into a ring. Only failures from now on affect the choice of recoveries."""
         self.now = self.graph.now = before.now
-        self.failures, self.since = before.failures, len(before.failures)
-        self.replans, self.planner_ms, self.law = before.replans, before.planner_ms, before.law
-        self.refused, self._entering, self._falling = before.refused, before._entering, before._falling
+        self.history, self.history.since = before.history, len(before.history.failures)
+        self.leg, self.law = before.leg.passage(), before.law
 
     def edit(self, closed: Mapping[str, bool]) -> None:
         """Close (True) or open (False) openings while the run goes on. Sets `rerouted` if this changes the route."""
@@ -197,20 +217,18 @@ class RunContext:
     ) -> None:
         """Start a tick. state, measured: of the first ball."""
         self.now = self.graph.now = now
-        self.views = (BallView(state, measured), *others)
-        led = self.views[self.ball - 1]
-        self.state, self.measured, self.out = self._entered(led.state), led.measured, out
+        self.balls.views = (BallView(state, measured), *others)
+        led = self.balls.views[self.balls.led - 1]
+        self.state, self.measured, self.out = self.leg.entered(led.state, now, self.maze, self.graph), led.measured, out
         self.command, self.commanded_by = None, ""
 
     def lead(self, ball: int, kept: frozenset[int]) -> None:
         """From now on the leaves lead the ball with this number. The balls in `kept` must stay in the centre."""
-        self.kept = kept - {ball}
-        if ball == self.ball:
+        self.balls.kept = kept - {ball}
+        if ball == self.balls.led:
             return
-        self.ball, self.ahead = ball, self.aheads[ball - 1]
-        self._entering = self._falling = self.refused = self.prepared = self.plan = self.opening = None
-        self.goal_theta = self.leaving_ring = None
-        self.state, self.measured = self.views[ball - 1].state, self.views[ball - 1].measured
+        self.balls.led, self.ahead, self.leg = ball, self.balls.aheads[ball - 1], CurrentLeg()
+        self.state, self.measured = self.balls.views[ball - 1].state, self.balls.views[ball - 1].measured
 
     def again(self) -> None:
         """The root is ticked once more in this tick. The command so far stands, but a leaf may replace it."""
@@ -218,27 +236,7 @@ class RunContext:
 
     def enter(self, target: int) -> None:
         """The ball is falling into ring `target`: for ENTERING s from now on, it counts as in this ring."""
-        self._entering, self._falling = (self.here.ring, target, self.now + ENTERING), self.opening
-
-    def _entered(self, state: State) -> State:
-        if self._entering is None:
-            return state
-        source, target, until = self._entering
-        if state.ring == target:
-            self._falling = None
-        if self.now > until:
-            self._entering = None
-            if self._falling is not None:  # the ball never came into the ring
-                self.refused, self.opening, self._falling = self._falling, self._falling, None
-                self.graph.record(self.refused.name, success=False)
-        elif state.ring == source and self._before(target, state):  # not there yet, or the prediction is unsteady
-            return replace(state, ring=target)
-        return state
-
-    def _before(self, target: int, state: State) -> bool:
-        """Whether at the ball's angle the sector of ring `target` is that behind the opening."""
-        falling = self._falling
-        return falling is None or self.maze.turn(target, state.theta, falling.angle) is not None
+        self.leg.enter(self.here.ring, target, self.now)
 
     @property
     def here(self) -> State:
@@ -260,8 +258,9 @@ class RunContext:
         if self.commanded_by:
             both = f"{leaf} and {self.commanded_by} both command the rig"
             raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
-        if self.kept and self.keeper is not None:
-            command = self.keeper.command(command, [self.views[k - 1].state for k in sorted(self.kept)], self.here)
+        balls = self.balls
+        if balls.kept and balls.keeper is not None:
+            command = balls.keeper.command(command, [balls.views[k - 1].state for k in sorted(balls.kept)], self.here)
         self.command, self.commanded_by = command, leaf
 
     def on_event(self, kind: str, detail: Mapping[str, Any]) -> None:
@@ -280,24 +279,24 @@ class RunContext:
         place = self.out or (None if seen is None or seen.lost or not math.isfinite(seen.r) else seen)
         if place is not None:
             failure = replace(failure, x=round(place.x, 6), y=round(place.y, 6))
-        self.failures.append(failure)
+        self.history.failures.append(failure)
         self.report(FailureReported(str(failure.kind), failure.where, failure.detail))
 
     def recovering(self, recovery: str) -> None:
         """Name the recovery chosen for the last failure."""
         last = self.last_failure
         if last is not None:
-            self.failures[-1] = replace(last, recovery=recovery)
+            self.history.failures[-1] = replace(last, recovery=recovery)
         self.report(RecoveryChosen(recovery))
 
     @property
     def last_failure(self) -> Failure | None:
         """The newest failure on the way to this goal, if any."""
-        return self.failures[-1] if len(self.failures) > self.since else None
+        return self.history.last_failure
 
     def count(self, kind: FailureKind) -> int:
         """How often this kind of failure has happened on the way to this goal."""
-        return sum(failure.kind is kind for failure in self.failures[self.since :])
+        return self.history.count(kind)
 
     def turn_to(self, opening: Opening, ball: State | None = None) -> float:
         """Signed angle from a ball to the opening, rad, along the way that radial walls leave.

@@ -64,7 +64,7 @@ class MazeLeaf(Leaf):
             return None
         if ring == target:
             return Status.SUCCESS
-        refused, self.context.refused = self.context.refused, None
+        refused, self.context.leg.refused = self.context.leg.refused, None
         if refused is not None:
             return self.fail_as(FailureKind.MISSED_OPENING, f"{refused.name} did not take the ball")
         goal = self.context.target

@@ -121,8 +121,8 @@ class ConfirmRing(MazeLeaf):
         """SUCCESS in the ring behind the opening; FAILURE wrong_ring otherwise."""
         run, opening = self.context, self.current_opening()
         target = opening.inner if run.target >= opening.inner else opening.outer
-        if run.opening == opening and run.leaving_ring is not None:
-            target = opening.leads_to(run.leaving_ring)
+        if run.leg.opening == opening and run.leg.leaving_ring is not None:
+            target = opening.leads_to(run.leg.leaving_ring)
         if run.here.ring != target:
             return self.fail_as(FailureKind.WRONG_RING, f"in ring {run.here.ring}, expected ring {target}")
         if (elsewhere := self.walled_off(opening)) is not None:

@@ -118,7 +118,7 @@ class BackOff(MazeLeaf):
         """Roll towards the opening's angle and past it; the other way if a radial wall leaves no room."""
         run = self.context
         self._began = run.now
-        self._turn = 1.0 if run.opening is None or run.turn_to(run.opening) >= 0.0 else -1.0
+        self._turn = 1.0 if run.leg.opening is None or run.turn_to(run.leg.opening) >= 0.0 else -1.0
         if self._room(self._turn) < BESIDE and self._room(-self._turn) > self._room(self._turn):
             self._turn = -self._turn
         run.recovering("back_off")
@@ -126,10 +126,10 @@ class BackOff(MazeLeaf):
     def _room(self, side: float) -> float:
         """Way from the middle of the opening to the next radial wall on a side, in diameters of the ball."""
         run = self.context
-        if run.opening is None:
+        if run.leg.opening is None:
             return math.inf
         walls, ring = run.maze.radial_walls_of(run.here.ring), run.here.ring
-        turn = min((side * (w.angle - run.opening.angle) % math.tau for w in walls), default=math.inf)
+        turn = min((side * (w.angle - run.leg.opening.angle) % math.tau for w in walls), default=math.inf)
         return turn * run.maze.track_radius(ring) / (2.0 * run.maze.ball.radius)
 
     def step(self) -> Status:
@@ -153,9 +153,9 @@ class AvoidOpening(MazeLeaf):
         """SUCCESS always."""
         run = self.context
         run.recovering("avoid_opening")
-        if run.opening is not None:
+        if run.leg.opening is not None:
             for _ in range(self.get("times")):
-                run.graph.record(run.opening.name, success=False)
+                run.graph.record(run.leg.opening.name, success=False)
         return Status.SUCCESS
 
 
@@ -166,6 +166,6 @@ class Replan(MazeLeaf):
 
     def step(self) -> Status:
         """SUCCESS always."""
-        self.context.replans += 1
+        self.context.history.replans += 1
         self.context.recovering("replan")
         return Status.SUCCESS

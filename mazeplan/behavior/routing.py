@@ -61,9 +61,9 @@ class ChooseOpening(MazeLeaf):
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)
-        run.opening, run.leaving_ring = choice.opening, here.ring
-        self.set("opening", run.opening.name)
-        run.report(OpeningChosen(run.opening.name, round(choice.expected_s, 3)))
+        run.leg.opening, run.leg.leaving_ring = choice.opening, here.ring
+        self.set("opening", run.leg.opening.name)
+        run.report(OpeningChosen(run.leg.opening.name, round(choice.expected_s, 3)))
         return Status.SUCCESS
 
     def _soonest(self, choices: list[Choice]) -> Choice:
@@ -83,5 +83,5 @@ class ChooseOpening(MazeLeaf):
         if not timed:
             return choices[0]
         best = min(timed, key=lambda c: c.expected_s)
-        run.prepared = (best.opening, plans[best.opening.name])
+        run.leg.prepared = (best.opening, plans[best.opening.name])
         return best

@@ -93,7 +93,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
         t0=here.t,
         deadline_ms=travel.deadline_ms,
     )
-    run.planner_ms.append(plan.ms)
+    run.history.planner_ms.append(plan.ms)
     run.report(plan)
     return plan
 
@@ -101,7 +101,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
 def make_plan(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
     """As `plan_to`, and follow the plan from now on."""
     plan = plan_to(run, opening, travel, warm)
-    run.plan, run.goal_theta = plan, opening.angle
+    run.leg.plan, run.leg.goal_theta = plan, opening.angle
     return plan
 
 
@@ -151,12 +151,12 @@ class PlanInRing(MazeLeaf):
     def _prepared(self, opening: Opening) -> Plan | None:
         """The plan by which the opening was chosen in this tick, unless this leaf is to plan otherwise."""
         run = self.context
-        prepared, run.prepared = run.prepared, None
+        prepared, run.leg.prepared = run.leg.prepared, None
         if prepared is None or prepared[0] != opening or prepared[1].t0 != run.here.t:
             return None
         if travel_options(self) != run.options.travel:
             return None
-        run.plan, run.goal_theta = prepared[1], opening.angle
+        run.leg.plan, run.leg.goal_theta = prepared[1], opening.angle
         return prepared[1]
 
 

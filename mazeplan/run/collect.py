@@ -282,9 +282,10 @@ class _Tour:
         self.gave_up = status == "FAILURE" or (status == "RUNNING" and self.going)
         if self.gave_up:
             self.failed += 1
-            if run.opening is not None:
-                self.refused.add(run.opening.name)
-            kind = run.last_failure.kind if run.last_failure is not None else FailureKind.OUT_OF_TIME
+            if run.leg.opening is not None:
+                self.refused.add(run.leg.opening.name)
+            last = run.last_failure
+            kind = FailureKind.OUT_OF_TIME if last is None else last.kind
             self.log.event(run.now, DriveFailed(wanted, str(kind)))
 
     def _tick(self, given: Command | None) -> str:

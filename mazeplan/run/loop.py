@@ -15,7 +15,7 @@ from weakref import WeakMethod
 import numpy as np
 
 from mazeplan.behavior.blame import blames_a_node, fault, outside
-from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.context import BallRoles, RunContext
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
@@ -127,8 +127,7 @@ class Run:
             late_s=self._late_s,
             rollout=self._rollout,
             policy=setup.policy,
-            aheads=self._balls.ahead,
-            keeper=self._keeper,
+            balls=BallRoles(aheads=self._balls.ahead, keeper=self._keeper),
         )
         tree = self._tree_file.build(self._leaves, context)
         check_policy(tree, setup.policy)
@@ -241,7 +240,7 @@ class Run:
             return False
         self._seen_at = observation.t  # a ball that is out does not count as unseen
         over = observation.t - run.out.since >= limit
-        if not any(f.kind is FailureKind.BALL_OUT and f.t >= run.out.since for f in run.failures):
+        if not any(f.kind is FailureKind.BALL_OUT and f.t >= run.out.since for f in run.history.failures):
             run.failed(Failure(FailureKind.BALL_OUT, "run", observation.t, run.out.told))
         return over
 
@@ -259,7 +258,7 @@ class Run:
     def _succeeded(self) -> NavigationResult:
         """End a run whose tree succeeded: it arrived only if each ball was measured in the ring of the newest goal."""
         run = self.context
-        seen = [view.measured for view in run.views]
+        seen = [view.measured for view in run.balls.views]
         rings = [None if ball.lost or not math.isfinite(ball.r) else ball.ring for ball in seen]
         if set(rings) == {run.goal} and run.out is None:
             return self._end(True, "arrived")
@@ -329,7 +328,7 @@ class Run:
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
         else:
-            status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
+            status, command, run.leg = "RUNNING", given, run.leg.passage()
             run.steer(by, given)
         self._send(observation, command, status, began, lead=given is None)
         return status

@@ -72,13 +72,13 @@ class RunRecorder:
         another ring than the start ring.
 
         The first ring of a lost ball is not recorded until the ball is found."""
-        for ball, view in enumerate(context.views, start=1):
+        for ball, view in enumerate(context.balls.views, start=1):
             way, ring = self._ways.setdefault(ball, _Way()), view.state.ring
             if ring == way.ring or (view.state.lost and way.ring is None):
                 continue
             elsewhere = way.ring is None and self._start is not None and ring != self._start.ring
             if way.ring is not None:
-                name = passed_by(context, way.ring, ring, None if ball == context.ball else view.state)
+                name = passed_by(context, way.ring, ring, None if ball == context.balls.led else view.state)
                 way.passages.append(RingPassage(way.ring, t - way.since, name))
             if ball > 1:
                 self.event(context.now, OtherEntered(ball, ring))
@@ -108,8 +108,8 @@ class RunRecorder:
         doubts: words of `records.Doubt` for this sample
         """
         self._tick_ms.append(ms)
-        led = context.ball == 1
-        first = context.here if led else context.views[0].state
+        led = context.balls.led == 1
+        first = context.here if led else context.balls.views[0].state
         self._display.tick(observation.t, first.ring, context.commanded_by)
         self._log.tick(
             observation,
@@ -117,10 +117,10 @@ class RunRecorder:
             state=first,
             status=status,
             leaf=context.commanded_by,
-            opening=None if context.opening is None else context.opening.name,
-            goal_theta=context.goal_theta if led else None,
+            opening=None if context.leg.opening is None else context.leg.opening.name,
+            goal_theta=context.leg.goal_theta if led else None,
             planned_theta=_planned_theta(context) if led else None,
-            planner_ms=context.planner_ms[-1] if context.planner_ms else None,
+            planner_ms=context.history.planner_ms[-1] if context.history.planner_ms else None,
             tick_ms=ms,
             cut_off=cut_off,
             segment=self._segment,
@@ -166,9 +166,9 @@ class RunRecorder:
             seed=job.seed,
             rig=rig,
             rings=ways[1],
-            failures=tuple(context.failures),
-            replans=context.replans,
-            planner_ms=spread(context.planner_ms),
+            failures=tuple(context.history.failures),
+            replans=context.history.replans,
+            planner_ms=spread(context.history.planner_ms),
             log=self._log.path,
             tick_ms=spread(self._tick_ms),
             goals=tuple(goals),
@@ -198,8 +198,8 @@ def _others(context: RunContext, observation: Observation) -> dict[str, float | 
     ring, and where it was measured and estimated."""
     if not observation.others:
         return {}
-    columns: dict[str, float | int | None] = {"ball": context.ball}
-    for k, (sample, view) in enumerate(zip(observation.others, context.views[1:], strict=True), start=2):
+    columns: dict[str, float | int | None] = {"ball": context.balls.led}
+    for k, (sample, view) in enumerate(zip(observation.others, context.balls.views[1:], strict=True), start=2):
         columns |= {f"x{k}": sample.x, f"y{k}": sample.y, f"ring{k}": view.state.ring}
         columns |= {f"estimate_x{k}": view.state.x, f"estimate_y{k}": view.state.y}
     return columns
@@ -225,6 +225,6 @@ def _words(timed: TimedEvent) -> str:
 
 def _planned_theta(context: RunContext) -> float | None:
     """The angle of the plan at the time of the state, rad; None unless the leaf Track follows a plan."""
-    if context.plan is None or context.commanded_by != "Track":
+    if context.leg.plan is None or context.commanded_by != "Track":
         return None
-    return float(context.plan.states[plan_step(context.plan, context.here.t), 0])
+    return float(context.leg.plan.states[plan_step(context.leg.plan, context.here.t), 0])

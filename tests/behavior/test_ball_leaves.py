@@ -19,7 +19,7 @@ class Two(Bench):
 
     def __init__(self):
         super().__init__()
-        self.run.aheads = (lambda *_: self.run.views[0].state, lambda *_: self.run.views[1].state)
+        self.run.balls.aheads = (lambda *_: self.run.balls.views[0].state, lambda *_: self.run.balls.views[1].state)
 
     def see(self, *states, t=0.0):
         first, second = (replace(state, t=t) for state in states)
@@ -62,21 +62,21 @@ def test_leaves_act_for_the_ball_that_is_led(two):
     assert two.once("LeadBall", ball=2, centre=5) is Status.SUCCESS
     assert two.once("InRing", ring=2) is Status.SUCCESS
     assert two.run.ahead(0.1).ring == 2
-    assert two.run.kept == {1}
+    assert two.run.balls.kept == {1}
     two.see(at(5), at(3, 40.0), t=0.1)
     assert (two.run.here.ring, two.run.measured.ring) == (3, 3)
     assert two.once("LeadBall", ball=1, centre=5) is Status.SUCCESS
-    assert (two.run.here.ring, two.run.kept) == (5, frozenset())
+    assert (two.run.here.ring, two.run.balls.kept) == (5, frozenset())
 
 
 def test_what_belongs_to_the_ball_before_is_forgotten(two):
     two.see(at(1, 45.0), at(2))
-    two.run.opening = two.run.refused = MAZE.openings[0]
+    two.run.leg.opening = two.run.leg.refused = MAZE.openings[0]
     two.run.enter(2)
     assert two.once("LeadBall", ball=2, centre=5) is Status.SUCCESS
     two.see(at(1, 45.0), at(1, 60.0), t=0.1)
     assert two.run.here.ring == 1  # not taken for one that falls into ring 2
-    assert (two.run.opening, two.run.refused) == (None, None)
+    assert (two.run.leg.opening, two.run.leg.refused) == (None, None)
 
 
 def test_a_kept_ball_that_left_is_a_failure_once(two):
@@ -86,9 +86,9 @@ def test_a_kept_ball_that_left_is_a_failure_once(two):
     two.see(at(4, 180.0), at(2), t=0.1)
     assert two.once("BallsStay", centre=5) is Status.FAILURE
     assert two.failure() is FailureKind.LEFT_THE_CENTRE
-    assert two.run.failures[-1].detail == "ball 1 left ring 5 for ring 4"
+    assert two.run.history.failures[-1].detail == "ball 1 left ring 5 for ring 4"
     assert two.once("BallsStay", centre=5) is Status.SUCCESS
-    assert len(two.run.failures) == 1
+    assert len(two.run.history.failures) == 1
 
 
 def test_a_ball_that_there_is_not_is_named(two):
@@ -105,7 +105,7 @@ def test_only_while_a_ball_is_kept_commands_are_changed(two):
             asked.append((len(kept), led.ring))
             return Command(0.01, 0.0)
 
-    two.run.keeper = Always()
+    two.run.balls.keeper = Always()
     two.see(at(5), at(2))
     two.run.steer("Test", Command(0.05, 0.05))
     assert (two.run.command, asked) == (Command(0.05, 0.05), [])

@@ -38,7 +38,7 @@ def test_a_ball_on_its_way_goes_on(speed, opening):
         bench.run.graph.close(name)
     # counted against the openings, so that speed along theta points to the one of 180 degrees when it is positive
     assert chosen(bench, at(2, 135.0, speed=-speed)) == opening
-    assert len(bench.run.planner_ms) == 2, "both were planned to"
+    assert len(bench.run.history.planner_ms) == 2, "both were planned to"
 
 
 def test_by_the_formula_alone_the_speed_does_not_count():
@@ -46,40 +46,40 @@ def test_by_the_formula_alone_the_speed_does_not_count():
     assert len(names) == 1
     bench = patient(choices=1)
     chosen(bench, at(2, 135.0))
-    assert bench.run.planner_ms == []
+    assert bench.run.history.planner_ms == []
 
 
 def test_an_opening_that_is_much_later_is_not_planned_to():
     bench = patient()
     assert chosen(bench, at(1, 46.0)) == "1-2@45"
-    assert len(bench.run.planner_ms) <= 2
+    assert len(bench.run.history.planner_ms) <= 2
 
 
 def test_the_plan_of_the_choice_is_followed_and_not_made_again():
     bench = patient()
     state = at(2, 130.0)
     opening = chosen(bench, state)
-    made = len(bench.run.planner_ms)
+    made = len(bench.run.history.planner_ms)
     assert made >= 2
     leaf = bench.leaf("PlanInRing", opening=opening, plan=Key("plan"))
     assert bench.tick(leaf, state) is Status.SUCCESS
-    assert len(bench.run.planner_ms) == made
+    assert len(bench.run.history.planner_ms) == made
     plan = bench.board.get("plan")
-    assert bench.run.plan is plan
+    assert bench.run.leg.plan is plan
     assert np.abs(plan.states[:, 0] - MAZE.opening(opening).angle).min() < 0.05
     assert (
         bench.tick(bench.leaf("PlanInRing", opening=opening, plan=Key("plan")), at(2, 130.0, t=0.1)) is Status.SUCCESS
     )
-    assert len(bench.run.planner_ms) == made + 1, "an old one is"
+    assert len(bench.run.history.planner_ms) == made + 1, "an old one is"
 
 
 def test_a_tree_that_wants_another_way_of_travelling_gets_its_own_plan():
     bench = patient()
     opening = chosen(bench, at(2, 130.0))
-    made = len(bench.run.planner_ms)
+    made = len(bench.run.history.planner_ms)
     leaf = bench.leaf("PlanInRing", opening=opening, plan=Key("plan"), lean_deg=1.0)
     assert bench.tick(leaf, at(2, 130.0)) is Status.SUCCESS
-    assert len(bench.run.planner_ms) == made + 1
+    assert len(bench.run.history.planner_ms) == made + 1
 
 
 def test_the_deadline_is_shared():
@@ -96,7 +96,7 @@ def test_a_plan_that_failed_chooses_nothing():
     plan = bench.run.planners[2].plan
     bench.run.planners[2].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
     assert chosen(bench, at(2, 100.0)) == "2-3@90"
-    assert bench.run.prepared is None
+    assert bench.run.leg.prepared is None
 
 
 def test_arrival_is_the_first_time_in_front_and_slow():

@@ -8,7 +8,7 @@ import pytest
 from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
-from mazeplan.behavior.context import ENTERING
+from mazeplan.behavior.current_leg import ENTERING
 from mazeplan.behavior.ports import Key
 from mazeplan.core.records import FailureKind
 
@@ -58,12 +58,12 @@ def test_a_prediction_that_wavers_between_the_rings_is_no_failure():
 @pytest.mark.parametrize("came", [False, True])
 def test_a_ball_that_does_not_come_missed_the_opening_and_one_that_came_fell_back(came):
     bench = Bench()
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     falling(bench)
     if came:
         state = at(2, 45.0, t=0.02)
         bench.run.begin(0.02, state, state)
-        bench.run.opening = MAZE.opening("2-3@90")  # chosen for the next leg meanwhile
+        bench.run.leg.opening = MAZE.opening("2-3@90")  # chosen for the next leg meanwhile
     track = bench.leaf("Track", opening="2-3@90", plan=Key("plan"))
     bench.board.set("plan", None)
     state = at(1, 45.0, t=0.03)
@@ -74,5 +74,5 @@ def test_a_ball_that_does_not_come_missed_the_opening_and_one_that_came_fell_bac
     assert track.step() is Status.FAILURE
     assert bench.failure() is (FailureKind.FELL_BACK if came else FailureKind.MISSED_OPENING)
     assert bench.run.graph.tries("1-2@45") == (0, 0 if came else 1)
-    assert bench.run.opening.name == ("2-3@90" if came else "1-2@45")  # which a recovery goes by
-    assert bench.run.refused is None
+    assert bench.run.leg.opening.name == ("2-3@90" if came else "1-2@45")  # which a recovery goes by
+    assert bench.run.leg.refused is None

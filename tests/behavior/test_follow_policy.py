@@ -72,21 +72,21 @@ def test_beyond_the_distance_of_its_port_the_state_is_unfamiliar(most, status):
     far = math.sqrt(sum(v * v for v in (math.radians(40.0), math.tanh(math.radians(40.0) / 0.15), 0.1125, 0, 1.0)))
     bench = Bench(hand_made(reach=far), max_distance=most)
     assert bench.tick(at(40.0)) is status
-    assert [str(f.kind) for f in bench.run.failures] == (["unfamiliar"] if status is FAILURE else [])
+    assert [str(f.kind) for f in bench.run.history.failures] == (["unfamiliar"] if status is FAILURE else [])
     assert (bench.run.command is None) == (status is FAILURE)
 
 
 def test_a_state_of_no_number_is_unfamiliar():
     bench = Bench(hand_made())
     assert bench.tick(replace(at(40.0), vx=math.nan)) is FAILURE
-    assert bench.run.failures[0].kind == "unfamiliar"
+    assert bench.run.history.failures[0].kind == "unfamiliar"
 
 
 def test_the_disc_is_unfamiliar():
     into = MAZE.openings_between(4, 5)[0]
     bench = Bench(hand_made(), into)
     assert bench.tick(at(0.0, ring=5)) is FAILURE
-    assert "the disc" in bench.run.failures[0].detail
+    assert "the disc" in bench.run.history.failures[0].detail
 
 
 def test_it_succeeds_in_the_next_ring_and_fails_in_another():
@@ -106,7 +106,7 @@ def test_a_ball_that_stands_or_never_comes_ends_it(seconds, moving, kind):
         if status is not RUNNING:
             break
     assert status is (RUNNING if kind is None else FAILURE)
-    assert [str(f.kind) for f in bench.run.failures][:1] == ([] if kind is None else [kind])
+    assert [str(f.kind) for f in bench.run.history.failures][:1] == ([] if kind is None else [kind])
 
 
 def test_an_opening_that_closes_ends_it():
@@ -114,7 +114,7 @@ def test_an_opening_that_closes_ends_it():
     assert bench.tick(at(40.0)) is RUNNING
     bench.run.graph.close(OPENING.name)
     assert bench.tick(at(39.0, 0.03)) is FAILURE
-    assert bench.run.failures[0].kind == "opening_closed"
+    assert bench.run.history.failures[0].kind == "opening_closed"
 
 
 def test_without_a_policy_it_is_a_mistake_of_the_tree():

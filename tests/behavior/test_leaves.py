@@ -62,7 +62,7 @@ class Bench:
         return leaf.status
 
     def failure(self):
-        return self.run.failures[-1].kind
+        return self.run.history.failures[-1].kind
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_plan_leads_to_the_opening_by_the_short_way_leaning_to_its_side(bench):
     assert np.all(np.abs(plan.controls) <= MAZE.tilt_limit)
     theta, beta, gamma = (plan.states[2 : np.argmin(distance) + 1, i] for i in (0, 2, 4))
     assert np.median(np.sin(beta) * np.cos(theta) - np.sin(gamma) * np.sin(theta)) < -0.02
-    assert bench.run.planner_ms == [plan.ms]
+    assert bench.run.history.planner_ms == [plan.ms]
 
 
 def test_plan_that_is_not_finite_fails(bench):

@@ -31,7 +31,7 @@ def test_conditions(bench):
 
 def test_recoveries_name_themselves_and_end(bench):
     bench.run.failed(Failure(FailureKind.STUCK, "Track", 0.0))
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     cases = {"Dither": 0.5, "BackOff": 0.35}
     for kind, duration in cases.items():
         leaf = bench.leaf(kind)
@@ -44,11 +44,11 @@ def test_recoveries_name_themselves_and_end(bench):
         assert all(abs(c.u_beta) <= MAZE.tilt_limit and abs(c.u_gamma) <= MAZE.tilt_limit for c in commands)
         assert any(c != LEVEL for c in commands)
     assert [e.recovery for e in bench.events if isinstance(e, RecoveryChosen)] == ["dither", "back_off"]
-    assert bench.run.failures[-1].recovery == "back_off"
+    assert bench.run.history.failures[-1].recovery == "back_off"
 
 
 def test_back_off_rolls_past_the_opening(bench):
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     bench.tick(bench.leaf("BackOff"), at(1, 40.0))
     command = bench.run.command
     theta = math.radians(40.0)
@@ -57,7 +57,7 @@ def test_back_off_rolls_past_the_opening(bench):
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 3.0, 4.5])
 def test_back_off_tilts_along_the_ring_by_as_much_as_it_says(bench, tilt_deg):
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     for degrees in (40.0, 50.0):  # to either side of the opening: through its front
         bench.tick(bench.leaf("BackOff", tilt_deg=tilt_deg), at(1, degrees))
         theta, command = math.radians(degrees), bench.run.command
@@ -86,7 +86,7 @@ def test_a_ball_out_of_the_maze_is_told_before_one_that_is_lost_and_awaited_too(
     leaf = bench.leaf("BallSeen")
     bench.run.begin(0.0, state, state, out)
     assert [*leaf.tick()][-1].status is Status.FAILURE
-    (failure,) = bench.run.failures
+    (failure,) = bench.run.history.failures
     assert (failure.kind, failure.x, failure.y) == (FailureKind.BALL_OUT, 0.12, 0.0)
     assert failure.detail == "the ball has left the maze: it is 21 mm beyond the rim"
     wait = bench.leaf("LevelPlate", timeout_s=1.0)
@@ -108,7 +108,7 @@ def test_level_plate_waits_for_the_ball(bench):
 
 
 def test_avoid_makes_the_opening_dearer_and_replan_counts(bench):
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     before = bench.run.graph.cost("1-2@45", 1, 0.8)
     assert bench.tick(bench.leaf("AvoidOpening"), at(1)) is Status.SUCCESS
     assert bench.run.graph.cost("1-2@45", 1, 0.8) > before + 0.3
@@ -117,4 +117,4 @@ def test_avoid_makes_the_opening_dearer_and_replan_counts(bench):
         other.run.graph.record("1-2@45", success=False)
     assert bench.run.graph.cost("1-2@45", 1, 0.8) == pytest.approx(other.run.graph.cost("1-2@45", 1, 0.8))
     assert bench.tick(bench.leaf("Replan"), at(1)) is Status.SUCCESS
-    assert bench.run.replans == 1
+    assert bench.run.history.replans == 1

@@ -62,7 +62,7 @@ def test_an_opening_on_the_other_side_of_a_wall_is_not_tried(kind):
     bench.board.set("plan", None)
     assert bench.tick(bench.leaf(kind, opening="1-2@45", **ports), at(1, 25.0)) is Status.FAILURE
     assert bench.failure() is FailureKind.WRONG_RING
-    assert "a radial wall stands between the ball and 1-2@45" in bench.run.failures[-1].detail
+    assert "a radial wall stands between the ball and 1-2@45" in bench.run.history.failures[-1].detail
 
 
 def test_a_detour_outwards_is_confirmed_in_the_outer_ring():
@@ -86,7 +86,7 @@ def test_in_the_right_ring_behind_a_wall_the_opening_was_not_passed():
 @pytest.mark.parametrize(("wall", "side"), [(None, 1.0), (60.0, -1.0), (30.0, 1.0), (100.0, 1.0)])
 def test_it_backs_off_past_the_opening_unless_a_wall_stands_there(wall, side):
     bench = walled() if wall is None else walled((1, wall))
-    bench.run.opening = MAZE.opening("1-2@45")
+    bench.run.leg.opening = MAZE.opening("1-2@45")
     assert bench.tick(bench.leaf("BackOff"), at(1, 42.0)) is Status.RUNNING
     u, theta = bench.run.command, math.radians(42.0)
     assert u is not None
@@ -103,7 +103,7 @@ def test_a_long_way_may_take_longer():
             theta = 200.0 + 5.0 * (k % 20) if k else 25.0
             if bench.tick(track, at(1, theta, t=k / 30.0)) is Status.FAILURE:
                 break
-        missed[name] = bench.run.failures[-1].t
+        missed[name] = bench.run.history.failures[-1].t
         assert bench.failure() is FailureKind.MISSED_OPENING
     assert missed["short"] == pytest.approx(4.0, abs=0.1)
     assert missed["long"] > 4.2
@@ -114,7 +114,7 @@ def test_a_ball_that_rolls_past_the_wall_of_the_sector_it_was_to_fall_into_is_st
     bench = walled((2, 30.0), (2, 60.0))
     run, state = bench.run, at(1, 45.0)
     run.begin(0.0, state, state)
-    run.opening = MAZE.opening("1-2@45")
+    run.leg.opening = MAZE.opening("1-2@45")
     run.enter(2)
     state = at(1, theta, t=0.05)
     run.begin(0.05, state, state)

@@ -45,7 +45,7 @@ def test_a_given_command_goes_out_and_the_tree_rests():
         assert run.tick(rig.observe(), Command(0.01 * (k % 3), -0.02), "somebody") == "RUNNING"
         assert run.context.commanded_by == "somebody"
     assert rig.commands == [(0.01 * (k % 3), -0.02) for k in range(20)]
-    assert run.context.opening is None
+    assert run.context.leg.opening is None
     assert until_done(rig, run) == "SUCCESS"  # and takes over from where the ball is
     assert rig.ring == 5
 
@@ -60,8 +60,8 @@ def test_another_goal_is_reached_from_where_the_ball_is():
     assert run.context.now == t
     assert until_done(rig, run) == "SUCCESS"
     assert rig.ring == 3
-    assert run.context.opening is not None
-    assert run.context.opening.name == "2-3@270"
+    assert run.context.leg.opening is not None
+    assert run.context.leg.opening.name == "2-3@270"
     assert [passage.ring for passage in run.result(True, "").rings] == [1, 2, 3]
     assert rig.t > t
 
@@ -122,7 +122,7 @@ def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
 
     rig.mishap, run.context.rollout = plug, Counting()
     assert until_done(rig, run) == "SUCCESS"
-    missed = [f.t for f in run.context.failures if f.kind is FailureKind.MISSED_OPENING]
+    missed = [f.t for f in run.context.history.failures if f.kind is FailureKind.MISSED_OPENING]
     assert missed
     assert len(Counting.asked) > 10
     assert max(Counting.asked) <= missed[0]

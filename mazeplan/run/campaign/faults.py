@@ -99,7 +99,7 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
         rig = watched(faulty, own_process=campaign.own_process)
 
     def prepare(run: Run) -> None:
-        orders.aimed_at = lambda: None if run.context.opening is None else run.context.opening.name
+        orders.aimed_at = lambda: None if run.context.leg.opening is None else run.context.leg.opening.name
 
     try:
         try:

@@ -102,7 +102,7 @@ class Teacher:
         context.steer = lambda leaf, command: steer(leaf, self._taken(context, leaf, command))
 
     def _taken(self, run: RunContext, leaf: str, command: Command) -> Command:
-        here, opening = run.here, run.opening
+        here, opening = run.here, run.leg.opening
         ring = run.maze.ring(here.ring)
         if leaf not in LEARNED or opening is None or ring.is_disc or ring.number not in (opening.outer, opening.inner):
             self._leg = None
