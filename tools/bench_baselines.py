@@ -60,7 +60,7 @@ def ground_of(record: RingRecord, radius: float, done: RingDiagnosis) -> Ground:
         offset = done.circle.offset
         theta = straightened(theta, record.r, offset)
     tilt = plate_motion(record, done.stage)
-    system = RingSystem(record.t, theta, record.first, radius, tilt, DECLARED)
+    system = RingSystem(record.t, theta, record.begins, radius, tilt, DECLARED)
     count = np.cumsum(np.isfinite(record.theta))
     seen, early = count <= SEEN * count[-1], count <= TRIED * SEEN * count[-1]
     likelihood = Likelihood(system, [*ring_library(), *final.candidates], seen)
@@ -71,7 +71,7 @@ def ground_of(record: RingRecord, radius: float, done: RingDiagnosis) -> Ground:
     motion = tilt.at(times)
     for name, size in final.values.get("stage", {}).items():
         motion += size * tilt.at(times, name)
-    held_out, tried = (score_starts(rows, record.first, np.isfinite(record.theta)) for rows in (~seen, seen & ~early))
+    held_out, tried = (score_starts(rows, record.begins, np.isfinite(record.theta)) for rows in (~seen, seen & ~early))
     return Ground(
         record.t, system.dt, record.theta, motion.reshape(n, NODES, 6), declared_model(radius), seen, early, states,
         held_out, tried,

@@ -27,7 +27,7 @@ class RingRecord:
     t: number of the sample times dt, s
     theta: rad, unwrapped in each stretch, NaN if not seen
     r: m, None if not measured
-    first: True where a stretch begins
+    begins: True where a stretch begins
     beta, gamma: measured tilt, rad
     u: commands (N, 2), rad, None if unknown
     segment: number of the stretch
@@ -38,7 +38,7 @@ class RingRecord:
     dt: float
     theta: Array
     r: Array | None
-    first: np.ndarray
+    begins: np.ndarray
     beta: Array
     gamma: Array
     u: Array | None
@@ -51,7 +51,7 @@ class RingRecord:
 
     def part(self, rows: np.ndarray) -> RingRecord:
         """The record of some rows (N,) alone. They keep their times."""
-        columns = ("t", "theta", "r", "first", "beta", "gamma", "u", "segment", "theta_ddot")
+        columns = ("t", "theta", "r", "begins", "beta", "gamma", "u", "segment", "theta_ddot")
         known = {name: column for name in columns if (column := getattr(self, name)) is not None}
         return replace(self, **{name: column[rows] for name, column in known.items()})
 
@@ -131,15 +131,15 @@ def record_of(
     own = np.where(rows, table["theta_ddot"], np.nan) if "theta_ddot" in table else None
     return RingRecord(
         t=np.asarray(dt * np.arange(len(table)), dtype=np.float64), dt=dt, theta=_unwrapped(theta, starts), r=r,
-        first=starts, beta=table["beta"], gamma=table["gamma"], u=u, segment=np.cumsum(starts), notes=tuple(notes),
+        begins=starts, beta=table["beta"], gamma=table["gamma"], u=u, segment=np.cumsum(starts), notes=tuple(notes),
         theta_ddot=own,
     )  # fmt: skip
 
 
-def _unwrapped(theta: Array, first: np.ndarray) -> Array:
+def _unwrapped(theta: Array, begins: np.ndarray) -> Array:
     """theta without jumps of whole turns inside a stretch; NaN stays NaN."""
-    out, begins = theta.copy(), np.flatnonzero(first)
-    for a, b in zip(begins, [*begins[1:], len(theta)], strict=True):
+    out, starts = theta.copy(), np.flatnonzero(begins)
+    for a, b in zip(starts, [*starts[1:], len(theta)], strict=True):
         seen = np.flatnonzero(np.isfinite(theta[a:b])) + a
         out[seen] = np.unwrap(theta[seen])
     return out

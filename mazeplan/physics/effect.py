@@ -154,7 +154,7 @@ class Effect(WallPattern, FitHints):
             numbers[1] += values.get(self.own[i], 0.0)
         return numbers
 
-    def first(self) -> list[tuple[float, ...]]:
+    def first_guesses(self) -> list[tuple[float, ...]]:
         """Start values of a fit; the defaults if `starts` is empty."""
         return list(self.starts) or [tuple(p.default for p in self.parameters.values())]
 

@@ -14,7 +14,7 @@ from mazeplan.diagnosis.ring.candidates import ring_library
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda e: " ".join(sorted(e.effects)))
 def test_each_experiment_is_for_effects_there_are(experiment):
     assert experiment.effects <= {c.name for c in ring_library()}
-    assert experiment.first or experiment.options
+    assert experiment.preparation or experiment.options
 
 
 def test_the_experiment_that_has_the_likeliest_effect_is_proposed():

@@ -18,7 +18,7 @@ def likelihood():
     rows = np.ones(1800, dtype=bool)
     stage = fit_stage(seen, rows)
     assert stage is not None
-    system = RingSystem(seen.t, seen.theta, seen.first, 0.0925, plate_motion(seen, stage), DECLARED)
+    system = RingSystem(seen.t, seen.theta, seen.begins, 0.0925, plate_motion(seen, stage), DECLARED)
     return Likelihood(system, [*ring_library(), stage_errors(stage.directions)], rows)
 
 

@@ -69,6 +69,6 @@ def test_a_dead_band_of_another_rigs_servo_is_not_called_play():
     table = Table(record(replace(Rig(), beta=axis), 200.0, 2))
     rows = np.ones(len(table), dtype=bool)
     seen = record_of(table, rows)
-    found = fit_with_gears(seen.u[:, 0], seen.beta, seen.dt, seen.first, rows).axis
+    found = fit_with_gears(seen.u[:, 0], seen.beta, seen.dt, seen.begins, rows).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(axis.deadband, rel=0.02)

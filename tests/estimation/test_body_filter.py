@@ -94,7 +94,7 @@ def test_it_goes_on_by_itself_as_the_ball_does(seen):
     starts = np.arange(300, len(body.pictures) - 40, 25)
     rolled, y = body.rolled_out(model, state, starts, 30), body.pictures.y
     off = np.hypot(*(rolled[:, -1] - y[starts + 30]).T)
-    whole = [not body.pictures.first[s + 1 : s + 31].any() for s in starts.tolist()]
+    whole = [not body.pictures.begins[s + 1 : s + 31].any() for s in starts.tolist()]
     assert np.nanmedian(off[np.array(whole)]) < 0.015
     assert np.nanmedian(np.hypot(*(rolled[:, 2] - y[starts + 2]).T)) < 1.5e-3
 

@@ -92,12 +92,11 @@ def test_roll_outs_are_those_of_the_diagnosis():
     states = likelihood.filtered({}, 1.0).copy()
     starts = score_starts(np.ones(len(t), dtype=bool), first, np.isfinite(theta))
     problem, p = system.build(likelihood.library, {})
-    out = np.empty((len(starts), 42))
-    roll_out(problem, p, states, starts, 40, out)
+    positions, _ = roll_out(problem, p, states, starts, 40)
     motion = tilt.at((t[:, None] + DT * np.arange(NODES) / (NODES - 1)).ravel()).reshape(len(t), NODES, 6)
     declared, every = ways.declared_model(RADIUS), np.ones(len(t), dtype=bool)
     ground = ways.Ground(t, system.dt, theta, motion, declared, every, every, states[:, :2], starts, starts)
-    assert ways.roll_out(ground, declared, starts) == pytest.approx(out[:, 40], abs=1e-6)
+    assert ways.roll_out(ground, declared, starts) == pytest.approx(positions[:, 40], abs=1e-6)
 
 
 def test_states_as_a_camera_that_is_off_sees_them():

@@ -22,18 +22,18 @@ SETTLED = 1.5  # s until the free motion has died away
 
 
 def with_true_starts(
-    plate: PlateMotion, tilts: Array, first: np.ndarray, dt: float, axes: Sequence[StageAxis]
+    plate: PlateMotion, tilts: Array, begins: np.ndarray, dt: float, axes: Sequence[StageAxis]
 ) -> PlateMotion:
     """The simulated motion plus the free motion of each stretch.
 
     plate:         simulated motion; its grid begins with the first row
     tilts (N, 2):  measured beta and gamma, rad
-    first (N,):    whether a stretch begins
+    begins (N,):   whether a stretch begins
     dt:            time from row to row, s
     axes:          axes of beta and gamma"""
     per, motion = round(dt / plate.step), plate.motion.copy()
     rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
-    for a, b in pairwise([*np.flatnonzero(first).tolist(), len(tilts)]):
+    for a, b in pairwise([*np.flatnonzero(begins).tolist(), len(tilts)]):
         for i, axis in enumerate(axes):
             free = _free(axis, plate.step, min(fine, (b - a) * per))
             n = min(rows, b - a, -(-len(free) // per))  # rows that the free motion reaches

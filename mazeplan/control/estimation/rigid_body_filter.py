@@ -80,13 +80,13 @@ class BallPictures:
 
     t (N,), dt:  time by counting pictures, s
     y (N, 2):    measured position, m; NaN if lost
-    first (N,):  whether a stretch begins
+    begins (N,): whether a stretch begins
     clock (N,):  true time, s, for effects that change with time; None if it equals t"""
 
     t: Array
     dt: float
     y: Array
-    first: np.ndarray
+    begins: np.ndarray
     clock: Array | None = None
 
     def __len__(self) -> int:
@@ -265,7 +265,7 @@ def _straightened(lens, u, v):
 
 
 @njit(cache=True, error_model="numpy")
-def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state, cov):
+def _run(ball, walls, effects, lens, y, begins, rows, dt, per, late, nu, S, state, cov):
     """Filter pictures y (N, 2). Writes nu, S, state and cov as in `Filtered`. Returns (starts, left_out, minus2)."""
     core = body_core(ball, walls, effects)
     mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
@@ -277,8 +277,8 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
         nu[k, 0] = nu[k, 1] = math.nan
         S[k, 0] = S[k, 1] = 1.0
         S[k, 2] = 0.0
-        running = running and not first[k]
-        since = 0 if first[k] else since + 1
+        running = running and not begins[k]
+        since = 0 if begins[k] else since + 1
         if running:
             hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
             wandered(P, lens, dt, hit)
@@ -320,7 +320,7 @@ class BodyFilter:
         self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
         n = len(pictures)
         self._rows, self._key = np.empty((n * substeps, ROW)), None
-        self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
+        self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
         self._t = np.ascontiguousarray(pictures.t)
         self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
@@ -330,7 +330,7 @@ class BodyFilter:
         p = self.pictures
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
-        seen = replace(p, t=p.t[rows], y=p.y[rows], first=p.first[rows] | begun, clock=clock)
+        seen = replace(p, t=p.t[rows], y=p.y[rows], begins=p.begins[rows] | begun, clock=clock)
         return BodyFilter(seen, self.plate, self.walls, self.substeps)
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
@@ -355,7 +355,7 @@ class BodyFilter:
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
         numbers = Ball(*map(float, model.ball))
         found = _run(
-            numbers, self.walls, effects_of(model.terms), lens, self._y, self._first, rows, self.pictures.dt,
+            numbers, self.walls, effects_of(model.terms), lens, self._y, self._begins, rows, self.pictures.dt,
             self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)

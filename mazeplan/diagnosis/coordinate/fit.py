@@ -217,7 +217,7 @@ def fit_without(likelihood: Likelihood, found: Fit, effect: Effect) -> Fit:
 
 def start_of(effect: Effect) -> dict[str, float]:
     """The first of an effect's start values for a fit."""
-    return dict(zip(effect.parameters, effect.first()[0], strict=True))
+    return dict(zip(effect.parameters, effect.first_guesses()[0], strict=True))
 
 
 def forecast(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> float:

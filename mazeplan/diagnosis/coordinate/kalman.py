@@ -59,7 +59,7 @@ class Problem(NamedTuple):
 
     y: measured positions (N,)
     seen: True (N,) where the position was measured
-    first: True (N,) where a stretch begins
+    begins: True (N,) where a stretch begins
     t: times (N,), s
     dt: time between samples, s
     w: inputs (N, NODES, W) from each sample to the next
@@ -72,7 +72,7 @@ class Problem(NamedTuple):
 
     y: Array
     seen: np.ndarray
-    first: np.ndarray
+    begins: np.ndarray
     t: Array
     dt: float
     w: Array
@@ -274,7 +274,7 @@ def innovations(problem, p, q, stop, nu, S, states, moves, J):
     d, core, at = np.zeros((count, 2)), _core(problem), pointer_to(p, 0)
     for k in range(stop):
         nu[k], S[k] = math.nan, 1.0
-        if problem.first[k]:
+        if problem.begins[k]:
             x, v, p00, p01, p11, age = problem.y[k], 0.0, 1.0, 0.0, DIFFUSE, 0
             d[:] = 0.0
         else:
@@ -308,24 +308,25 @@ def innovations(problem, p, q, stop, nu, S, states, moves, J):
 
 
 @njit(cache=True, error_model="numpy")
-def roll_out(problem, p, states, starts, steps, out):
-    """Roll-outs from the filtered states of the rows `starts` (W,), without measurements, into out (W, steps + 2).
+def roll_out(problem, p, states, starts, steps):
+    """Roll-outs from the filtered states of the rows `starts` (W,), without measurements.
 
-    The first steps + 1 columns of out get the positions. The last column gets the variance of the last position over
-    R, without process noise."""
+    Returns positions (W, steps + 1), and variances (W,) of the last position over R, without process noise."""
     core, at = _core(problem), pointer_to(p, 0)
+    positions, variances = np.empty((len(starts), steps + 1)), np.empty(len(starts))
     for j, start in enumerate(starts):
         x, v = states[start, 0], states[start, 1]
         p00, p01, p11 = states[start, 2], states[start, 3], states[start, 4]
-        out[j, 0] = x
+        positions[j, 0] = x
         for i in range(steps):
             before, speed = x, v
             x, v, held = _advance(core, at, start + i, x, v)
             a, b, c, d = _tangent(core, at, start + i, before, speed, held)
             m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + d * p01, c * p01 + d * p11
             p00, p01, p11 = m00 * a + m01 * b, m00 * c + m01 * d, m10 * c + m11 * d
-            out[j, i + 1] = x
-        out[j, steps + 1] = p00
+            positions[j, i + 1] = x
+        variances[j] = p00
+    return positions, variances
 
 
 @njit(cache=True, error_model="numpy")

@@ -59,7 +59,7 @@ def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -
     found: list[tuple[float, Effect, dict[str, float]]] = []
     for c in library:
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
-        starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
+        starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first_guesses()
         if is_opening(c) and len(starts) > 1:
             starts = [_gate_start(likelihood, current, c, starts[0][-1])]
         if len(starts) > 1:  # compare the start values without a fit, with both signs of the last parameter

@@ -19,13 +19,13 @@ class System(Protocol):
 
     dt: time between samples, s
     theta: measured positions (N,)
-    first: True (N,) where an uninterrupted stretch begins
+    begins: True (N,) where an uninterrupted stretch begins
     declared: known effects
     weakest: minimum root mean square acceleration of a term without a name, to report it"""
 
     dt: float
     theta: Array
-    first: np.ndarray
+    begins: np.ndarray
     declared: Values
     weakest: float
 

@@ -233,6 +233,5 @@ def free_run(likelihood: Likelihood, fitted: Fit, begin: float) -> float:
     if steps < 1 or not np.isfinite(left).any():
         return math.nan
     problem, p = system.build(likelihood.library, fitted.values)
-    out = np.empty((1, steps + 2))
-    roll_out(problem, p, states, np.array([start]), steps, out)
-    return float(np.sqrt(np.nanmean((out[0, 1:-1] - left) ** 2)))
+    positions, _ = roll_out(problem, p, states, np.array([start]), steps)
+    return float(np.sqrt(np.nanmean((positions[0, 1:] - left) ** 2)))

@@ -38,7 +38,7 @@ class MechanismSystem:
         weakest: as in `System`"""
         self.mechanism, self.dt, self.theta, self.declared = mechanism, dt, position, declared
         self.t = dt * np.arange(len(position), dtype=np.float64)
-        self.first = np.arange(len(position)) == 0
+        self.begins = np.arange(len(position)) == 0
         self.weakest = weakest
         self._w = np.ascontiguousarray(nodes)
         self._addresses: dict[tuple[str, int], int] = {}
@@ -64,7 +64,7 @@ class MechanismSystem:
             )
         found = np.array(terms, dtype=np.int64).reshape(-1, 2)
         problem = Problem(
-            self.theta, np.isfinite(self.theta), self.first, self.t, self.dt, self._w, found[:, 0].copy(),
+            self.theta, np.isfinite(self.theta), self.begins, self.t, self.dt, self._w, found[:, 0].copy(),
             found[:, 1].copy(), 0.0, np.array(holds, dtype=np.int64).reshape(-1, 2),
         )  # fmt: skip
         return problem, np.array(p, dtype=np.float64)

@@ -15,7 +15,7 @@ class Candidate:
 
     effect: name in the registry, "" if it has none
     free: numbers that it changes
-    first: numbers to fit before the others
+    fitted_first: numbers to fit before the others
     words: description, if it has no name in the registry
     depends_on: what it depends on, if it has no name in the registry
     far: changes of the first number at which fits may start, because a large change leaves the parabola at the
@@ -28,7 +28,7 @@ class Candidate:
 
     effect: str
     free: tuple[str, ...]
-    first: tuple[str, ...] = ()
+    fitted_first: tuple[str, ...] = ()
     words: str = ""
     depends_on: tuple[str, ...] = ()
     far: tuple[float, ...] = ()

@@ -139,11 +139,11 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
     if stage is not None and by_commands is not None:
         tilts = np.column_stack([record.beta, record.gamma])
-        plate = with_true_starts(plate, tilts, record.first, record.dt, (stage.beta, stage.gamma))
+        plate = with_true_starts(plate, tilts, record.begins, record.dt, (stage.beta, stage.gamma))
     y = np.column_stack([table["x"], table["y"]])
     clock = table["t"] - table["t"][0]
     ordered = bool(np.all(np.diff(clock) > 0.0))  # the time between several logs is unknown
-    pictures = BallPictures(record.t, record.dt, y, record.first, clock if ordered else None)
+    pictures = BallPictures(record.t, record.dt, y, record.begins, clock if ordered else None)
     return BodyFilter(pictures, plate, pack_walls(maze))
 
 

@@ -110,9 +110,9 @@ def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, 
 
 def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
     """Pictures from which roll-outs start: outside the central disc, with the next pictures in the same stretch."""
-    n, first = len(body.pictures), body.pictures.first
+    n, begins = len(body.pictures), body.pictures.begins
     disc = max((ring.outer_radius for ring in maze.rings if ring.is_disc), default=0.0)
-    begun = np.cumsum(first)
+    begun = np.cumsum(begins)
     good = np.isfinite(filtered.nu[: n - AHEAD, 0]) & (begun[: n - AHEAD] == begun[AHEAD:])
     good &= np.min([np.hypot(*filtered.state[k : n - AHEAD + k, :2].T) for k in (0, AHEAD // 2, AHEAD)], axis=0) > disc
     return np.flatnonzero(good)[::EVERY]

@@ -296,13 +296,13 @@ def _scores(
     body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
 ) -> dict[Candidate, float]:
     """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
-    names = [*free, *(name for c in left for name in (c.first or c.free))]
+    names = [*free, *(name for c in left for name in (c.fitted_first or c.free))]
     scores = score_search(body, model, names)
     g, F = scores.each.sum(axis=0), scores.information
     given = np.arange(len(free))
     out = {}
     for c in left:
-        own = np.array([names.index(name) for name in (c.first or c.free)])
+        own = np.array([names.index(name) for name in (c.fitted_first or c.free)])
         B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])
         slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
         out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
@@ -337,6 +337,6 @@ def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate
     """The likeliest numbers of a candidate, fitted together with the numbers in `free`."""
     used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
     model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
-    if c.first:
-        model = fit_body(body, model, (*free, *c.first), STEPS, ENOUGH).model
+    if c.fitted_first:
+        model = fit_body(body, model, (*free, *c.fitted_first), STEPS, ENOUGH).model
     return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)

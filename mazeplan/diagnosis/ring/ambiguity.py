@@ -17,12 +17,12 @@ class Experiment:
 
     effects: their names
     why: why the experiment tells them apart
-    first: what a person does before
+    preparation: what a person does before
     options: options of `mazeplan collect`"""
 
     effects: frozenset[str]
     why: str
-    first: str = ""
+    preparation: str = ""
     options: str = ""
 
 
@@ -83,4 +83,4 @@ def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:
     where = f" --ring ring{ring}" if ring else ""
     seconds = "" if "--seconds" in best.options else " --seconds 300"
     command = f"mazeplan collect{where}{seconds} {best.options}".rstrip() + " -o apart.mcap"
-    return {"why": best.why, "first": best.first, "command": command}
+    return {"why": best.why, "first": best.preparation, "command": command}

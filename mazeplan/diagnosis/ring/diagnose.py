@@ -195,7 +195,7 @@ def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
 def _likelihood(
     record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], rows: np.ndarray
 ) -> Likelihood:
-    system = RingSystem(record.t, record.theta, record.first, radius, tilt, declared)
+    system = RingSystem(record.t, record.theta, record.begins, radius, tilt, declared)
     system.target = record.theta_ddot
     return Likelihood(system, library, rows)
 
@@ -243,13 +243,13 @@ def _with_ball(record: RingRecord, *masks: np.ndarray) -> tuple[RingRecord, tupl
     """The record without the stretches in which the ball is elsewhere, and the masks for the remaining rows.
 
     Such stretches would only take time. Gaps of up to GAP samples stay. masks: (N,)"""
-    keep, first = np.ones(len(record), dtype=bool), record.first.copy()
+    keep, begins = np.ones(len(record), dtype=bool), record.begins.copy()
     for a, b in runs(~np.isfinite(record.theta)):
-        if b - a > GAP or first[a : b + 1].any():
+        if b - a > GAP or begins[a : b + 1].any():
             keep[a:b] = False
             if b < len(record):
-                first[b] = True
-    return replace(record, first=first).part(keep), tuple(mask[keep] for mask in masks)
+                begins[b] = True
+    return replace(record, begins=begins).part(keep), tuple(mask[keep] for mask in masks)
 
 
 def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effect, rows: np.ndarray) -> Entry:

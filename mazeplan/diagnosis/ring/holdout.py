@@ -29,7 +29,7 @@ def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarr
         kept = ~near_border(wanted, record.segment.astype(np.float64), GUARD)
         return kept & ~wanted, kept & wanted, f"block {fold + 1} of every {FOLDS}, of {BLOCK_S:g} s each"
     known = np.isfinite(record.theta)
-    lengths = np.diff(np.append(np.flatnonzero(record.first), len(record)))
+    lengths = np.diff(np.append(np.flatnonzero(record.begins), len(record)))
     if record.u is None and lengths.max() < LONGEST * len(record):
         split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
         return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"

@@ -106,13 +106,11 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:
     target, predicted = acceleration_pairs(likelihood, fitted)
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
-    starts = score_starts(rows, system.first, problem.seen)
-    most = AHEAD[-1]
-    out = np.empty((len(starts), most + 2))
-    roll_out(problem, p, states, starts, most, out)
-    places = system.seen_at(fitted.values, out[:, : most + 1])
+    starts = score_starts(rows, system.begins, problem.seen)
+    positions, variances = roll_out(problem, p, states, starts, AHEAD[-1])
+    places = system.seen_at(fitted.values, positions)
     errors = [np.abs(difference(places[:, n], system.theta[starts + n])) for n in AHEAD]
-    floor = np.sqrt(2.0 / math.pi) * fitted.noise * np.sqrt(out[:, most + 1] + 1.0)
+    floor = np.sqrt(2.0 / math.pi) * fitted.noise * np.sqrt(variances + 1.0)
     means = [float(np.mean(e)) if len(starts) else math.nan for e in (*errors, floor)]
     return RingScore(nrmse(target, predicted, rows), *means, windows=len(starts))
 
@@ -132,7 +130,7 @@ def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Arra
     target = matched_target(system)
     if target is not None:
         return target, _matched(likelihood, fitted)
-    smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.first))
+    smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.begins))
     problem, p = system.build(likelihood.library, fitted.values)
     model = np.empty(len(system))
     value, rate = (np.ascontiguousarray(np.nan_to_num(part)) for part in (smooth.value, smooth.rate))
@@ -144,16 +142,16 @@ def matched_target(system: RingSystem) -> Array | None:
     """Accelerations (N,) by `MATCHED`, if the record's column theta_ddot agrees with them; otherwise None."""
     if system.target is None:
         return None
-    own = derivatives(system.theta, system.dt, MATCHED, segment=np.cumsum(system.first)).acceleration
+    own = derivatives(system.theta, system.dt, MATCHED, segment=np.cumsum(system.begins)).acceleration
     both = np.isfinite(own) & np.isfinite(system.target)
     if not both.any() or np.max(np.abs(own - system.target)[both]) > SAME * np.std(own[both]):
         return None
     return np.where(both, own, np.nan)
 
 
-def begun_at(first: np.ndarray) -> np.ndarray:
+def begun_at(begins: np.ndarray) -> np.ndarray:
     """The row (N,) at which the stretch of each row began."""
-    return np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
+    return np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
 
 
 def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
@@ -162,22 +160,21 @@ def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
     n = len(system)
-    begun = begun_at(system.first)
+    begun = begun_at(system.begins)
     rows = np.arange(half, n - half)
     rows = rows[(begun[rows - half] == begun[rows + half]) & (rows - half - begun[rows] >= KNOWN)]
-    out = np.empty((len(rows), MATCHED.window + 1))
-    roll_out(problem, p, states, rows - half, MATCHED.window - 1, out)
+    positions, _ = roll_out(problem, p, states, rows - half, MATCHED.window - 1)
     weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
     found = np.full(n, np.nan)
-    found[rows] = system.seen_at(fitted.values, out[:, : MATCHED.window]) @ weights
+    found[rows] = system.seen_at(fitted.values, positions) @ weights
     return found
 
 
-def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def score_starts(rows: np.ndarray, begins: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Start rows of roll-outs: the next samples are in the same stretch, and the compared samples were seen."""
     n, most = len(rows), AHEAD[-1]
-    begun = begun_at(first)
-    ends = np.append(np.flatnonzero(first)[1:], n)
+    begun = begun_at(begins)
+    ends = np.append(np.flatnonzero(begins)[1:], n)
     end = ends[np.searchsorted(ends, np.arange(n), side="right").clip(max=len(ends) - 1)]
     at = np.arange(0, n - most, EVERY)
     good = rows[at] & rows[at + most] & (at - begun[at] >= SETTLED) & (at + most < end[at]) & seen[at]

@@ -122,16 +122,16 @@ class RingSystem:
 
     weakest = 0.08  # rad/s^2
 
-    def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
+    def __init__(self, t: Array, theta: Array, begins: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t: times (N,), s
         theta: measured angles (N,), rad, unwrapped in each stretch, NaN if not seen
-        first: True (N,) where a stretch begins
+        begins: True (N,) where a stretch begins
         radius: of the track, m
         tilt: motion of the plate
         declared: known effects"""
         # contiguous, because strided arrays would make Numba compile all functions once more
         self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
-        self.first, self.radius, self.tilt = first, radius, tilt
+        self.begins, self.radius, self.tilt = begins, radius, tilt
         self.declared = declared
         self.target: Array | None = None  # accelerations in the record's own column, rad/s^2
         self.dt = float(np.median(np.diff(t)))
@@ -150,7 +150,7 @@ class RingSystem:
         """Measured speeds (N, 3), low-passed with the time constants PAST."""
         out = np.zeros((len(self.t), len(PAST)))
         steps = np.diff(self.theta, prepend=self.theta[:1]) / self.dt
-        steps = np.where(self.first | ~np.isfinite(steps), 0.0, steps)
+        steps = np.where(self.begins | ~np.isfinite(steps), 0.0, steps)
         for i, tau in enumerate(PAST):
             keep = math.exp(-self.dt / tau)
             out[:, i] = np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps))
@@ -164,7 +164,7 @@ class RingSystem:
         """Tilts (N, 2), low-passed with LEAN_S from the beginning of each stretch on."""
         tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / LEAN_S)
         out = tilts.copy()
-        for a, b in pairwise([*np.flatnonzero(self.first), len(self.t)]):
+        for a, b in pairwise([*np.flatnonzero(self.begins), len(self.t)]):
             out[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
         return out
 
@@ -222,7 +222,7 @@ class RingSystem:
         """The problem and its parameters, with these effects at these values; other effects stay as declared."""
         built = self._assembled(candidates, values)
         problem = Problem(
-            self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
+            self.position(values), np.isfinite(self.theta), self.begins, self.t, self.dt, self.inputs(values),
             np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64), 2.0 * math.pi,
             np.array(built.holds, dtype=np.int64).reshape(-1, 2),
             np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.beside, dtype=np.float64),

@@ -68,7 +68,7 @@ class WindowLikelihood(Likelihood):
         if target is None:
             raise ValueError("the record brings no accelerations by the smoothing that is known")
         half = MATCHED.window // 2
-        begun = begun_at(system.first)
+        begun = begun_at(system.begins)
         at = np.flatnonzero(rows & np.isfinite(target))
         self.windows: IntArray = at[at - half - begun[at] >= KNOWN][::EVERY]
         self.target: Array = target[self.windows]

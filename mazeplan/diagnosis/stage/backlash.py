@@ -30,26 +30,26 @@ LOOKED_AT = 4  # coarse dead bands that are refined
 SURE = 15.0  # of -2 log L
 
 
-def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
+def fit_with_gears(u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray) -> StageFit:
     """The axis with the play or the dead band that its record shows, if any. Raises ValueError as `fit_axis`.
 
     u, angle: commands and measured angles (N,), rad
     dt: time between samples, s
-    first: True (N,) where a stretch begins
+    begins: True (N,) where a stretch begins
     rows: rows (N,) to fit"""
-    plain = fit_axis(u[rows], angle[rows], dt, first[rows].astype(float))
-    with_play = _fit_with_play(u, angle, dt, first, rows, plain)
-    with_band = _fit_with_band(u, angle, dt, first, rows, plain)
+    plain = fit_axis(u[rows], angle[rows], dt, begins[rows].astype(float))
+    with_play = _fit_with_play(u, angle, dt, begins, rows, plain)
+    with_band = _fit_with_band(u, angle, dt, begins, rows, plain)
     return with_band if with_band is not None and with_band.rms < with_play.rms else with_play
 
 
 def _fit_with_band(
-    u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit
+    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, plain: StageFit
 ) -> StageFit | None:
     """The axis with a dead band, None if the record shows none.
 
     The obeyed command jumps when the band changes, so the search uses a grid of bands."""
-    breaks = first[rows].astype(float)
+    breaks = begins[rows].astype(float)
 
     def off(axis: StageAxis, band: float) -> float:
         return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
@@ -61,7 +61,7 @@ def _fit_with_band(
     few = rows & (np.cumsum(rows) <= ENOUGH)  # refit the axis: without the band, its lag stands in for the band
 
     def refitted(band: float) -> StageFit:
-        return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float), plain.axis)
+        return fit_axis(obeyed(u, band)[few], angle[few], dt, begins[few].astype(float), plain.axis)
 
     def refined(coarse: float) -> tuple[StageFit, float, float]:
         """The axis with the best band near a coarse band, this best band, and the step of the grid."""
@@ -80,11 +80,13 @@ def _fit_with_band(
     return replace(found, axis=replace(found.axis, deadband=band, stderr=stderr))
 
 
-def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit) -> StageFit:
+def _fit_with_play(
+    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, plain: StageFit
+) -> StageFit:
     """The axis with play, if its record shows any. plain: the fit without play"""
 
     def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
-        return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float), near)
+        return fit_axis(played(u, backlash)[of], angle[of], dt, begins[of].astype(float), near)
 
     left = (angle - simulate_axis(plain.axis, u, dt))[rows]
     late = (simulate_axis(plain.axis, played(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]

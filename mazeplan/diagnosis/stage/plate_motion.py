@@ -106,7 +106,7 @@ def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
     try:
-        alone = [fit_with_gears(u[i], angles[i], record.dt, record.first & rows, rows) for i in (0, 1)]
+        alone = [fit_with_gears(u[i], angles[i], record.dt, record.begins & rows, rows) for i in (0, 1)]
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
@@ -137,7 +137,7 @@ def _with_coupling(
     if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
-    again = fit_with_gears(own, angle - axis.gain * share * follows, record.dt, record.first & rows, rows)
+    again = fit_with_gears(own, angle - axis.gain * share * follows, record.dt, record.begins & rows, rows)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
