@@ -34,9 +34,12 @@ from mazeplan.physics.rig.entries import RigNumbers
 
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # share of the velocity into a wall; steel on printed plastic, slow
-OPENINGS_ONLY = 3  # columns of `walls` in a maze without radial walls
 ROUNDED = 1e-5  # precision of a factor in a model file
 STATE_SIZE = 8
+# columns of a wall between two rings: radii; rows of `gaps`, from and up to: its openings, then the radial walls of the
+# ring outside it
+LOW, HIGH, OPENINGS_FROM, OPENINGS_TO, RADIAL_FROM, RADIAL_TO = range(6)
+COS, SIN, HALF = range(3)  # columns of an opening, or of a radial wall: direction, half width
 # columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether `plane` depends on the
 # angle, number and start of the openings that take speed; scratch space; then the parameters of the effects
 INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
@@ -54,9 +57,7 @@ class PlanarModel:
     scalars: (2,) ball radius, m, and factor of gravity away from walls
     stage:   (2, 5) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling
     rings:   (R, C) per ring, outermost first: see the columns above
-    walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap;
-             (W, 5) in a maze with radial walls: also the first row in `gaps` of the radial walls of the ring outside
-             this wall, and the row after their last one
+    walls:   (W, 6) per wall between rings, outermost first: see the columns above
     gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; then per radial wall, grouped by
              ring: cos(angle), sin(angle), half thickness
     """
@@ -72,15 +73,7 @@ class PlanarModel:
         """The arrays for one maze and one fitted (or nominal) model."""
         rows = [_ring_row(ring, maze, model) for ring in maze.rings]
         width = max(map(len, rows))
-        walls, gaps = [], []
-        for wall in maze.walls[1:]:
-            walls.append([wall.inner_radius, wall.outer_radius, float(len(gaps))])
-            gaps.extend([math.cos(o.angle), math.sin(o.angle), 0.5 * o.width] for o in wall.openings)
-        if maze.radial_walls:
-            for row, wall in zip(walls, maze.walls[1:], strict=True):
-                across = maze.radial_walls_of(wall.outer_ring)
-                row += [float(len(gaps)), float(len(gaps) + len(across))]
-                gaps.extend([math.cos(w.angle), math.sin(w.angle), 0.5 * w.thickness] for w in across)
+        walls, gaps = _wall_rows(maze)
         stage = [
             [axis.gain, axis.natural_frequency, axis.damping, axis.offset, axis.coupling]
             for axis in (model.true_stage.beta, model.true_stage.gamma)
@@ -89,13 +82,26 @@ class PlanarModel:
             scalars=np.array([maze.ball.radius, _free_factor(maze, model)]),
             stage=np.array(stage, dtype=float),
             rings=np.array([[*row, *[0.0] * (width - len(row))] for row in rows]),
-            walls=np.array(walls, dtype=float).reshape(len(walls), -1) if walls else np.zeros((0, 3)),
-            gaps=np.array(gaps, dtype=float).reshape(-1, 3),
+            walls=walls,
+            gaps=gaps,
         )
 
     def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
         """The arguments of the compiled functions after the state."""
         return self.scalars, self.stage, self.rings, self.walls, self.gaps
+
+
+def _wall_rows(maze: Maze) -> tuple[Array, Array]:
+    """`walls` and `gaps` of a PlanarModel."""
+    walls, gaps = list[list[int | float]](), list[tuple[float, float, float]]()
+    for wall in maze.walls[1:]:
+        walls.append([wall.inner_radius, wall.outer_radius, len(gaps), len(gaps) + len(wall.openings)])
+        gaps += [(math.cos(o.angle), math.sin(o.angle), 0.5 * o.width) for o in wall.openings]
+    for row, wall in zip(walls, maze.walls[1:], strict=True):
+        across = maze.radial_walls_of(wall.outer_ring)
+        row += [len(gaps), len(gaps) + len(across)]
+        gaps += [(math.cos(w.angle), math.sin(w.angle), 0.5 * w.thickness) for w in across]
+    return np.array(walls, dtype=float).reshape(-1, RADIAL_TO + 1), np.array(gaps, dtype=float).reshape(-1, HALF + 1)
 
 
 def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
@@ -177,7 +183,7 @@ def _limit_radius(z, limit, outward, restitution):
 @njit(cache=True)
 def _meet_gap(z, gap, low, high, radius, restitution):
     """Resolve contacts inside or in front of a gap (cos, sin, half width) of the wall from radius low to high."""
-    c, s, half = gap[0], gap[1], gap[2]
+    c, s, half = gap[COS], gap[SIN], gap[HALF]
     along, across = c * z[0] + s * z[1], -s * z[0] + c * z[1]
     first = math.sqrt(low * low - half * half)
     last = math.sqrt(high * high - half * half)
@@ -210,8 +216,8 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
     for w in range(walls.shape[0]):
         if r <= rings[w, INNER] or r >= rings[w, OUTER]:
             continue
-        for j in range(int(walls[w, 3]), int(walls[w, 4])):
-            c, s, reach = gaps[j, 0], gaps[j, 1], gaps[j, 2] + radius
+        for j in range(int(walls[w, RADIAL_FROM]), int(walls[w, RADIAL_TO])):
+            c, s, reach = gaps[j, COS], gaps[j, SIN], gaps[j, HALF] + radius
             across = -s * z[0] + c * z[1]
             if abs(across) >= reach or c * z[0] + s * z[1] <= 0.0:
                 continue
@@ -231,19 +237,15 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
 def contact(z, radius, rings, walls, gaps, restitution):
     """Resolve contacts with walls (in place); returns whether the ball touches a wall."""
     touched = _limit_radius(z, rings[0, OUTER] - radius, False, restitution)
-    radial = walls.shape[1] > OPENINGS_ONLY
-    if radial:
-        touched = _meet_radial_walls(z, radius, rings, walls, gaps, restitution) or touched
+    touched = _meet_radial_walls(z, radius, rings, walls, gaps, restitution) or touched
     for w in range(walls.shape[0]):
-        low, high = walls[w, 0], walls[w, 1]
+        low, high = walls[w, LOW], walls[w, HIGH]
         r = math.sqrt(z[0] * z[0] + z[1] * z[1])
         if r <= low - radius or r >= high + radius:
             continue
-        first = int(walls[w, 2])
-        last = int(walls[w + 1, 2]) if w + 1 < walls.shape[0] else int(walls[0, 3]) if radial else gaps.shape[0]
         in_gap = False
-        for j in range(first, last):
-            c, s, half = gaps[j, 0], gaps[j, 1], gaps[j, 2]
+        for j in range(int(walls[w, OPENINGS_FROM]), int(walls[w, OPENINGS_TO])):
+            c, s, half = gaps[j, COS], gaps[j, SIN], gaps[j, HALF]
             if c * z[0] + s * z[1] > 0.0 and abs(-s * z[0] + c * z[1]) < half:
                 touched = _meet_gap(z, gaps[j], low, high, radius, restitution) or touched
                 in_gap = True
