@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate picture test test-all check unit all docs pictures coverage compiled bench constraints pins lowest wheel try-wheel licences firmware emulator clean
+.PHONY: help navigate picture test test-all check unit all docs pictures coverage compiled bench constraints pins lowest wheel try-wheel licences firmware emulator forget clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -32,6 +32,7 @@ help:
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make docs                           the documentation as a site, build/docs/index.html"
 	@echo "make pictures                       the pictures of README and docs anew (the others: make bench)"
+	@echo "make forget                         compile anew what Numba has compiled"
 	@echo "make clean                          remove .venv and what was built"
 	@echo "Another Python: make PYTHON=python3.12 ..."
 
@@ -164,6 +165,10 @@ emulator:
 	  [ -z "$$missing" ] || { echo "the emulator needs, on Debian or Ubuntu: sudo apt-get install $$missing" >&2; exit 1; }
 	@$(MAKE) --no-print-directory -s -C tools/firmware OUT=$(CURDIR)/build/firmware
 	@$(MAKE) --no-print-directory -s -C tools/emulator OUT=$(CURDIR)/build/emulator
+
+# Numba compiles a function anew when its own file changes, but not when a function that it calls does.
+forget:
+	find mazeplan -name '*.nb[ci]' -delete
 
 clean:
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* .pytest_cache .ruff_cache .import_linter_cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from mutate import OUTPUT, described, results
+from mutate import LIMIT_S, OUTPUT, described, results
 
 SEED = 1
 
@@ -15,8 +15,10 @@ def mutants_section(quick: bool) -> list[str]:
     found, _ = results(count, SEED, [], OUTPUT)
     became = Counter(what for _, what in found)
     rows = ["## Faults put into the code on purpose", "", f"`python tools/mutate.py --count {count} --seed {SEED}`", ""]
-    rows += ["| faults | noticed by a test | not noticed | no test imports the file |", "|---|---|---|---|"]
-    rows.append(f"| {len(found)} | {became['noticed']} | {became['survived']} | {became['no tests']} |")
+    rows += [f"| faults | noticed by a test | not noticed | tests over {LIMIT_S:g} s | no test imports the file |"]
+    rows += ["|---|---|---|---|---|"]
+    numbers = [len(found), *(became[what] for what in ("noticed", "survived", "out of time", "no tests"))]
+    rows.append(f"| {' | '.join(map(str, numbers))} |")
     missed = [described(fault) for fault, what in found if what != "noticed"]
     if missed:
         rows += ["", "Not noticed:", "", *(f"- `{line}`" for line in missed)]

@@ -22,6 +22,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -35,7 +36,7 @@ TESTS = {
 }  # rooms of other names
 OUTPUT = ROOT / "build" / "mutants.jsonl"
 STAGES = ("not slow and not realtime", "slow and not realtime")  # by marker; most faults need the first stage only
-LIMIT_S = 420.0  # of one stage of the tests of one fault; one that takes longer counts as noticed
+LIMIT_S = 420.0  # of one stage of the tests of one fault
 SLOW = ["a test that took too long"]
 MOST_FILES = 12  # files of tests for one fault
 LEFT_OUT = ("test_pages.py", "test_public_names.py")  # they run the whole program, for minutes
@@ -176,43 +177,51 @@ def _imports(path: Path) -> frozenset[str]:
 
 
 def noticed(fault: Fault, copy: Path, broken: set[str]) -> str:
-    """What became of a fault in a copy of the repository: noticed, survived, or no tests. broken: tests that fail
-    without any fault too; they are left out, and those that are found are added."""
-    path, tests = copy / fault.file, files_for(fault.file)
-    data = path.read_bytes()
+    """What became of a fault in a copy of the repository: noticed, survived, out of time, or no tests. broken: tests
+    that fail without any fault too; they are left out, and those that are found are added."""
+    tests = files_for(fault.file)
     stages = list(STAGES) if tests else []
-    while stages:
-        path.write_bytes(data[: fault.start] + fault.after.encode() + data[fault.end :])
-        try:
-            failed = _failed(copy, tests, stages[0], broken)
-        finally:
-            path.write_bytes(data)
-        if not failed:
-            stages.pop(0)
-        elif failed == SLOW or not _failed(copy, failed, stages[0], broken):
-            return "noticed"
-        elif broken.issuperset(failed):  # a file that cannot be collected
-            return "no tests"
-        broken.update(failed)
+    with tempfile.TemporaryDirectory() as compiled:
+        while stages:
+            with _put_in(fault, copy) as data:
+                # Numba looks at the file of a function, but not at the functions that it calls: these would stay old.
+                failed = _failed(copy, tests, stages[0], broken, compiled if b"njit" in data else "")
+            if not failed:
+                stages.pop(0)
+            elif failed == SLOW:
+                return "out of time"
+            elif not _failed(copy, failed, stages[0], broken):
+                return "noticed"
+            elif broken.issuperset(failed):  # a file that cannot be collected
+                return "no tests"
+            broken.update(failed)
     return "survived" if tests else "no tests"
 
 
-def _failed(copy: Path, tests: list[str], stage: str, broken: set[str]) -> list[str]:
-    """The first test of a stage that fails, or SLOW; none if all pass."""
+@contextmanager
+def _put_in(fault: Fault, copy: Path) -> Iterator[bytes]:
+    """The copy with a fault in it; gives the file without the fault."""
+    path = copy / fault.file
+    data = path.read_bytes()
+    path.write_bytes(data[: fault.start] + fault.after.encode() + data[fault.end :])
+    try:
+        yield data
+    finally:
+        path.write_bytes(data)
+
+
+def _failed(copy: Path, tests: list[str], stage: str, broken: set[str], compiled: str = "") -> list[str]:
+    """The first test of a stage that fails, or SLOW; none if all pass. compiled: folder for compiled functions."""
     # Bytecode knows its source by size and second: a fault put in and taken out within one second would stay in it.
     where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    where |= {"NUMBA_CACHE_DIR": compiled} if compiled else {}
     without = [f"--deselect={name}" for name in sorted(broken)]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "--rootdir=.", "-m", stage]
     try:
         ran = subprocess.run(
-            [*command, *without, *tests],
-            cwd=copy,
-            env=where,
-            capture_output=True,
-            text=True,
-            timeout=LIMIT_S,
+            [*command, *without, *tests], cwd=copy, env=where, capture_output=True, text=True, timeout=LIMIT_S,
             check=False,
-        )
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         return SLOW
     names = re.findall(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.MULTILINE)
