@@ -100,7 +100,7 @@ def _ring(folder: Path, ring: int) -> _Ring:
     table, odd = turned_round(read_table(folder / f"ring{ring}.csv"), radius)
     record = record_of(table, np.ones(len(table), dtype=bool), odd)
     began = time.perf_counter()
-    done = [diagnose(record, radius, {}, gates=gates, fold=fold) for fold in (None, *range(FOLDS))]
+    done = [diagnose(record, radius, {}, openings=gates, fold=fold) for fold in (None, *range(FOLDS))]
     seconds = (time.perf_counter() - began) / (1 + FOLDS)
     weight = []
     for fold in range(FOLDS):

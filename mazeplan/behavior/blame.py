@@ -40,8 +40,8 @@ def blames_a_node(problem: BaseException) -> bool:
 
 def fault(problem: BaseException) -> str:
     """An exception of a node as one line: what happened, and which node raised it."""
-    told = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
-    return " ".join(", ".join((told, *getattr(problem, "__notes__", ()))).split())
+    reason = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
+    return " ".join(", ".join((reason, *getattr(problem, "__notes__", ()))).split())
 
 
 def blame(problem: Exception | SystemExit, where: str, kind: str = "leaf") -> Exception:

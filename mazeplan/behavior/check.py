@@ -151,16 +151,16 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
     - the SubTree that does not give the port, once,
     - the SubTree that gives the port such a key, once,
     - else each node that reads the key."""
-    names, told = dict[int, list[str]](), set[object]()
+    names, reported = dict[int, list[str]](), set[object]()
     for scope, name in sorted(known):
         names.setdefault(scope, []).append(name)
     for use in uses:
         scope, key = use.home
         missing, giving = calls.get(scope), use.given_by(calls)
         mistake = use.home if missing else (id(giving[0]), giving[1]) if giving else use
-        if mistake in told:
+        if mistake in reported:
             continue
-        told.add(mistake)
+        reported.add(mistake)
         there = names.get(scope, ())
         enums = [*use.node.board.enums] if use.attribute in dict(scripts_of(use.node)) else []
         near = nearest(key, [*there, *enums])

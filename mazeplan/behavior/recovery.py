@@ -24,7 +24,7 @@ class BallSeen(MazeLeaf):
     def step(self) -> Status:
         """FAILURE ball_out when it was measured beyond the rim, ball_lost when the estimator gave it up."""
         if self.context.out is not None:
-            return self.fail_as(FailureKind.BALL_OUT, self.context.out.told)
+            return self.fail_as(FailureKind.BALL_OUT, self.context.out.message)
         if self.context.here.lost:
             return self.fail_as(FailureKind.BALL_LOST, "not seen for too long")
         return Status.SUCCESS

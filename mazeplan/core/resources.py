@@ -46,8 +46,8 @@ def is_packaged(source: str | Path, names: Collection[str]) -> bool:
         return not there
     if there:
         what = "folder" if Path(name).is_dir() else "file"
-        told = f"{name!r} means the packaged one; the {what} of this name in the current folder is ./{name}"
-        warnings.warn(told, BothWarning, stacklevel=3)
+        warning = f"{name!r} means the packaged one; the {what} of this name in the current folder is ./{name}"
+        warnings.warn(warning, BothWarning, stacklevel=3)
     return True
 
 

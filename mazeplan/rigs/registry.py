@@ -149,8 +149,8 @@ def warn_of_idle_keys(spec: str) -> None:
     `make_rig` does not warn: each process of a campaign makes a rig, and one warning is enough."""
     path = rig_file(spec)
     kind, data = ("", None) if path is None else read_rig_file(path)
-    for told in () if kind is not None or data is None else without_effect(data):
-        warnings.warn(told, ShortWarning, stacklevel=2)
+    for warning in () if kind is not None or data is None else without_effect(data):
+        warnings.warn(warning, ShortWarning, stacklevel=2)
 
 
 def rig_model_hint(spec: str) -> str | None:

@@ -241,7 +241,7 @@ class Run:
         self._seen_at = observation.t  # a ball that is out does not count as unseen
         over = observation.t - run.out.since >= limit
         if not any(f.kind is FailureKind.BALL_OUT and f.t >= run.out.since for f in run.history.failures):
-            run.failed(Failure(FailureKind.BALL_OUT, "run", observation.t, run.out.told))
+            run.failed(Failure(FailureKind.BALL_OUT, "run", observation.t, run.out.message))
         return over
 
     def _unseen_for_long(self, observation: Observation) -> bool:

@@ -52,8 +52,8 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
     found = model_from(source, maze)
     missing = [ring.number for ring in maze.rings if ring.number not in found.balls and not ring.is_disc]
     if missing:
-        told = f"model {source} does not know ring {', '.join(map(str, missing))} of the map {maze.name}"
-        warnings.warn(f"{told}: numbers of the nearest ring are used", ShortWarning, stacklevel=2)
+        warning = f"model {source} does not know ring {', '.join(map(str, missing))} of the map {maze.name}"
+        warnings.warn(f"{warning}: numbers of the nearest ring are used", ShortWarning, stacklevel=2)
     return found
 
 

@@ -131,7 +131,7 @@ def test_records_in_pieces_hold_out_blocks_all_over():
 )
 def test_walls_gates_and_camera_are_named(what, name, parameter, true, asked):
     gates = Openings(outer=QUARTERS, inner=tuple(a + math.pi / 4 for a in QUARTERS))
-    done = diagnose(smoothed_record(**what), RADIUS, DECLARED, gates=gates)
+    done = diagnose(smoothed_record(**what), RADIUS, DECLARED, openings=gates)
     assert len(asked) == 1
     assert name in [e["name"] for e in done.effects], done.sentence()
     assert len(done.effects) <= 2, done.sentence()
@@ -150,7 +150,7 @@ def test_what_no_effect_explains_is_learned_without_a_name():
     """Gates that are not among the effects looked for: a process knows most of what they do by the state."""
     pytest.importorskip("torch")
     record = smoothed_record(60.0, gates=(1.0, 0.3, 0.4))
-    done = diagnose(record, RADIUS, DECLARED, gates=Openings(outer=QUARTERS), without=("outer_gates", "outer_edges"))
+    done = diagnose(record, RADIUS, DECLARED, openings=Openings(outer=QUARTERS), without=("outer_gates", "outer_edges"))
     assert done.remainder is not None
     assert done.remainder.before == pytest.approx(done.after.nrmse)
     assert done.remainder.nrmse < 0.6 * done.remainder.before
@@ -174,7 +174,7 @@ def test_the_measured_rig_rolls_on_floor_and_wall_and_its_camera_is_off():
     maze = load_map("cme")
     table, odd = turned_round(read_table(DATA / "ring4.csv"), maze.track_radius(4))
     record = record_of(table, np.ones(len(table), dtype=bool), odd)
-    done = diagnose(record, maze.track_radius(4), {}, gates=ring_openings(maze, 4))
+    done = diagnose(record, maze.track_radius(4), {}, openings=ring_openings(maze, 4))
     names = {e["name"]: e["parameters"] for e in done.effects}
     assert {"rolling_inertia", "wall_friction", "camera_offset", "outer_edges"} <= set(names), done.sentence()
     assert names["rolling_inertia"]["factor"]["value"] == pytest.approx(5 / 9, abs=0.05)

@@ -95,7 +95,7 @@ def test_it_is_known_since_when_and_where_the_ball_is_out():
         out = watch.take(k / 30.0, (0.0, -r))
     assert out.since == pytest.approx(3 / 30.0)
     assert (out.x, out.y) == pytest.approx((0.0, -0.14))
-    assert out.told == "the ball has left the maze: it is 41 mm beyond the rim"
+    assert out.message == "the ball has left the maze: it is 41 mm beyond the rim"
 
 
 # -- a real rig -------------------------------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ def _diagnose(
         test = record_of(other, in_ring, ring=data.ring)
     with ProgressBar("diagnosing") as bar:
         done = ring_diagnosis.diagnose(
-            record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, gates=data.openings,
+            record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, openings=data.openings,
             more=list(added.effects), test=test, progress=bar.show,
             known=None if model is None else Known.of_model(model), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,

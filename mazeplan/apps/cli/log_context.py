@@ -56,8 +56,8 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
             text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None
             if given is not None and maze is not None and maze.name != given.maze.name:
-                told = f"{log}: recorded on the map {maze.name}, used with --map {name}"
-                warnings.warn(told, ShortWarning, stacklevel=2)
+                warning = f"{log}: recorded on the map {maze.name}, used with --map {name}"
+                warnings.warn(warning, ShortWarning, stacklevel=2)
             if maze is not None:
                 found[log] = LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
     if given is not None:

@@ -204,9 +204,9 @@ class _Found(NamedTuple):
         """The route. Without one, prints a message and ends with status 1."""
         if self.route is None:
             closed = sum(opening.closed for opening in maze.openings)
-            told = f" ({closed} of {len(maze.openings)} are closed in it)" if closed else ""
+            shut = f" ({closed} of {len(maze.openings)} are closed in it)" if closed else ""
             way = f"from ring{self.first} to ring{self.last} through the openings of map {maze.name}"
-            say(f"mazeplan: no route {way}{told}")
+            say(f"mazeplan: no route {way}{shut}")
             raise typer.Exit(1)
         return self.route
 

@@ -22,11 +22,11 @@ class _Ears:
     """A stand-in for the rig: keeps the last command. The environment steps the real rig."""
 
     def __init__(self, rate_hz: float) -> None:
-        self.rate_hz, self.told = rate_hz, LEVEL
+        self.rate_hz, self.last_command = rate_hz, LEVEL
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Keep the command, rad."""
-        self.told = Command(u_beta, u_gamma)
+        self.last_command = Command(u_beta, u_gamma)
 
 
 class Expert:
@@ -59,5 +59,5 @@ class Expert:
         The tree begins anew if it has given up, or if it sees an arrival before the environment does. Raises RigError
         for measurements that cannot be used."""
         self._run.tick(self._env.measured())
-        told, limit = self._ears.told, self._env.episodes.maze.tilt_limit
-        return np.clip(np.array([told.u_beta, told.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)
+        command, limit = self._ears.last_command, self._env.episodes.maze.tilt_limit
+        return np.clip(np.array([command.u_beta, command.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)

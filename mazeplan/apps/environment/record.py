@@ -110,10 +110,10 @@ def record(recording: Recording, path: Path, progress: Advance = no_advance) -> 
     pq = _pyarrow()
     partly = path.with_name(path.name + ".part")  # so that a file with the final name is always complete
     env, one, expert = _made(recording)
-    told: list[Episode] = []
+    finished: list[Episode] = []
     writer = None
     try:
-        for number, episode in enumerate(_all(recording, env, expert, told, progress)):
+        for number, episode in enumerate(_all(recording, env, expert, finished, progress)):
             table = _table(number, episode, recording.header(one))
             writer = pq.ParquetWriter(partly, table.schema) if writer is None else writer
             writer.write_table(table)
@@ -126,7 +126,7 @@ def record(recording: Recording, path: Path, progress: Advance = no_advance) -> 
         with suppress(OSError):
             partly.unlink(missing_ok=True)
         env.close()
-    return _summary(told, str(path))
+    return _summary(finished, str(path))
 
 
 def record_minari(recording: Recording, dataset: str, progress: Advance = no_advance) -> dict[str, Any]:
@@ -146,10 +146,10 @@ def record_minari(recording: Recording, dataset: str, progress: Advance = no_adv
     if dataset in minari.list_local_datasets():
         raise InputError("there is one of that name on this computer", key=f"--minari {dataset}")
     env, _, expert = _made(recording)
-    told: list[Episode] = []
+    finished: list[Episode] = []
     buffers = []
     try:
-        for number, episode in enumerate(_all(recording, env, expert, told, progress)):
+        for number, episode in enumerate(_all(recording, env, expert, finished, progress)):
             last = np.arange(len(episode.actions)) == len(episode.actions) - 1
             buffers.append(
                 EpisodeBuffer(
@@ -168,7 +168,7 @@ def record_minari(recording: Recording, dataset: str, progress: Advance = no_adv
         raise InputError(str(problem).splitlines()[0], key=f"--minari {dataset}") from None
     finally:
         env.close()
-    return _summary(told, dataset)
+    return _summary(finished, dataset)
 
 
 def _made(recording: Recording) -> tuple[gymnasium.Env, CircularMazeEnv, Expert]:
@@ -180,12 +180,12 @@ def _made(recording: Recording) -> tuple[gymnasium.Env, CircularMazeEnv, Expert]
 
 
 def _all(
-    recording: Recording, env: gymnasium.Env, expert: Expert, told: list[Episode], progress: Advance
+    recording: Recording, env: gymnasium.Env, expert: Expert, finished: list[Episode], progress: Advance
 ) -> Iterator[Episode]:
-    """Play the episodes, and yield each one when it ends. told: gets the parts that a summary needs."""
+    """Play the episodes, and yield each one when it ends. finished: gets the parts that a summary needs."""
     for number in range(recording.episodes):
         episode = played(env, expert, recording.seed + number)
-        told.append(_light(episode))
+        finished.append(_light(episode))
         yield episode
         progress(number + 1, recording.episodes)
 
@@ -199,13 +199,13 @@ def _light(episode: Episode) -> Episode:
     )  # fmt: skip
 
 
-def _summary(told: list[Episode], where: str) -> dict[str, Any]:
-    times = [float(episode.times[-1]) for episode in told if episode.success]
+def _summary(finished: list[Episode], where: str) -> dict[str, Any]:
+    times = [float(episode.times[-1]) for episode in finished if episode.success]
     return {
-        "episodes": len(told),
+        "episodes": len(finished),
         "success": len(times),
-        "steps": int(sum(len(episode.rewards) for episode in told)),
-        "mean_return": float(np.mean([episode.rewards.sum() for episode in told])) if told else None,
+        "steps": int(sum(len(episode.rewards) for episode in finished)),
+        "mean_return": float(np.mean([episode.rewards.sum() for episode in finished])) if finished else None,
         "mean_time_s": float(np.mean(times)) if times else None,
         "written": where,
     }

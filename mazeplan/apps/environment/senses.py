@@ -85,10 +85,10 @@ class Senses:
         safe = np.maximum(radius, 1e-9)
         c, s = np.where(radius > 0.0, now[:, 1] / safe, 1.0), now[:, 2] / safe
         rate = (self._tilt[0, rows] - self._tilt[-1, rows]) * (self._rate / APART)
-        told = (
+        columns = (
             radius / rim, c, s,
             (c * velocity[:, 0] + s * velocity[:, 1]) / SPEED, (c * velocity[:, 1] - s * velocity[:, 0]) / SPEED,
             *(self._tilt[0, rows] / limit).T, *(rate / (RATE * limit)).T, *(self._command[rows] / limit).T,
             (self.ring(radius) - 1) / (len(self.maze.rings) - 1), self.unseen_s(rows) / UNSEEN,
         )  # fmt: skip
-        return np.clip(np.column_stack(told).astype(np.float32), LOW, HIGH)
+        return np.clip(np.column_stack(columns).astype(np.float32), LOW, HIGH)

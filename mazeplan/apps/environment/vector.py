@@ -102,7 +102,7 @@ def _joined(parts: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]], n
     if len(parts) == 1:
         return parts[0][1], parts[0][2]
     order = np.argsort(np.concatenate([rows for rows, _, _ in parts]))
-    info = {name: np.concatenate([told[name] for _, _, told in parts])[order] for name in parts[0][2]}
+    info = {name: np.concatenate([info[name] for _, _, info in parts])[order] for name in parts[0][2]}
     return np.concatenate([observed for _, observed, _ in parts])[order], info
 
 

@@ -31,8 +31,8 @@ class Out:
     beyond: float
 
     @property
-    def told(self) -> str:
-        """What happened, in one line for people."""
+    def message(self) -> str:
+        """Where the ball is, in one line."""
         return f"the ball has left the maze: it is {1e3 * self.beyond:.0f} mm beyond the rim"
 
 

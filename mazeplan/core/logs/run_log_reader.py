@@ -127,8 +127,8 @@ def warn_if_cut(log: RunLog) -> None:
     if not log.complete:
         t = log.ticks["t"]
         kept = f"{len(t)} ticks" + (f" up to t = {t[-1]:.2f} s" if len(t) else "")
-        told = f"{log.path}: the log is cut off, its program did not finish it; used are its {kept}"
-        warnings.warn(told, CutLogWarning, stacklevel=3)
+        warning = f"{log.path}: the log is cut off, its program did not finish it; used are its {kept}"
+        warnings.warn(warning, CutLogWarning, stacklevel=3)
 
 
 @contextmanager

@@ -85,10 +85,10 @@ def _gate_start(likelihood: Likelihood, current: Fit, c: Effect, loss: float) ->
 
     One linear step for openings all around the ring finds the angle that explains most."""
     angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
-    gates = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
-    closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(gates, angles, strict=True)}
-    wide = likelihood.knowing(gates)
-    steps = [(g.name, "loss", c.parameters["loss"].step) for g in gates]
+    openings = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
+    closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(openings, angles, strict=True)}
+    wide = likelihood.knowing(openings)
+    steps = [(g.name, "loss", c.parameters["loss"].step) for g in openings]
     e, J = wide.jacobian({**current.values, **closed}, current.q, steps)
     slopes = J.T @ e  # negative where a loss lowers the squared residuals
     worth = np.where(slopes < 0.0, slopes**2 / np.maximum(np.sum(J * J, axis=0), 1e-300), 0.0)

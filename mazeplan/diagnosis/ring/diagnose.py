@@ -89,7 +89,7 @@ def diagnose(
     declared: Values,
     *,
     ring: int | None = None,
-    gates: Openings | None = None,
+    openings: Openings | None = None,
     more: Sequence[Effect] = (),
     without: Container[str] = (),
     test: RingRecord | None = None,
@@ -104,7 +104,7 @@ def diagnose(
     radius: of the track, m
     declared: known effects
     ring: number of the ring, for proposed commands
-    gates: openings of the ring in the map, if a map is known
+    openings: openings of the ring in the map, if a map is known
     more: effects to look for beside the library
     without: names of effects to leave out
     test: a further record, for scores only
@@ -125,7 +125,7 @@ def diagnose(
     if circle is not None and circle.shifted:
         effects.append(circle.entry())
     along = [] if stage is None else [stage_errors(stage.directions)]
-    library, closely, finer = _libraries(declared, record.r is not None, gates or Openings(), more, without)
+    library, closely, finer = _libraries(declared, record.r is not None, openings or Openings(), more, without)
     everything = [*library, *closely, *finer, *along]
     whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
     record = _straight(record, circle)
@@ -216,15 +216,16 @@ def _as_it_was(
 
 
 def _libraries(
-    declared: Values, measured: bool, gates: Openings, more: Sequence[Effect], without: Container[str]
+    declared: Values, measured: bool, openings: Openings, more: Sequence[Effect], without: Container[str]
 ) -> tuple[list[Effect], list[Effect], list[Effect]]:
     """Effects to look for, closer models of openings, and models with more parameters.
 
     measured: whether the record has radii, which show the camera's offset"""
     named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
-    named = [*named, *wall_library(gates), *more]
+    named = [*named, *wall_library(openings), *more]
     plain, closely, finer = (
-        [c for c in some if c.name not in without] for some in (named, closer_library(gates), finer_library(gates))
+        [c for c in some if c.name not in without]
+        for some in (named, closer_library(openings), finer_library(openings))
     )
     return [*plain, *NAMELESS, *PLACEBOS], closely, finer
 

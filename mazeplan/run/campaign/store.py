@@ -141,8 +141,8 @@ class Store:
         import pyarrow.parquet as pq
 
         beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder skip names with a leading dot
-        told = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
-        schema = self._columns.with_metadata(told)
+        metadata = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
+        schema = self._columns.with_metadata(metadata)
         try:
             with beside.open("wb") as file:
                 with pq.ParquetWriter(file, schema, compression="zstd", write_statistics=False) as writer:
@@ -213,8 +213,8 @@ def _table(path: Path, only: list[str] | None = None, expected: Any = None) -> A
 
     try:
         with pq.ParquetFile(path) as file:
-            told = file.schema_arrow.metadata or {}
-            if refused := _refused(told):
+            metadata = file.schema_arrow.metadata or {}
+            if refused := _refused(metadata):
                 raise InputError(refused, file=path, key="mazeplan_format")
             if expected is not None and file.schema_arrow.remove_metadata() != expected:
                 raise InputError("got other columns than this program writes, expected another folder", file=path)
@@ -223,9 +223,9 @@ def _table(path: Path, only: list[str] | None = None, expected: Any = None) -> A
         raise _damaged(path, problem) from None
 
 
-def _refused(told: Mapping[bytes, bytes]) -> str | None:
+def _refused(metadata: Mapping[bytes, bytes]) -> str | None:
     """Why a file with this metadata cannot be read; None if it can."""
-    given, written_by = (told.get(key, b"").decode(errors="replace") for key in (KEY, b"mazeplan_version"))
+    given, written_by = (metadata.get(key, b"").decode(errors="replace") for key in (KEY, b"mazeplan_version"))
     return format_problem(int(given) if given.isdecimal() else given or FORMAT, FORMAT, written_by)
 
 

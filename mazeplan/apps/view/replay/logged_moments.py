@@ -87,7 +87,7 @@ class LoggedMoments(Sequence[Moment]):
         """The messages of earlier chunks that still count."""
         earlier = [document for number, document in self._index.rare if number < chunk]
         newest = {topic: i for i, (topic, _) in enumerate(earlier)}
-        return (told for i, told in enumerate(earlier) if told[0] not in NEWEST or i == newest[told[0]])
+        return (message for i, message in enumerate(earlier) if message[0] not in NEWEST or i == newest[message[0]])
 
 
 def turns(theta: Array) -> Array:
