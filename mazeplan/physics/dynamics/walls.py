@@ -22,7 +22,10 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
 ROUNDING = 1e-3  # m, radius of the edges at an opening
-WALL, GAP, SLAB = 4, 5, 5  # numbers in a row of `Walls.walls`, `gaps`, `slabs`
+# columns of a row, and their number: of `Walls.walls`, of `Walls.gaps`, and of `Walls.slabs`, which begin as gaps do
+LOW, HIGH, GAPS_FROM, GAPS_TO, WALL = range(5)
+COS, SIN, HALF, SIDES_FROM, SIDES_TO, GAP = range(6)
+RING_INNER, RING_OUTER, SLAB = range(3, 6)
 NEAREST = 1e-12  # m; two points that are closer define no direction
 
 
@@ -109,21 +112,21 @@ def outside_rim(core, x, y):
 def near_wall(core, i, x, y):
     """Whether wall i can touch a ball at (x, y)."""
     r2 = x * x + y * y
-    inner, outer = core.walls[WALL * i] - core.reach, core.walls[WALL * i + 1] + core.reach
+    inner, outer = core.walls[WALL * i + LOW] - core.reach, core.walls[WALL * i + HIGH] + core.reach
     return inner < 0.0 or inner * inner < r2 < outer * outer
 
 
 @njit(cache=True, error_model="numpy")
 def gap_of(core, i, x, y):
     """Index of the gap of wall i that holds the point nearest to (x, y) between the radii of the core; -1 for none."""
-    low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
+    low, high = core.walls[WALL * i + LOW], core.walls[WALL * i + HIGH]
     r = math.sqrt(x * x + y * y)
     if r < NEAREST:
         return -1
     shrink = min(max(r, low), high) / r
-    for j in range(int(core.walls[WALL * i + 2]), int(core.walls[WALL * i + 3])):
-        c, s = core.gaps[GAP * j], core.gaps[GAP * j + 1]
-        if c * x + s * y > 0.0 and abs(c * y - s * x) * shrink < core.gaps[GAP * j + 2]:
+    for j in range(int(core.walls[WALL * i + GAPS_FROM]), int(core.walls[WALL * i + GAPS_TO])):
+        c, s = core.gaps[GAP * j + COS], core.gaps[GAP * j + SIN]
+        if c * x + s * y > 0.0 and abs(c * y - s * x) * shrink < core.gaps[GAP * j + HALF]:
             return j
     return -1
 
@@ -131,7 +134,7 @@ def gap_of(core, i, x, y):
 @njit(cache=True, error_model="numpy")
 def into_face(core, i, x, y):
     """(depth, nx, ny) as `outside_rim`, for the round faces of wall i and a ball that is not in front of a gap."""
-    low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
+    low, high = core.walls[WALL * i + LOW], core.walls[WALL * i + HIGH]
     r = math.sqrt(x * x + y * y)
     if r < NEAREST:
         return 0.0, 0.0, 0.0
@@ -143,9 +146,9 @@ def into_face(core, i, x, y):
 @njit(cache=True, error_model="numpy")
 def into_side(core, j, side, x, y):
     """(depth, nx, ny) as `outside_rim`, for one side (-1.0, 1.0) of gap j: its face and its two edges."""
-    c, s, half = core.gaps[GAP * j], core.gaps[GAP * j + 1], core.gaps[GAP * j + 2]
+    c, s, half = core.gaps[GAP * j + COS], core.gaps[GAP * j + SIN], core.gaps[GAP * j + HALF]
     along, across = c * x + s * y, c * y - s * x
-    da = along - min(max(along, core.gaps[GAP * j + 3]), core.gaps[GAP * j + 4])
+    da = along - min(max(along, core.gaps[GAP * j + SIDES_FROM]), core.gaps[GAP * j + SIDES_TO])
     db = across - side * half
     d2 = da * da + db * db
     if d2 >= core.reach * core.reach or d2 < NEAREST * NEAREST:
@@ -157,9 +160,9 @@ def into_side(core, j, side, x, y):
 @njit(cache=True, error_model="numpy")
 def into_slab(core, b, x, y):
     """(depth, nx, ny) as `outside_rim`, for radial wall b."""
-    c, s, reach = core.slabs[SLAB * b], core.slabs[SLAB * b + 1], core.slabs[SLAB * b + 2] + core.radius
+    c, s, reach = core.slabs[SLAB * b + COS], core.slabs[SLAB * b + SIN], core.slabs[SLAB * b + HALF] + core.radius
     across, r = c * y - s * x, math.sqrt(x * x + y * y)
-    inside = core.slabs[SLAB * b + 3] < r < core.slabs[SLAB * b + 4]
+    inside = core.slabs[SLAB * b + RING_INNER] < r < core.slabs[SLAB * b + RING_OUTER]
     if not inside or abs(across) >= reach or c * x + s * y <= 0.0:
         return 0.0, 0.0, 0.0
     side = 1.0 if across > 0.0 else -1.0
