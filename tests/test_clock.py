@@ -149,6 +149,7 @@ def waiting(tmp_path):
     return str(path)
 
 
+@pytest.mark.slow
 def test_a_run_is_the_same_at_any_speed(tmp_path):
     setup = Setup(MAZE, known(MAZE), waiting(tmp_path), "planar", settings=PATIENT)
     seen, took = {}, {}

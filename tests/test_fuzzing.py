@@ -19,6 +19,7 @@ from mazeplan.behavior.script_values import Scope, ScriptError
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=300)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_trees_load_tick_and_halt_cleanly(tmp_path_factory, seed):
@@ -77,6 +78,7 @@ def test_random_expressions_can_be_read_whatever_stands_on_the_blackboard(seed):
         assert expression.holds(Scope(Blackboard(values=board))) in (True, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", [damaged_trees, damaged_maps])
 def test_damaged_files_load_or_are_errors_at_a_line(damaged, tmp_path):
     outcome = damaged(1000, tmp_path)

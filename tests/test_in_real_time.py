@@ -35,6 +35,7 @@ def outcomes(pytester: pytest.Pytester, test: str) -> tuple[dict[str, int], str]
     return result.parseoutcomes(), result.stdout.str()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fails", "expected"), [(2, {"passed": 1, "rerun": 2}), (3, {"failed": 1, "rerun": 2})])
 def test_a_test_in_real_time_has_three_tries(pytester, fails, expected):
     test = f"@pytest.mark.realtime\ndef test_it():\n    tries.append(1)\n    assert len(tries) > {fails}"

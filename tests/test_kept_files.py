@@ -154,6 +154,7 @@ def test_the_kept_document_of_an_improvement_names_what_the_model_lacked(kept):
     assert found.document.navigation.after.runs == 1
 
 
+@pytest.mark.slow
 def test_a_report_of_all_kept_files_can_be_drawn(kept, tmp_path, monkeypatch, capsys):
     for name in ("run.mcap", "evaluation.json", "comparison.json", "improvement.json", "diagnosis", "models/sp"):
         page = tmp_path / f"{name.replace('/', '-')}.html"

@@ -56,6 +56,7 @@ def test_every_page_is_there_and_can_be_reached(site):
         assert page.stem == "index" or f'href="{page.stem}.html"' in index, f"{page.name} is in no list of index.md"
 
 
+@pytest.mark.slow
 def test_pages_load_nothing_from_elsewhere(site):
     for page in site.rglob("*.html"):
         for target in Loads(page.read_text(encoding="utf-8")).found:

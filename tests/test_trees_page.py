@@ -20,6 +20,7 @@ PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
 GOALS, ROLL, _NODES, LEAF = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
 
 
+@pytest.mark.slow
 def test_the_example_of_a_new_goal_runs(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", GOALS],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 
+import pytest
 from btcpp_cases import KEYS, random_case  # pyright: ignore[reportMissingImports]
 from btcpp_reference import LEAVES  # pyright: ignore[reportMissingImports]
 
@@ -68,6 +69,7 @@ def test_a_node_that_is_never_ticked_by_a_check_is_not_ticked():
     assert told > 50
 
 
+@pytest.mark.slow
 def test_a_key_that_is_read_too_early_by_a_check_has_no_value_when_its_reader_is_ticked():
     seen = 0
     for seed in range(2500):

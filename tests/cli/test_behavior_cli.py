@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.core import resources
 
@@ -69,6 +71,7 @@ def test_show_list_and_palette(call, refused, tmp_path):
     assert "is a file; expected a folder" in refused("behavior", "palette", "-o", palette / "x.xml")
 
 
+@pytest.mark.slow
 def test_map_show_draws_the_trail_of_a_run(call, refused, tmp_path):
     log, plain, trail = tmp_path / "run.mcap", tmp_path / "plain.svg", tmp_path / "trail.svg"
     assert call("navigate", "--rig", "ideal", "--from", "ring3", "--log", log)[0] == 0

@@ -51,6 +51,7 @@ def calibrate(call, monkeypatch, tmp_path):
     return lambda *words: call("calibrate", "camera", "--rig", "rig.yaml", *words)
 
 
+@pytest.mark.slow
 def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     words = ("--boards", shots / "boards", "--corners", "7x5", "--square-mm", 25, "--plate", shots / "plate.avi")
     status, out, err = calibrate(*words)

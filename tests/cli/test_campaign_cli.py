@@ -34,6 +34,7 @@ LIGHT = ("evaluate", "--rig", "mazeplan.apps.testing.lightrig:LightRig", "--from
 FAST = (*LIGHT, "--no-deadline", "--runs", "2", "--json")
 
 
+@pytest.mark.slow
 def test_a_killed_command_continues_and_computes_nothing_twice(tmp_path, monkeypatch, call):
     count = tmp_path / "count"
     (tmp_path / "counting_rig.py").write_text(COUNTING)

@@ -106,6 +106,7 @@ def test_the_tables(compare):
     assert "note:" not in out
 
 
+@pytest.mark.slow
 def test_networks_are_compared_when_asked_for(compare, monkeypatch):
     from mazeplan.learning import fitting
     from mazeplan.learning.network_training import NetworkOptions
@@ -117,6 +118,7 @@ def test_networks_are_compared_when_asked_for(compare, monkeypatch):
     assert set(ring["rollout"]) == {"pi", "spnn", "nn"}
 
 
+@pytest.mark.slow
 def test_bands_have_a_line_for_each_ring(compare):
     out, err = compare("long.csv", *QUICK[:-1], "500")
     assert err == ""
@@ -155,6 +157,7 @@ def test_the_verdict_is_of_pairs_of_windows_and_claims_no_more_than_its_interval
     assert verdict(scores).endswith("too few blocks of time to tell")
 
 
+@pytest.mark.slow
 def test_with_too_few_windows_the_tables_have_no_intervals_but_the_document_has_all_numbers(compare):
     given = ("one.csv", *QUICK[:-1], "100")
     out, _ = compare(*given)
@@ -175,6 +178,7 @@ def test_a_ring_without_windows(compare, tmp_path, folder):
     assert "\nring 2  0 windows: no stretch of test rows is long enough\n" in out
 
 
+@pytest.mark.slow
 def test_a_tilt_of_the_other_sign_is_noted(compare):
     out, _ = compare("flipped.csv", *QUICK)
     assert out.count("note: these data count beta the other way round") == 1
@@ -182,6 +186,7 @@ def test_a_tilt_of_the_other_sign_is_noted(compare):
     assert compare("flipped.csv", *QUICK, "--json")[0]["ring2"]["signs"] == {"beta": -1, "gamma": 1}
 
 
+@pytest.mark.slow
 def test_one_ring_of_a_table_is_compared_as_if_alone_and_other_logs_are_left_out(compare):
     given = (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"])
     (single, _), (filtered, silent), (third, err) = (compare(*words, *QUICK, "--json") for words in given)
@@ -193,6 +198,7 @@ def test_one_ring_of_a_table_is_compared_as_if_alone_and_other_logs_are_left_out
     assert "left out: one.csv has no row of ring 3, but of 2" in err
 
 
+@pytest.mark.slow
 def test_the_test_log_is_scored(compare):
     rows = Path("one.csv").read_text().splitlines(keepends=True)
     Path("shorter.csv").write_text("".join(rows[:-1]))
@@ -206,6 +212,7 @@ def test_the_test_log_is_scored(compare):
         assert bad["nrmse_test"][kind] > 0.9
 
 
+@pytest.mark.slow
 def test_learning_curves_are_drawn(compare, tmp_path):
     picture = tmp_path / "new" / "one" / "curve.png"
     pages = ("--curve", picture, "--report", tmp_path / "page.html")
@@ -223,6 +230,7 @@ def test_learning_curves_are_drawn(compare, tmp_path):
     assert sum(map(sum, ring["residual"]["count"])) == ring["n_test"]
 
 
+@pytest.mark.slow
 def test_a_table_without_ring_needs_options(compare, refused):
     message = "bare.csv: the ring of a row is unknown: expected a column ring, or r (or x, y)\n"
     assert message in refused("compare", "bare.csv", *QUICK)

@@ -32,6 +32,7 @@ def log(tmp_path_factory, columns):
     return path
 
 
+@pytest.mark.slow
 def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagnose, log, columns, tmp_path):
     other = tmp_path / "other.mat"  # without a gain of its own
     savemat(other, {key: value for key, value in columns.items() if key != "gtau"})

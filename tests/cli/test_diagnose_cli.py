@@ -39,6 +39,7 @@ def log(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_errors_on_a_test_record_are_told(diagnose, log, tmp_path):
     further = tmp_path / "further.csv"
     further.write_text(log.read_text().rpartition("\n")[0])
@@ -101,6 +102,7 @@ def test_a_table_of_another_map_is_refused(refused, tmp_path, radius, words):
     assert words in refused("diagnose", tmp_path / "odd.csv")
 
 
+@pytest.mark.slow
 def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
     code, out, err = diagnose(log, *KNOWN)
     assert (code, err) == (0, "")

@@ -62,6 +62,7 @@ def test_the_example_is_its_plain_integrator_and_stands_in_the_documentation():
     assert shown == (EXAMPLE / "pendulum.py").read_text()
 
 
+@pytest.mark.slow
 def test_the_paddle_is_found_and_the_report_stands_alone(call, words, desk):
     code, out, err = call(*words("--declare", "motion.mass=0.25", "-o", "report", "--json"))
     assert code == 0, err

@@ -67,6 +67,7 @@ def test_a_signal_ends_the_run_with_a_level_plate_and_a_complete_log(place, numb
     assert (log.complete, log.result["reason"]) == (True, "interrupted")
 
 
+@pytest.mark.slow
 def test_a_key_stops_the_rig_at_once_and_leaves_the_terminal_as_it_was(place):
     child, master = pty.fork()  # the child has a terminal of its own
     if child == 0:

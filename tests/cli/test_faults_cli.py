@@ -33,6 +33,7 @@ def test_the_table(call, few):
     assert "rig_failed 1; cannot be survived: the rig itself says that it failed" in cable
 
 
+@pytest.mark.slow
 def test_the_document_has_the_keys_of_evaluate_and_the_faults(call, few):
     code, out, _ = call(*EVALUATE, "--faults", few, "--runs", "2", "--seed", "9", "--json")
     document = json.loads(out)
@@ -79,6 +80,7 @@ def test_bad_input(call, tmp_path, text, more, message):
     assert message in err.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_kept_runs_are_not_repeated(call, monkeypatch, few, tmp_path):
     arguments = (*EVALUATE, "--faults", few, "--json", "--no-deadline", "--store", tmp_path / "kept", "--runs")
     code, out, err = call(*arguments, "1")

@@ -123,6 +123,7 @@ def test_a_rig_and_a_model_are_shown():
     assert json.loads(said("model", "show", "toy", "--json"))["rings"]["1"]["rolling_inertia"]["factor"]["unit"] == "1"
 
 
+@pytest.mark.slow
 def test_what_is_shown_exists_or_is_told_in_one_line():
     for words, told in (
         (("model", "show", "nothing"), "nothing"),

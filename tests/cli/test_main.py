@@ -26,6 +26,7 @@ def run(words, **streams):
     return subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False, **streams)
 
 
+@pytest.mark.slow
 def test_a_closed_stderr_changes_nothing(tmp_path):
     log = tmp_path / "run.mcap"
     done = run([*SHORT, "--to", "ring5", "--log", str(log), "--json", "2>&-"])
@@ -36,12 +37,14 @@ def test_a_closed_stderr_changes_nothing(tmp_path):
     assert (done.returncode, done.stdout) == (2, "")
 
 
+@pytest.mark.slow
 @FULL
 @pytest.mark.parametrize(("words", "status"), [(SHORT, 0), (["navigate", "--from", "ring9"], 2)])
 def test_a_full_stderr_does_not_change_the_exit_status(words, status):
     assert run([*words, "2> /dev/full"]).returncode == status
 
 
+@pytest.mark.slow
 @FULL
 @pytest.mark.parametrize("words", [["doctor"], ["map", "route", "--json"]])
 def test_a_stdout_that_cannot_be_written_is_one_line_and_status_1(words):
@@ -128,6 +131,7 @@ def test_an_error_names_the_option_and_its_value(refused, words, message):
     assert message in refused(*words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

@@ -141,6 +141,7 @@ def test_what_exists_stays_byte_for_byte(refused, command, option):
     assert {file: file.stat().st_mtime_ns for file in Path().rglob("*")} == before, "no work begins"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "option"), list(NEW))
 def test_force_replaces_it(call, command, option):
     words, name = NEW[command, option]
@@ -206,6 +207,7 @@ def test_each_page_of_a_sheet_is_looked_for(call, refused):
 # -- names that nobody gave -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_default_name_is_free(call):
     assert call("map", "show") == (0, "", "wrote maze.png\n")
     path, _ = there("maze.png")

@@ -48,6 +48,7 @@ def windy(folder):
     return folder / "windy"
 
 
+@pytest.mark.slow
 def test_your_own_effect_is_found_and_added_to_the_model(call, folder, log):
     code, out, err = call("diagnose", log, *KNOWN, "--effects", "mine:effects", "-o", folder / "out", "--json")
     assert code == 0, err

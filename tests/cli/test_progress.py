@@ -167,6 +167,7 @@ with progress.ProgressBar("work") as bar:
 """
 
 
+@pytest.mark.slow
 def test_long_compiling_is_reported_once_with_and_without_a_terminal():
     drawn = on_terminal(COMPILING)[1]
     assert drawn.count("compiling, once for this machine") == 1
@@ -220,6 +221,7 @@ def test_rich_and_numpy_are_imported_only_when_used():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("log", "info"), ("report", "-o", "page.html", "--force"), ("map", "show", "--log")])
 def test_reading_a_log_is_shown_on_a_terminal_only(words, tmp_path, monkeypatch):
     log = tmp_path / "of_half_an_hour.mcap"

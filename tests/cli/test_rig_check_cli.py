@@ -54,6 +54,7 @@ def check(call, tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_the_board_can_be_checked_without_calibrations(check):
     with Moving() as board:
         status, rows, out, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
@@ -68,6 +69,7 @@ def test_the_board_can_be_checked_without_calibrations(check):
     assert board.pulses == (15000, 15000)
 
 
+@pytest.mark.slow
 def test_a_servo_that_does_not_move_fails_its_check(check):
     with Moving() as board:
         board.current = False
@@ -77,6 +79,7 @@ def test_a_servo_that_does_not_move_fails_its_check(check):
     assert rows[3] == ["FAILED", "gamma", "servo"]
 
 
+@pytest.mark.slow
 def test_a_servo_that_turns_the_other_way_is_noted(tmp_path, monkeypatch):
     monkeypatch.setattr(hardware_check, "SETTLE_S", 0.5)
     path = tmp_path / "mine.yaml"

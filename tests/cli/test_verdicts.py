@@ -42,6 +42,7 @@ def fitted(fit):
     return fit.model
 
 
+@pytest.mark.slow
 def test_a_fitted_model_is_better_than_none_and_one_that_hardly_feels_gravity_is_poor(log, fitted):
     tables = [read_table(log)]
     rings = ring_errors(fitted, tables, MAZE)

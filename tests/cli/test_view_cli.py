@@ -60,6 +60,7 @@ def test_a_port_that_is_taken(refused):
         assert message in refused("view", "--map", "cme", "--edit", "--port", port)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_closes_the_page_with_status_0_and_cme_is_the_default_map(tmp_path, number):
     with start("view", "--edit", "--port", "0", cwd=tmp_path, stdout=None) as running:

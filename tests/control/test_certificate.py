@@ -34,6 +34,7 @@ def test_it_is_the_gradient_by_finite_differences(limited, iterations):
         assert max(seal.gradient, seal.wrong_sign) < 1e-5 * scale
 
 
+@pytest.mark.slow
 def test_a_step_of_a_quadratic_problem_brings_what_was_expected():
     problem = LinearProblem(2)
     seal = problem.planner().solve(problem.s0, problem.q).certificate

@@ -93,6 +93,7 @@ def test_the_gains_belong_to_the_trajectory_that_is_returned():
     np.testing.assert_allclose(early.gains, there.gains, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivatives", [lying_derivatives, concave_derivatives])
 def test_no_descent_is_told(derivatives):
     problem = LinearProblem(1)
@@ -129,6 +130,7 @@ def test_a_state_that_is_not_finite_gives_such_a_plan(state):
     assert planner.plan(np.zeros(6), 0.5).cost == good.cost  # nothing is left behind
 
 
+@pytest.mark.slow
 def test_a_step_into_the_void_is_not_taken():
     problem = LinearProblem(3)
     plan = problem.planner(1.0, step=cliff_step, linearise=cliff_linearise).solve(problem.s0, problem.q)

@@ -64,6 +64,7 @@ def seen(site, tmp_path, monkeypatch):
     plugins.plugins.cache_clear()
 
 
+@pytest.mark.slow
 def test_what_was_installed_is_listed_with_where_it_is_from(mazeplan, seen, monkeypatch, capsys):
     document = json.loads(mazeplan("rig", "list", "--json").stdout)
     assert document["rigs"][-2:] == ["cart", "slow-cart"]
@@ -110,6 +111,7 @@ def test_a_log_is_not_replayed_with_another_leaf(offer, monkeypatch, capsys, tmp
     one_line(got, f"the leaf Doze ({file}) is not that of the run")
 
 
+@pytest.mark.slow
 def test_its_effect_is_found_by_a_diagnosis_and_can_be_declared(mazeplan, seen, monkeypatch, capsys, tmp_path):
     write_csv(Table(play(seed=3, seconds=15.0, wave=(0.0, -0.5, 0.0, 0.0))), tmp_path / "log.csv")
     found = json.loads(call(monkeypatch, capsys, "diagnose", "log.csv", *KNOWN, "--json")[1])

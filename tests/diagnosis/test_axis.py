@@ -48,6 +48,7 @@ def whole(log, names, declared=None):
     return course, likelihood, fit(likelihood, free, start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("process", [0.0, 0.3, 2.0], ids=["quiet", "noisy", "very noisy"])
 def test_where_nothing_is_missing_it_says_so(process):
     done = diagnose_mechanism(EMPS, record(seed=1, process=process), TRUE)
@@ -56,6 +57,7 @@ def test_where_nothing_is_missing_it_says_so(process):
     assert done.sentence().startswith("Nothing is missing")
 
 
+@pytest.mark.slow
 def test_of_the_bare_mass_all_friction_is_found_with_its_direction():
     done = diagnose_mechanism(EMPS, record(seed=1, lopsided=-35.0), {})
     assert done.verdict == "effect_found", done.sentence()
@@ -111,6 +113,7 @@ def test_a_dry_friction_that_is_smaller_forwards_is_as_good_a_find_as_one_that_i
         assert found.values["dry_friction"]["asymmetry"] == pytest.approx(offset, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_further_record_is_scored_whole_and_changes_nothing():
     log, other = record(seed=1, lopsided=-35.0, seconds=12.0), record(seed=7, lopsided=-35.0, seconds=6.0)
     alone, both = (diagnose_mechanism(EMPS, log, {}, FRICTION, test=test) for test in (None, other))

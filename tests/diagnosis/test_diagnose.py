@@ -39,6 +39,7 @@ def test_where_nothing_is_missing_it_says_so(process):
     assert done.after.rollout40 < 1.5 * done.after.floor if process == 0.0 else done.after.rollout40 > 0.0
 
 
+@pytest.mark.slow
 def test_what_noise_does_not_explain_is_said_where_nothing_was_found():
     done = found(seed=1)
     error = 3.0 * done.before.floor
@@ -84,6 +85,7 @@ def test_two_effects_at_once():
     assert names(done) == ["dry_friction", "tilt_offset"]
 
 
+@pytest.mark.slow
 def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
     done = found(seed=5, hum=(1.7, 0.8))
     assert len(asked) == 1
@@ -94,6 +96,7 @@ def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
     assert document["after"]["rollout40"] < 0.5 * document["before"]["rollout40"]
 
 
+@pytest.mark.slow
 def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
     done = found(seed=6, lean=8.0)
     assert len(asked) == 1
@@ -118,6 +121,7 @@ def test_a_tilt_offset_is_hard_to_tell_from_a_wave_of_the_floor_and_it_says_so()
     assert done.verdict == "effect_found", "the one with fewer parameters is taken"
 
 
+@pytest.mark.slow
 def test_gaps_frozen_samples_and_wrapped_angles_do_no_harm():
     columns = play(seed=3, dry=0.3)
     columns["theta"][500:520] = np.nan
@@ -148,6 +152,7 @@ def test_a_plate_that_does_not_move_teaches_nothing():
         record_of(Table(play(seed=1, seconds=20.0)), np.arange(600) < 100, ring=1)
 
 
+@pytest.mark.slow
 def test_a_further_record_is_scored_and_not_looked_at():
     done = diagnose(record(seed=3, dry=0.3), 0.0925, DECLARED, test=record(seed=9, dry=0.3))
     assert done.test is not None

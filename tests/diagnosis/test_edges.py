@@ -114,6 +114,7 @@ def found_in(system, *edges):
     return likelihood, fit(likelihood, [*KNOWN, c], start)
 
 
+@pytest.mark.slow
 def test_sizes_of_edges_are_found():
     (_, edges) = closer_library(Openings(outer=QUARTERS))
     _, found = found_in(table([0.6] * 4), edges)
@@ -123,6 +124,7 @@ def test_sizes_of_edges_are_found():
     assert found.values["rolling_inertia"]["factor"] == pytest.approx(0.6, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("losses", "differ"), [((0.3, 0.6, 0.9, 0.7), True), ((0.6, 0.6, 0.6, 0.6), False)])
 def test_openings_have_losses_of_their_own_only_where_blocks_bear_it_out(losses, differ):
     gates = Openings(outer=QUARTERS)

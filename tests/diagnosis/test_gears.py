@@ -29,6 +29,7 @@ def plate(u, play, rng):
     return out + math.radians(0.05) * rng.standard_normal(len(u))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("play", [0.0, 0.006, 0.0175])
 def test_play_is_found_to_within_its_error(play):
     rng = np.random.default_rng(3)
@@ -41,6 +42,7 @@ def test_play_is_found_to_within_its_error(play):
     assert found.gain == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("band", [0.0, 0.004, 0.01])
 def test_a_dead_band_is_found_and_is_no_play(band):
     rng = np.random.default_rng(4)
@@ -55,6 +57,7 @@ def test_a_dead_band_is_found_and_is_no_play(band):
     assert found.deadband == pytest.approx(band, rel=0.05, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_play_is_no_dead_band():
     rng = np.random.default_rng(5)
     u = commands(rng, 1800)[:, 0]
@@ -64,6 +67,7 @@ def test_play_is_no_dead_band():
     assert found.backlash > 0.015
 
 
+@pytest.mark.slow
 def test_a_dead_band_of_another_rigs_servo_is_not_called_play():
     axis = Axis(deadband=math.radians(0.6))
     table = Table(record(replace(Rig(), beta=axis), 200.0, 2))

@@ -60,6 +60,7 @@ def value(done, name, parameter):
     return parameters(done, name)[parameter]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
 def test_friction_of_a_cart_is_a_force_in_n(rate):
     log = cart(rate=rate, dry=1.5, fine=20 if rate < 500.0 else 4)

@@ -36,10 +36,12 @@ def sizes(done, name):
     return {p: number["value"] for p, number in parameters(done, name).items()}
 
 
+@pytest.mark.slow
 def test_a_stage_that_is_as_the_model_says_is_no_news():
     assert found(play(seed=5, seconds=90.0)).verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_a_servo_that_turns_too_little_is_told_from_a_sensor_that_says_so():
     done = found(recorded([[0.85, 0.0], [0.0, 1.0]]))
     assert names(done) == ["servo_gain"]
@@ -69,6 +71,7 @@ def test_a_servo_slower_than_the_model_says():
     assert told["planned"]
 
 
+@pytest.mark.slow
 def test_of_a_stage_that_nobody_declared_nothing_is_said():
     columns = recorded([[0.85, 0.0], [0.0, 1.0]])
     assert diagnose(record_of(Table(columns)), RADIUS, DECLARED).verdict == "nothing_missing"

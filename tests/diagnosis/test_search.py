@@ -13,6 +13,7 @@ from mazeplan.diagnosis.ring.diagnose import diagnose
 from mazeplan.physics.effects.nameless import PLACEBOS
 
 
+@pytest.mark.slow
 def test_placebos_run_along_and_lose():
     done = found(seed=3, dry=0.3)
     known = {c.name for c in PLACEBOS}
@@ -68,6 +69,7 @@ def test_twenty_seconds_are_enough_for_what_is_large_and_name_nothing_else():
     assert found(seed=5, seconds=20.0).verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones(asked):
     done = found(seed=7, seconds=200.0, memory=(1.0, 0.5))
     assert len(asked) == 1
@@ -76,6 +78,7 @@ def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones(asked):
     assert "past of theta_dot" in done.document()["unknown"]["depends_on"]
 
 
+@pytest.mark.slow
 def test_a_servo_that_ignores_small_changes_is_named_and_nothing_of_the_ball():
     u = commands(np.random.default_rng(9), 3600)
     kept = u.copy()

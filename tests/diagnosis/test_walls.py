@@ -95,6 +95,7 @@ def test_long_tails_do_not_widen_the_spread():
     assert weights_of(np.array([0.0, 40.0]), 1.0)[1] < 0.01
 
 
+@pytest.mark.slow
 def test_records_in_pieces_hold_out_blocks_all_over():
     whole = smoothed_record(60.0)
     rows, held, words = seen_and_held(whole)

@@ -37,6 +37,7 @@ def going_on(env, steps=40):
     return [*seen, env.reset()[0].tolist()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env)), through_cloudpickle])
 @pytest.mark.parametrize("observation", ["state", "pixels"])
 def test_a_copy_goes_on_as_the_original_would(copied, observation):
@@ -81,6 +82,7 @@ def test_a_copy_with_another_rig_is_fresh_and_begins_with_reset():
     assert other.reset()[0].tolist() == env.reset()[0].tolist()  # the random numbers go on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("context", ["spawn", "forkserver"])
 def test_it_works_in_processes_that_are_begun_afresh(context):
     many = AsyncVectorEnv([partial(make, rig="toy")] * 2, context=context)
@@ -92,6 +94,7 @@ def test_it_works_in_processes_that_are_begun_afresh(context):
     many.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("imports", ["import mazeplan, gymnasium", "import gymnasium, mazeplan"])
 def test_the_name_is_known_after_importing_mazeplan_alone(imports):
     code = f"{imports}, sys; assert 'mazeplan.apps' not in sys.modules; print(gymnasium.make('{ID}').reset(seed=1)[0])"

@@ -89,6 +89,7 @@ def before_it_acts(estimator, tmp_path, late_s=0.06, seconds=12.0):
     return np.hypot(*(np.array(said)[k] - true).T)
 
 
+@pytest.mark.slow
 def test_the_way_to_a_command_that_acts_late_is_that_of_the_body(tmp_path):
     model = bodied()
     stage = StageModel(*(replace(axis, dead_time=0.06) for axis in (model.stage.beta, model.stage.gamma)))
@@ -97,6 +98,7 @@ def test_the_way_to_a_command_that_acts_late_is_that_of_the_body(tmp_path):
     assert body < 1.2e-3
 
 
+@pytest.mark.slow
 def test_a_floor_that_is_not_flat_is_part_of_the_way():
     settings = make_rig("surprise@ripple", MAZE).settings
     n, crest, size = settings.ripple_waves, math.radians(settings.ripple_deg), settings.ripple_m_s2
@@ -189,6 +191,7 @@ def test_a_model_file_holds_it(tmp_path):
         load_model(tmp_path)
 
 
+@pytest.mark.slow
 def test_from_a_record_to_a_model_that_navigates_with_it(monkeypatch, capsys, tmp_path):
     log, out = tmp_path / "log.mcap", tmp_path / "out"
     collect = ("collect", "--rig", "toy", "--rings", "--place", "--seconds", "40", "--seed", "2", "-o", log)

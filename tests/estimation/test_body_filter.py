@@ -60,6 +60,7 @@ def test_a_record_of_the_toy_tells_table_friction_camera_and_wall_and_nothing_is
     assert seen.fit.filtered.left_out < 0.01 * seen.pictures
 
 
+@pytest.mark.slow
 def test_a_wrong_body_leaves_a_memory_behind(seen):
     wrong = with_values(seen.fit.model, {"wall": 0.0, "inertia": 0.05, "tilt_beta": 0.02, "plane": 1e-6})
     assert max(autocorrelation(seen.body.run(wrong))) > 2.0 * WHITE

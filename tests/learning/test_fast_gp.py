@@ -157,6 +157,7 @@ def test_culling_leaves_out_more_the_rougher_the_process_is():
     assert looked_at[0.05] < looked_at[0.1] < looked_at[0.3] <= 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [(0.02, 0.02), (0.05, 0.3), (0.1, 0.02)])
 def test_the_bound_holds_wherever_in_their_bins_query_and_rows_are(pair):
     """The worst of 17 x 17 places in every two bins, for value and derivative by a scaled input."""

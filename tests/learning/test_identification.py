@@ -87,6 +87,7 @@ def test_what_was_put_in_is_found(fitted):
     assert fitted.windows[1] > 100
 
 
+@pytest.mark.slow
 def test_the_delay_is_found_although_the_track_here_has_no_play(fitted):
     assert fitted.model.camera_delay == pytest.approx(TRUE["delay"], abs=0.012)
     assert 0.0 < fitted.model.camera_delay_stderr < 0.02
@@ -99,6 +100,7 @@ def test_the_stage_is_found(fitted):
         assert axis.dead_time < 0.012
 
 
+@pytest.mark.slow
 def test_rings_without_data_take_the_nearest_and_the_disc_rolls_freely(fitted):
     model = fitted.model
     assert model.ball(4).parameter("rolling_inertia", "factor", 0.0) == model.ball(2).parameter(

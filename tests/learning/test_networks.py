@@ -169,6 +169,7 @@ def test_both_kinds_are_fitted_like_any_other(samples, good, kind):
     assert np.std(error) < 0.7 * np.std(samples.theta_ddot[good])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nn", "spnn"])
 def test_a_rig_model_with_networks_predicts_blocks_that_a_member_has_not_seen(kind):
     pytest.importorskip("torch")

@@ -191,6 +191,7 @@ def test_derivatives_that_the_table_brings_are_taken_as_they_are():
     assert np.array_equal(anew.theta_ddot, plain.theta_ddot, equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothing", [Smoothing(), Smoothing("rts", model="snap"), Smoothing(window=9, order=4)])
 def test_what_is_missing_is_computed_with_the_smoothing_chosen(smoothing):
     found, plain = samples_of(smoothing=smoothing), columns()

@@ -87,6 +87,7 @@ def ar1(rng, n, phi=0.8):
     return out
 
 
+@pytest.mark.slow
 def test_bootstrap_of_correlated_rows_covers_the_truth_when_it_draws_blocks():
     rng, rounds, n = np.random.default_rng(0), 200, 1500
     hits = {50: 0, 1: 0}

@@ -194,6 +194,7 @@ def chunks_of(path) -> list[tuple[int, int, int]]:
     return found
 
 
+@pytest.mark.slow
 def test_a_file_cut_at_any_byte_gives_all_whole_chunks(tmp_path):
     path = tmp_path / "run.mcap"
     write_run(path, ticks=30)

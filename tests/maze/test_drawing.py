@@ -125,6 +125,7 @@ def texts_and_lines(monkeypatch, tmp_path, maze, **what):
     return boxes, 1e3 * np.vstack([dense(line) for line in lines]), figures[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cme", "lopsided", "detour", "seven"])
 @pytest.mark.parametrize("start", [None, 20.0, 200.0])
 def test_no_wall_no_line_and_no_other_text_crosses_a_name_or_number(monkeypatch, tmp_path, name, start):
@@ -171,6 +172,7 @@ def test_the_scale_of_degrees_stands_where_the_names_of_openings_say(monkeypatch
             assert 0.0 <= float(text[:-1]) < 360.0
 
 
+@pytest.mark.slow
 def test_a_legend_tells_the_planned_route_from_the_path_of_the_ball(monkeypatch, tmp_path):
     route = RouteGraph(CME).route(1, 5, 0.0)
     trail = np.column_stack([np.full(9, 0.09), np.linspace(0.0, 0.02, 9), np.arange(9.0)])

@@ -181,6 +181,7 @@ EDITS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from([CME, LOPSIDED, *map(whole, LISTS)]), st.lists(EDITS, max_size=12))
 @settings(max_examples=120, deadline=None)
 def test_any_edits_mean_what_they_say_and_keep_all_comments(text, edits):

@@ -229,6 +229,7 @@ def fastest(graph: RouteGraph, floor: Floor, ring: int, theta: float, goal: int,
     return best if best < left else math.inf
 
 
+@pytest.mark.slow
 def test_routes_are_free_all_the_way_and_the_fastest_of_all():
     rng, checked = np.random.default_rng(22), 0
     for maze, floor in floors()[:25]:

@@ -205,6 +205,7 @@ def test_a_port_in_use_is_named():
         Monitor(port)
 
 
+@pytest.mark.slow
 def test_a_client_that_hangs_does_not_hold_a_run():
     port = free_port()
     with Monitor(port) as monitor:

@@ -174,6 +174,7 @@ def test_formulas():
             assert (np.abs(without_gravity) < 1e-12).all() == (name in INSIDE), name
 
 
+@pytest.mark.slow
 def test_effects_of_gravity_are_scaled_and_the_others_are_not():
     k = motion(6)
     half = rolling_inertia(0.5)
@@ -193,6 +194,7 @@ def test_all_effects_add_up():
     np.testing.assert_allclose(acceleration(every, k), kinematic_terms(k) + gravity + own, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", [EXAMPLES["friction_drift"], EXAMPLES["table_rocking"]], ids=lambda term: term.name)
 def test_what_changes_with_time(term):
     k, t = motion(8), np.linspace(0.0, 30.0, 40)
@@ -224,6 +226,7 @@ def test_derivatives_of_gravity_and_of_the_turning_plate():
     np.testing.assert_allclose(gravity_jacobian(k, 0.02, -0.03), shifted, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_derivatives_of_each_effect(name):
     k, term, step = motion(2), EXAMPLES[name], STEPS.get(name, 1e-3)

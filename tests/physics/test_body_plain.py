@@ -50,6 +50,7 @@ def test_free_rolling_on_a_moving_plate(k):
     np.testing.assert_allclose(body[:, 2:], plain[:, 2:], atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [0.4, 2.0 / 3.0])
 @pytest.mark.parametrize("wall", [0.0, 0.22, 5.0])
 def test_a_second_of_impacts_in_a_channel(wall, k):

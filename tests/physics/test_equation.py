@@ -49,6 +49,7 @@ def random_motion(n=50, seed=0, radius=0.07):
     return RingKinematics(radius, **{name: scale[name] * rng.uniform(-1, 1, n) for name in NAMES})
 
 
+@pytest.mark.slow
 def test_sliding_point_is_lagranges_equation(lagrange):
     k = random_motion()
     expected = lagrange(k.radius, GRAVITY, *(getattr(k, name) for name in NAMES))

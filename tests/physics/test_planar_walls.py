@@ -33,11 +33,11 @@ def across(z: np.ndarray, angle: float) -> float:
     return -math.sin(angle) * z[0] + math.cos(angle) * z[1]
 
 
-def test_maps_without_them_have_the_arrays_that_they_had():
+def test_all_openings_and_radial_walls_of_a_map_are_in_its_arrays():
     planar = PlanarModel.build(load_map("cme"), known(load_map("cme")))
-    assert planar.walls.shape == (4, 3)
+    assert planar.walls.shape == (4, 6)
     assert len(planar.gaps) == 13
-    assert PLANAR.walls.shape == (3, 5)
+    assert PLANAR.walls.shape == (3, 6)
     assert len(PLANAR.gaps) == len(MAZE.openings) + len(WALLS)
 
 

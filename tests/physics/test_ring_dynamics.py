@@ -103,6 +103,7 @@ def test_forty_steps_equal_an_adaptive_integrator():
         assert abs(s[0] - reference[0]) < 1e-3
 
 
+@pytest.mark.slow
 @KINDS
 def test_derivatives_equal_finite_differences(p):
     rng = np.random.default_rng(3)
@@ -188,6 +189,7 @@ def test_parameters_come_from_a_fitted_model():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("natural_frequency", "damping"), [(240.0, 4.76), (500.0, 10.0), (180.0, 3.6)])
 def test_a_plate_that_answers_like_a_lag_of_first_order(natural_frequency, damping):
     """What `learn` finds then has a pole faster than any sample shows; it must not push the ball."""

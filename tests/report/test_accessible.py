@@ -70,6 +70,7 @@ def faults(text):
     return found + [f"id {name} twice" for name in sorted({name for name in ids if ids.count(name) > 1})]
 
 
+@pytest.mark.slow
 def test_a_report_says_in_words_what_it_shows(report):
     assert faults(report.read_text(encoding="utf-8")) == []
 

@@ -148,6 +148,7 @@ def test_a_model_is_judged_on_a_table_as_the_equation_says():
     assert effects_table(model).rows == [["rolling inertia: factor of the gravity part", *size]]
 
 
+@pytest.mark.slow
 def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
     folder = save_model(RigModel.nominal(load_map("cme")), tmp_path / "mine").parent
     record = write_csv(ring_table((2,), 40.0), tmp_path / "x.csv")

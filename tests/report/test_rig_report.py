@@ -63,6 +63,7 @@ def page(tmp_path):
     return written(tmp_path)
 
 
+@pytest.mark.slow
 def test_first_what_is_wrong_then_what_to_do_then_the_evidence(page):
     told = ("dry friction (coefficient from", "What to do", "Clean the ball", "What differs", "Mean error", "<img",
             "What remains")  # fmt: skip
@@ -72,11 +73,13 @@ def test_first_what_is_wrong_then_what_to_do_then_the_evidence(page):
         assert riddle not in page
 
 
+@pytest.mark.slow
 def test_a_command_to_type_stands_apart_without_the_end_of_its_sentence(page):
     assert "<code>mazeplan navigate --rig RIG --model out/model</code>" in page
     assert "Or plan with the new model:" in page
 
 
+@pytest.mark.slow
 def test_a_size_stands_beside_what_it_was_and_its_ring_first(page):
     row = re.search(r"<tr>(?:(?!</tr>).)*dry friction.*?</tr>", page, re.S)
     assert row is not None
@@ -99,6 +102,7 @@ def test_how_much_remains_stands_beside_what_it_was_when_the_model_was_right(pag
     assert ">1.02<" in page
 
 
+@pytest.mark.slow
 def test_it_has_its_pictures_and_loads_nothing(page):
     assert page.count("data:image/svg+xml;base64,") == 4
     assert "http" not in re.sub(r"base64,[^\"]*", "", page).replace("http-equiv", "")
@@ -116,6 +120,7 @@ def test_a_record_too_short_for_the_map_has_none(tmp_path):
     assert not any("Where is the prediction off" in title for title in titles(page))
 
 
+@pytest.mark.slow
 def test_what_swings_has_a_spectrum(tmp_path):
     page = written(tmp_path, None, evidence(spectrum={"hz": [1.0, 2.0], "before": [90.0, 2.0], "after": [2.0, 2.0]}))
     assert page.count("data:image/svg+xml;base64,") == 5
@@ -128,6 +133,7 @@ def test_what_is_alike_is_no_noise(tmp_path):
     assert "0.20" in memory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ["nothing_missing", "effect_found", "ambiguous", "unknown_effect"])
 def test_every_verdict_has_a_page_in_words(tmp_path, verdict):
     page = written(tmp_path, document(verdict), evidence(gain=[], gain_t=[5.0], marks=[]))
@@ -159,6 +165,7 @@ def test_report_draws_a_folder_and_a_document_alone(monkeypatch, capsys, tmp_pat
     assert page.count("data:image/svg+xml;base64,") == pictures
 
 
+@pytest.mark.slow
 def test_navigations_of_improve_are_in_it(tmp_path):
     runs = {"success": 3, "runs": 4, "time_s": {"mean": 7.0, "best": 6.0, "worst": 9.0}}
     page = written(tmp_path, document(navigation={"before": runs, "after": runs}))

@@ -127,6 +127,7 @@ def driven(rig, log=None, goal=5, model=None, **more):
     return run_job(rig, setup, Job(1, goal, 0.3), log=log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [False, True])
 def test_a_real_rig_waits_level_until_the_ball_is_put_back_and_goes_on(tmp_path, hidden):
     rig, log = Table(back_at=4.0, hidden=hidden, unseen_s=2.0), tmp_path / "run.mcap"
@@ -198,6 +199,7 @@ def test_a_camera_that_is_known_to_be_off_sees_no_ball_outside():
     assert driven(Shifted(MAZE)).reason == "ball_out"
 
 
+@pytest.mark.slow
 def test_a_log_from_before_decides_as_it_did(tmp_path):
     """Nobody asked then whether the ball is out: its header does not say how long it may be."""
     log = tmp_path / "run.mcap"

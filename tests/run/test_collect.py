@@ -82,6 +82,7 @@ def stretches(log):
     return [(kind, ring, t, end) for (t, kind, ring), end in zip(found, ends, strict=True)]
 
 
+@pytest.mark.slow
 def test_a_tour_places_the_ball_once_and_logs_all_in_one_segment(tour):
     rig, done, log, table = tour
     assert rig.resets == 1
@@ -146,6 +147,7 @@ def test_openings_passed_by_the_sines_are_told_in_the_log(tour):
     assert 0.7 * done.changes < len(named) <= 1.2 * done.changes
 
 
+@pytest.mark.slow
 def test_drives_that_fail_are_counted_and_the_sines_go_on(tmp_path):
     floor = MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
 

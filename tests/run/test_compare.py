@@ -102,6 +102,7 @@ def test_roll_outs_grow_and_the_discrete_map_is_the_worst_process(scores):
         assert s.rollout["sp"]["40"] < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("later", "changed"), [(0.3, False), (2.0, True)])
 def test_the_split_in_time_tells_a_rig_that_changed_from_one_that_did_not(later, changed):
     """The last 40 % of the record with the same friction, or with more."""
@@ -161,6 +162,7 @@ def test_blocks_are_those_with_rows_and_windows(scores, table):
     assert scores[0].blocks["windows"] == len({int(data.block[row]) for row in scores[0].windows.start})
 
 
+@pytest.mark.slow
 def test_the_same_comes_out_again(table):
     again = [compare([table], [], MAZE, ONE)[0].document() for _ in range(2)]
     assert again[0] == again[1]
@@ -201,6 +203,7 @@ def test_what_is_fitted_sees_no_test_row(table, monkeypatch):
         assert not set(rows.tolist()) & set(held.tolist())
 
 
+@pytest.mark.slow
 def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typical(table, monkeypatch):
     class Still:
         """A ball that nothing moves."""
@@ -224,6 +227,7 @@ def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typica
         assert after.rollout["pi"]["40"] > 2.0 * before.rollout["pi"]["40"]
 
 
+@pytest.mark.slow
 def test_test_logs_are_what_is_scored(table):
     """With a test log of rubbish the test scores are rubbish and the training scores are not."""
     rng = np.random.default_rng(0)
@@ -255,6 +259,7 @@ def test_several_logs_are_one_record(table):
 # --- what is found out about the data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signs", [(-1, 1), (1, -1)])
 def test_a_tilt_counted_the_other_way_round_is_turned_and_told(table, signs):
     table = first_rows(table, 1350)
@@ -269,6 +274,7 @@ def test_a_tilt_counted_the_other_way_round_is_turned_and_told(table, signs):
     assert held[0].nrmse_test["p"] == pytest.approx(plain[0].nrmse_test["p"], rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.04, 0.1])
 def test_the_delay_of_the_ball_is_found(delay):
     ball = Ball(RADII[2], viscous=0.3, dry=0.3)
@@ -284,6 +290,7 @@ def test_the_delay_of_the_ball_is_found(delay):
     assert best_lag([own], MAZE, options) == 0.0  # they have been brought together already
 
 
+@pytest.mark.slow
 def test_noisy_angles_are_not_differenced(table):
     rng = np.random.default_rng(3)
     noisy = Table({**table.columns, "theta": table["theta"] + 0.01 * rng.standard_normal(len(table))})

@@ -117,6 +117,7 @@ def planar_campaign(monkeypatch, rig):
     return Campaign(runs=1, start=4, seed=3)
 
 
+@pytest.mark.slow
 def test_a_plate_that_is_not_level_afterwards_is_wrong(monkeypatch):
     campaign = planar_campaign(monkeypatch, Restless(MAZE))
     outcome = run_trial(campaign, early("commands_lost"), 0)

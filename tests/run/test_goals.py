@@ -68,6 +68,7 @@ def test_a_goal_given_while_the_ball_falls_into_a_ring_is_planned_for_from_there
     assert route.detail["openings"][0].startswith("2-3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hinder", "leaf"), [("glued", "Dither"), ("hidden", "LevelPlate")], ids=["in a dither", "while the ball is lost"]
 )

@@ -82,6 +82,7 @@ def test_a_run_that_was_stopped_or_went_on_after_it_had_arrived_decides_again(tm
     assert outcome.identical, outcome.difference
 
 
+@pytest.mark.slow
 def test_a_run_on_the_toy_with_two_other_goals_decides_again(tmp_path):
     """With the packaged deadline of the planner, and noise, and a camera that is late."""
     from mazeplan.rigs.registry import make_rig

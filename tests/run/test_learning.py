@@ -187,6 +187,7 @@ def test_a_change_that_cannot_be_is_refused_at_its_line(monkeypatch, capsys, tmp
 # -- from the command line -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_evaluate_learns_keeps_reports_and_tells(monkeypatch, capsys, tmp_path, small):
     kept, page = tmp_path / "kept", tmp_path / "page.html"
     arguments = ("evaluate", "--learn", "--rig", "toy", "--model", small, "--from", "ring4", "--runs", 2, "--json")

@@ -48,6 +48,7 @@ def evaluated(monkeypatch, capsys, folder, *words):
     return code, err
 
 
+@pytest.mark.slow
 def test_interrupted_and_gone_on_is_not_interrupted(small, tmp_path):
     campaign = Campaign(4, "toy", model=str(small), start=4, goal=5, seed=3, deadline=False)
     whole, _ = evaluate_learning(campaign, tmp_path / "whole")

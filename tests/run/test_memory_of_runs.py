@@ -45,6 +45,7 @@ class Born:
         return [name for name, part in self.parts.items() if part() is not None]
 
 
+@pytest.mark.slow
 def test_a_rig_its_model_and_the_tree_die_when_the_run_has_ended(no_collector):
     born = Born()
     navigate(1, 2, rig=born.rig(), time_limit=0.5, watch=born.watch)

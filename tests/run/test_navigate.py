@@ -216,6 +216,7 @@ def faulty(maze, **settings):
     return SimulatedRig(maze, settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "kind"),
     [

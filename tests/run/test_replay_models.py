@@ -19,6 +19,7 @@ from mazeplan.run.replay import replay
 from mazeplan.run.resolve import resolve_model
 
 
+@pytest.mark.slow
 def test_a_model_is_told_by_its_content(tmp_path):
     folder, path = tmp_path / "model", tmp_path / "run.mcap"
     save_model(resolve_model("ideal", None, MAZE), folder)

@@ -141,6 +141,7 @@ def test_files_that_are_no_whole_log_of_a_navigation(recorded, monkeypatch, caps
 # -- the command ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_tells_the_first_difference_with_both_sides(recorded, monkeypatch, capsys):
     def change(header, messages):
         tick(messages, 20).update(status="SUCCESS", leaf="Nobody", u_beta=0.1)
@@ -168,6 +169,7 @@ def test_the_command_tells_the_first_difference_with_both_sides(recorded, monkey
     assert '"reason": "arrived"' in out
 
 
+@pytest.mark.slow
 def test_the_command_says_identical(recorded, monkeypatch, capsys):
     code, out, err = call(monkeypatch, capsys, "log", "replay", recorded[0])
     assert err == ""

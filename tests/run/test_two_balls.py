@@ -51,6 +51,7 @@ def test_the_log_holds_both_balls(run):
     assert np.nanmedian(off) < 0.01  # it was estimated where it is measured, ahead by the delay
 
 
+@pytest.mark.slow
 def test_a_run_with_two_balls_is_replayed(run):
     outcome = replay(run[1])
     assert outcome.identical, outcome.difference
@@ -75,6 +76,7 @@ class Robbed:
         return sample
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ball", "angle"), [(1, 120.0), (2, 270.0)])  # so that this one is led first
 def test_a_ball_that_leaves_the_centre_is_noticed_and_brought_back(ball, angle):
     rig = Robbed(make_rig("ideal", TWO), ball)
@@ -133,6 +135,7 @@ def test_a_rig_that_measures_one_ball_of_two_has_failed():
         mazeplan.navigate(rig=Silent(TWO), map=TWO)
 
 
+@pytest.mark.slow
 def test_a_campaign_brings_two_balls(call):
     status, out, _ = call("evaluate", "--balls", "2", "--rig", "ideal", "--runs", "2", "--json")
     document = json.loads(out)

@@ -106,6 +106,7 @@ def test_only_what_comes_from_outside_is_marked():
     assert blames_a_node(blame(plain.value, "tree.xml:3"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs limits of files")
 def test_the_program_ends_with_one_line_and_exit_status_2(tmp_path):
     log = tmp_path / "run.mcap"

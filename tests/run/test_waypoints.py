@@ -35,6 +35,7 @@ def rings_of(result):
     return [passage.ring for passage in result.rings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_ball_visits_the_rings_in_order(seed):
     result = mazeplan.navigate("ring1", "ring5", via=VIA, seed=seed, time_limit=30)
@@ -51,6 +52,7 @@ def test_a_tree_of_ones_own_names_its_goals(tmp_path):
     assert rings_of(result) == [1, 2, 3, 2, 3, 4, 5]
 
 
+@pytest.mark.slow
 def test_a_run_by_way_of_rings_is_replayed(tmp_path):
     log = tmp_path / "run.mcap"
     assert mazeplan.navigate("ring1", "ring4", via=("ring3", "ring2"), seed=1, time_limit=30, log=log).success

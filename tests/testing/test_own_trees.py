@@ -149,6 +149,7 @@ def test_what_a_recovery_promises(run):
     run()
 
 
+@pytest.mark.slow
 def test_every_leaf_and_every_branch_of_the_main_tree_is_taken(coverage):
     coverage.covers(at_least=1.0).covers(at_least=1.0, of="branches")
 
@@ -165,6 +166,7 @@ def test_every_leaf_succeeds_somewhere_and_those_that_can_fail_do(coverage):
     assert {"BallSeen", "InRing", "FailureIs", "PlanRoute", "Track", "PassOpening", "LevelPlate", "Settle"} <= failing
 
 
+@pytest.mark.slow
 def test_without_one_of_the_runs_something_is_missing():
     """The runs above are few enough that each recovery is some run's own."""
     for without, line in ((stuck, "Dither"), (blind, "LevelPlate"), (fell_back, "Replan")):

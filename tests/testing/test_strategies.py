@@ -48,6 +48,7 @@ def inside(maze, x, y):
     return None if min(across, default=1.0) < 1e-9 else False
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=200)
 @given(st.data())
 def test_a_generated_ball_keeps_to_the_map_but_where_it_jumps(data):
@@ -66,6 +67,7 @@ def test_a_generated_ball_keeps_to_the_map_but_where_it_jumps(data):
         assert changes == [{o.outer, o.inner} for o in passed]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wanted",
     [
@@ -82,6 +84,7 @@ def test_there_are_balls_of_every_kind(wanted):
     assert len(ball.unseen) <= 1
 
 
+@pytest.mark.slow
 def test_without_jumps_there_are_none():
     def jumps(ball):
         return any(isinstance(move, Jump) for move in ball.moves)
@@ -139,6 +142,7 @@ def test_whatever_leaves_do_the_recoveries_end(scripts):
     assert "HALTED" not in record.statuses("FailureIs")
 
 
+@pytest.mark.slow
 def test_without_hypothesis_the_kit_works_and_its_strategies_say_what_they_need():
     code = """if True:
         import sys

@@ -56,6 +56,7 @@ def ground():
     return ways.Ground(t, DT, theta, motion, declared, seen, early, states, *starts)
 
 
+@pytest.mark.slow
 def test_a_gaussian_process_takes_up_a_smooth_residual(ground):
     nothing = ways.Correction(lambda x, v, t, motion: np.zeros_like(x))
     before = ways.error_of(ground, nothing.force, ground.held_out)

@@ -32,6 +32,7 @@ def test_samples_that_came_while_the_program_computed_are_lost(table):
     assert after.t - first.t == pytest.approx(1e-3 * PERIOD_MS * (lost + 1), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_every_twentieth_picture_is_an_old_one(table):
     rig, _ = table
     seen = []

@@ -26,6 +26,7 @@ def groups():
     return licences.groups()
 
 
+@pytest.mark.slow
 def test_every_dependency_has_a_known_licence_and_the_base_install_no_copyleft(groups):
     assert licences.problems(groups) == []
     names = {one.name.lower() for one in groups[BASE]}

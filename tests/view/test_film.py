@@ -29,6 +29,7 @@ def messages():
     return told
 
 
+@pytest.mark.slow
 def test_a_gif_is_as_long_as_the_run_and_moves(messages, tmp_path):
     image = pytest.importorskip("PIL.Image")
     write_film(messages, tmp_path / "run.gif")

@@ -68,6 +68,7 @@ def work(monkeypatch):
     return counted
 
 
+@pytest.mark.slow
 def test_opening_unpacks_a_long_log_once_and_decodes_what_is_shown_first(long, work, tmp_path):
     recording = open_recording(long)
     assert len(recording.moments) == 2 * WHOLE

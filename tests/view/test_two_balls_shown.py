@@ -86,6 +86,7 @@ def test_a_drawing_of_a_map_has_it(told, tmp_path):
     assert (tmp_path / "two.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_the_map_of_a_log_is_the_same_with_two_balls(tmp_path, monkeypatch, capsys):
     path = tmp_path / "two.mcap"
     assert mazeplan.navigate(rig="ideal", balls=2, seed=7, log=path).success

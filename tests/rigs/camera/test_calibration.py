@@ -85,6 +85,7 @@ def test_too_few_boards():
         calibrate_lens([*boards()[:2], ("small", np.zeros((240, 320, 3), np.uint8))], CORNERS, SQUARE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cme", "lopsided"])
 @pytest.mark.parametrize("turn", [0.5, -1.9])
 def test_pose_by_the_walls_circles(name, turn):

@@ -130,6 +130,7 @@ def veiled(picture, at, radius=12.0, strength=0.9):
     return np.clip(picture + (255.0 * strength / (1.0 + (square / radius**2) ** 3))[..., None], 0, 255).astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_a_bright_spot_over_half_of_the_ball_or_elsewhere_is_never_taken_for_it():
     eye, finder = usual()
     found = 0
@@ -144,6 +145,7 @@ def test_a_bright_spot_over_half_of_the_ball_or_elsewhere_is_never_taken_for_it(
     assert found > 15
 
 
+@pytest.mark.slow
 def test_a_bright_spot_alone_is_no_ball():
     eye, finder = usual()
     rng = np.random.default_rng(0)
@@ -252,6 +254,7 @@ def spotted(picture, ball, beta, gamma, change):
     return np.clip(picture + change * cv2.GaussianBlur(mask, (0, 0), 1.0)[..., None], 0, 255).astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [40.0, -24.0], ids=["brighter", "hardly darker"])
 def test_a_sharp_spot_of_a_balls_outline_is_none_unless_it_is_as_dark_as_a_ball(change):
     """A lamp's mirrored rim, a stain of the floor. Without the rule against each it would be taken for a ball: that is

@@ -82,6 +82,7 @@ def test_what_is_too_far_from_every_ball_is_none_of_them():
     assert tracks.take(MEMORY, [(1.5 * REACH, 0.0)]) == [(1.5 * REACH, 0.0)]  # by now it may be there
 
 
+@pytest.mark.slow
 def test_a_rig_with_pictures_measures_both_balls():
     rig = SimulatedRig(TWO, {"sense": "camera"})
     rig.reset(ring=1, theta=0.3, rng=np.random.default_rng(0))

@@ -44,6 +44,7 @@ def swung(dead, wn=24.0, zeta=0.8, seed=0, seconds=10.0):
     return np.array(sent), np.array(u), np.array(told), np.array(tilt), float(np.mean(delays))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dead", "wn", "zeta"), [(0.004, 24.0, 0.8), (0.045, 15.0, 1.2)])
 def test_the_dead_time_is_told_from_the_servos_lag(dead, wn, zeta):
     sent, u, told, tilt, true = swung(dead, wn, zeta)

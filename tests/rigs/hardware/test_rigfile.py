@@ -189,6 +189,7 @@ def test_a_file_that_cannot_be_read_is_not_written(tmp_path):
     assert path.read_text() == "a: [1\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hardware", "emulated"])
 def test_without_opencv_it_says_what_to_install(name, tmp_path):
     script = "import sys; sys.modules['cv2'] = None; sys.argv[0] = 'mazeplan'; "

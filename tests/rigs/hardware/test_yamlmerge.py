@@ -114,6 +114,7 @@ def texts(draw):
     return "\n".join(lines) + "\n", number
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(texts(), sections)
 def test_every_comment_is_kept_and_the_text_says_what_was_written(made, others):
@@ -126,6 +127,7 @@ def test_every_comment_is_kept_and_the_text_says_what_was_written(made, others):
     assert sorted(re.findall(r"# c(\d+)", text), key=int) == [str(i + 1) for i in range(comments)]
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(texts(), st.data())
 def test_so_it_is_where_a_key_of_the_file_gets_a_part_of_its_value_anew(made, data):

@@ -47,6 +47,7 @@ def test_in_the_disc_they_begin_side_by_side():
     assert gap == pytest.approx(2.4 * CME.ball.radius)
 
 
+@pytest.mark.slow
 def test_they_touch_and_do_not_pass_through_each_other():
     rig, apart = begun(TWO), []
     for command in commands(450):

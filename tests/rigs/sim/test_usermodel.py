@@ -86,6 +86,7 @@ def driven(rig, seconds, u_beta=0.0, u_gamma=0.0):
 # -- the example -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_example_is_a_rig_and_the_ball_arrives():
     rig = make_rig(str(HERE / "table.yaml"), MAZE)
     assert [check for check in check_rig(rig, MAZE) if not check.passed] == []

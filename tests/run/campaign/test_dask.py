@@ -127,6 +127,7 @@ def test_where_nobody_listens_is_said_within_seconds(monkeypatch):
     assert time.monotonic() - began < 10.0
 
 
+@pytest.mark.slow
 def test_workers_that_would_compute_something_else_are_refused(site, monkeypatch):
     other = {**program(), "numpy": "1.0"}
     monkeypatch.setattr(daskcluster, "program", lambda: other)
@@ -179,6 +180,7 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
     assert len(pd.read_parquet(tmp_path)) >= RUNS + 2
 
 
+@pytest.mark.slow
 def test_work_that_ends_its_worker_again_and_again_ends_on_a_cluster_of_ones_own(tmp_path, monkeypatch):
     monkeypatch.setattr(daskcluster, "MOST_DEATHS", 1)
     monkeypatch.setattr(

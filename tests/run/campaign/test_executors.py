@@ -131,6 +131,7 @@ def test_what_workers_left_in_their_folder_goes_with_them():
     assert not Path(folder).exists()
 
 
+@pytest.mark.slow
 def test_a_worker_that_ends_already_is_ended_without_a_word(capfd):
     with open_executor(workers=2) as executor:
         assert [result for _, result in executor.each(end_slowly, [()])] == [None]

@@ -56,6 +56,7 @@ def test_where_the_policy_drives_the_lesson_is_still_the_planners():
     assert max(math.hypot(c.u_beta, c.u_gamma) for c in taught.commands) > 0.5 * LIMIT
 
 
+@pytest.mark.slow
 def test_a_lesson_is_the_same_whenever_it_is_given_and_begins_in_every_ring():
     one, same = (lesson(CAMPAIGN, 1, None) for _ in range(2))
     assert np.array_equal(one.inputs, same.inputs)
@@ -98,6 +99,7 @@ def test_a_run_with_a_policy_replays_alike_and_not_with_another(tmp_path, folder
         replay(log)
 
 
+@pytest.mark.slow
 def test_workers_get_the_policy_and_do_what_one_process_does(folder):
     campaign = Campaign(2, "ideal", policy=str(folder), behavior="policy", goal=3, seed=9, deadline=False)
     alone, apart = (evaluate(campaign, workers=workers) for workers in (1, 2))

@@ -6,6 +6,7 @@ import weakref
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from mazeplan.learning import fast_gp
 from mazeplan.learning.modelfile import PACKAGED
@@ -37,6 +38,7 @@ def test_what_a_planner_writes_into_its_packed_process_is_its_own():
     np.testing.assert_array_equal(fast_gp.pack(process), before)
 
 
+@pytest.mark.slow
 def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
     """The collector by itself would not come: it is switched off here."""
     kept = []

@@ -70,6 +70,7 @@ def test_a_row_is_pleasant_to_read(tmp_path):
     assert json.loads(one["setup"])["seed"] == 7
 
 
+@pytest.mark.slow
 def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
     alone = evaluate(LIGHT)
     begun = []
