@@ -85,6 +85,7 @@ def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
     assert not {c.effect for c in found.found} & {"dry_friction", "viscous_friction", "quadratic_drag", "sensor_delay"}
 
 
+@pytest.mark.slow
 def test_names_of_the_registry_have_its_units():
     found = searched(plainball.Toy(c=0.18), lost=0.2)
     told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})

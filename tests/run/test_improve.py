@@ -92,6 +92,7 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     assert any(text.startswith("before: ") for text in told)
 
 
+@pytest.mark.slow
 def test_a_record_that_is_too_short_says_what_it_has_and_needs():
     table = table_of(Rig(), 1)
     short = Table({name: column[:600] for name, column in table.columns.items()})
