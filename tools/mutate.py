@@ -1,11 +1,11 @@
 """Faults put into the core on purpose: which of them does no test notice?
 
-    python tools/mutate.py --count 100 --seed 1 [--only mazeplan/behavior] [-o build/mutants.jsonl]
+    python tools/mutate.py --count 100 --seed 1 [--slow] [--only mazeplan/behavior] [-o build/mutants.jsonl]
 
 Each fault is one small change of the code: < for <=, + for -, and for or, another number. The tests of the changed
-module run on a copy of the repository: the files nearest to it by imports, the tests of `make test` first and the slow
-ones after them. A fault that none of them notices is a survivor: a test is missing, or the change means nothing. The
-file has one line for each fault; a second call goes on where the first one stopped.
+module run on a copy of the repository: those of `make test`, in the files nearest to it by imports. With --slow, the
+slow tests of these files then try what has survived. A fault that no test notices is a survivor: a test is missing, or
+the change means nothing. The file has one line for each fault; a second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ TESTS = {
     "run": ("run",),
 }  # rooms of other names
 OUTPUT = ROOT / "build" / "mutants.jsonl"
-STAGES = ("not slow and not realtime", "slow and not realtime")  # by marker; most faults need the first stage only
-LIMIT_S = 420.0  # of one stage of the tests of one fault
-SLOW = ["a test that took too long"]
+FAST, SLOW = "not slow and not realtime", "slow and not realtime"  # tests, by marker
+LIMIT_S = 420.0  # of the tests of one fault
+TOO_LONG = ["a test that took too long"]
 MOST_FILES = 12  # files of tests for one fault
 LEFT_OUT = ("test_pages.py", "test_public_names.py")  # they run the whole program, for minutes
 COMPARED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
@@ -176,26 +176,26 @@ def _imports(path: Path) -> frozenset[str]:
     return frozenset(name for name in found if name.split(".")[0] == "mazeplan")
 
 
-def noticed(fault: Fault, copy: Path, broken: set[str]) -> str:
+def noticed(fault: Fault, copy: Path, broken: set[str], stage: str = FAST) -> str:
     """What became of a fault in a copy of the repository: noticed, survived, out of time, or no tests. broken: tests
     that fail without any fault too; they are left out, and those that are found are added."""
     tests = files_for(fault.file)
-    stages = list(STAGES) if tests else []
+    if not tests:
+        return "no tests"
     with tempfile.TemporaryDirectory() as compiled:
-        while stages:
+        while True:
             with _put_in(fault, copy) as data:
                 # Numba looks at the file of a function, but not at the functions that it calls: these would stay old.
-                failed = _failed(copy, tests, stages[0], broken, compiled if b"njit" in data else "")
+                failed = _failed(copy, tests, stage, broken, compiled if b"njit" in data else "")
             if not failed:
-                stages.pop(0)
-            elif failed == SLOW:
+                return "survived"
+            if failed == TOO_LONG:
                 return "out of time"
-            elif not _failed(copy, failed, stages[0], broken):
+            if not _failed(copy, failed, stage, broken):
                 return "noticed"
-            elif broken.issuperset(failed):  # a file that cannot be collected
+            if broken.issuperset(failed):  # a file that cannot be collected
                 return "no tests"
             broken.update(failed)
-    return "survived" if tests else "no tests"
 
 
 @contextmanager
@@ -211,7 +211,7 @@ def _put_in(fault: Fault, copy: Path) -> Iterator[bytes]:
 
 
 def _failed(copy: Path, tests: list[str], stage: str, broken: set[str], compiled: str = "") -> list[str]:
-    """The first test of a stage that fails, or SLOW; none if all pass. compiled: folder for compiled functions."""
+    """The first test of a stage that fails, or TOO_LONG; none if all pass. compiled: folder for compiled functions."""
     # Bytecode knows its source by size and second: a fault put in and taken out within one second would stay in it.
     where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     where |= {"NUMBA_CACHE_DIR": compiled} if compiled else {}
@@ -223,7 +223,7 @@ def _failed(copy: Path, tests: list[str], stage: str, broken: set[str], compiled
             check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        return SLOW
+        return TOO_LONG
     names = re.findall(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.MULTILINE)
     nothing_ran = 5  # pytest's status
     return [] if ran.returncode in (0, nothing_ran) else names[:1] or tests[:1]
@@ -243,21 +243,28 @@ def drawn(count: int, seed: int, only: list[str]) -> list[Fault]:
     return found
 
 
-def results(count: int, seed: int, only: list[str], output: Path) -> tuple[list[tuple[Fault, str]], set[str]]:
-    """What became of each fault that is drawn, and the tests that fail without a fault; one line of `output` each."""
+def results(
+    count: int, seed: int, only: list[str], output: Path, slow: bool = False
+) -> tuple[list[tuple[Fault, str]], set[str]]:
+    """What became of each fault that is drawn, and the tests that fail without a fault. Each result is a line of
+    `output`. slow: the slow tests try what the others let survive"""
     output.parent.mkdir(parents=True, exist_ok=True)
     lines = output.read_text().splitlines() if output.exists() else []
-    known = {(d["file"], d["start"], d["after"]): d["became"] for d in map(json.loads, lines)}
+    known = {(d["file"], d["start"], d["after"], d["stage"]): d["became"] for d in map(json.loads, lines)}
     found, broken = list[tuple[Fault, str]](), set[str]()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
         ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
         shutil.copytree(ROOT, copy, ignore=ignored)
         for fault in drawn(count, seed, only):
-            became = known.get((fault.file, fault.start, fault.after)) or noticed(fault, copy, broken)
-            if (fault.file, fault.start, fault.after) not in known:
-                with output.open("a") as stream:
-                    stream.write(json.dumps({**asdict(fault), "became": became}) + "\n")
+            became = "survived"
+            for stage in (FAST, SLOW) if slow else (FAST,):
+                key = (fault.file, fault.start, fault.after, stage)
+                if became == "survived" and key not in known:
+                    known[key] = noticed(fault, copy, broken, stage)
+                    with output.open("a") as stream:
+                        stream.write(json.dumps({**asdict(fault), "stage": stage, "became": known[key]}) + "\n")
+                became = known.get(key, became)
             found.append((fault, became))
             if became != "noticed":
                 print(f"{became}: {described(fault)}", file=sys.stderr)
@@ -273,10 +280,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--count", type=int, default=100, help="number of faults (default 100)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw (default 1)")
+    parser.add_argument("--slow", action="store_true", help="let slow tests try what has survived, too")
     parser.add_argument("--only", nargs="+", default=[], help="folders or files to change (default: the core)")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
-    found, broken = results(options.count, options.seed, options.only, options.output)
+    found, broken = results(options.count, options.seed, options.only, options.output, options.slow)
     for fault, became in found:
         if became != "noticed":
             print(f"{became}: {described(fault)}")
