@@ -22,7 +22,7 @@ from random_rigs import packaged_model
 
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
-from mazeplan.control.estimation.rigid_body_fit import ORDINARY
+from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE
 from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.maths.angles import difference
@@ -47,7 +47,7 @@ from mazeplan.run.specification import Job, Setup
 ROOT = Path(__file__).resolve().parent.parent
 MAZE = load_map("cme")
 RECORDS = ("null-1", "null-2", "null-3", "friction", "tilt", "late", "drops-friction")
-FREE = (*ORDINARY, "gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
+FREE = (*DEFAULT_FREE, "gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 COMMANDS = ("u_beta", "u_gamma")
 SEED = 1000  # of the first navigation; settings and models were chosen on others
 AHEAD = (2, 20, 40)  # samples: the delay of the toy's camera, and those of `compare`

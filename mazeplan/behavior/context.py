@@ -16,7 +16,7 @@ from mazeplan.behavior.current_leg import CurrentLeg
 from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
-from mazeplan.control.keeping import Keeper
+from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy
@@ -105,7 +105,7 @@ class BallRoles:
     """
 
     aheads: tuple[Callable[..., State], ...] = ()
-    keeper: Keeper | None = None
+    keeper: SafetyFilter | None = None
     views: tuple[BallView, ...] = ()
     led: int = 1
     kept: frozenset[int] = frozenset()

@@ -99,7 +99,7 @@ class PassOpening(MazeLeaf):
             run.enter(target)
         # a missed opening shows that the model, or its delay, is not good enough for roll-outs
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
-        command = None if trusted is None else trusted.better(run.here, opening, target)
+        command = None if trusted is None else trusted.improved_command(run.here, opening, target)
         if command is None:
             ahead = run.ahead(run.options.gate.lead_s)
             command = opening_command(ahead, opening, target, run.plate, run.options.gate)

@@ -14,7 +14,7 @@ from mazeplan.core.records import Array, Command
 from mazeplan.physics.rig.stage import StageModel
 
 
-class Gears:
+class BacklashCompensator:
     """State of the gears of both axes in one run."""
 
     def __init__(self, stage: StageModel, limit: float) -> None:
@@ -24,7 +24,7 @@ class Gears:
         self._sent, self._passed = np.zeros(2), np.zeros(2)
 
     @property
-    def loose(self) -> bool:
+    def has_backlash(self) -> bool:
         """Whether an axis has backlash."""
         return bool(self._half.any())
 

@@ -29,7 +29,7 @@ class Stopwatch(Protocol):
         """End the search. Returns its duration, ms."""
         ...
 
-    def taken(self) -> str | None:
+    def pop_cuts(self) -> str | None:
         """The iterations at which deadlines ended searches since the last call; None if no deadline did."""
         ...
 
@@ -65,7 +65,7 @@ class Live:
         """See Stopwatch."""
         return 1e3 * (self._clock() - self._began)
 
-    def taken(self) -> str | None:
+    def pop_cuts(self) -> str | None:
         """One word for each search since the last call; None if no deadline ended any of them.
 
         The word is the number of iterations until the deadline, or `-` for a search that ended before it."""
@@ -81,9 +81,9 @@ class Recorded:
         self._cuts: deque[int | None] = deque()
         self._cut: int | None = None
 
-    def load(self, taken: str | None) -> None:
-        """Set the text that `Live.taken` returned for the next tick. Raises ValueError for other text."""
-        self._cuts = deque(None if cut == WHOLE else int(cut) for cut in (taken or "").split())
+    def load(self, cuts: str | None) -> None:
+        """Set the text that `Live.pop_cuts` returned for the next tick. Raises ValueError for other text."""
+        self._cuts = deque(None if cut == WHOLE else int(cut) for cut in (cuts or "").split())
 
     def begin(self, deadline_ms: float) -> None:
         """See Stopwatch."""
@@ -97,6 +97,6 @@ class Recorded:
         """Always 0."""
         return 0.0
 
-    def taken(self) -> str | None:
+    def pop_cuts(self) -> str | None:
         """Always None."""
         return None

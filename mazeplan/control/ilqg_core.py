@@ -64,7 +64,7 @@ def begin(w, f, p, q, reference, mu):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
     cost = roll_out(w, f, p, q, reference, 0.0, True)
-    _take(w)
+    _accept_candidate(w)
     w.numbers[ws.COST], w.numbers[ws.MU], w.numbers[ws.FACTOR] = cost, mu, 1.0
     w.numbers[ws.EXPECTED] = w.numbers[ws.GOT] = w.numbers[ws.SECANT] = 0.0
     w.numbers[ws.ALPHA] = 1.0
@@ -73,7 +73,7 @@ def begin(w, f, p, q, reference, mu):
 
 
 @njit(cache=True, error_model="numpy")
-def _take(w):
+def _accept_candidate(w):
     """Make the candidate the plan."""
     w.states[:] = w.new_states
     w.controls[:] = w.new_controls
@@ -102,9 +102,9 @@ def _secant(w):
     """Record how far the linearised candidate moved, and how much its A changed."""
     for t in range(w.A.shape[0]):
         for i in range(w.V.shape[0]):
-            w.moved[t, i] = w.new_states[t, i] - w.states[t, i]
+            w.delta_s[t, i] = w.new_states[t, i] - w.states[t, i]
             for j in range(w.V.shape[0]):
-                w.turned[t, i, j] = w.new_a[t, i, j] - w.A[t, i, j]
+                w.delta_a[t, i, j] = w.new_a[t, i, j] - w.A[t, i, j]
     w.numbers[ws.SECANT] = 1.0
 
 
@@ -112,12 +112,12 @@ def _secant(w):
 def _learn_curvature(w, t):
     """Update the curvature M of the step from the last candidate."""
     n = w.V.shape[0]
-    M, r, s = w.curvature[t], w.missing, w.moved[t]
+    M, r, s = w.curvature[t], w.secant_residual, w.delta_s[t]
     sy = sMs = ss = 0.0
     for j in range(n):
         r[j] = known = 0.0
         for i in range(n):
-            r[j] += w.V[i] * w.turned[t, i, j]
+            r[j] += w.V[i] * w.delta_a[t, i, j]
             known += M[j, i] * s[i]
         sy += r[j] * s[j]
         sMs += known * s[j]
@@ -246,7 +246,7 @@ def backward(w, mu):
 
 
 @njit(cache=True, error_model="numpy")
-def _harder(w, rules):
+def _raise_mu(w, rules):
     """Raise the regularisation. Returns whether it is still at most mu_max."""
     w.numbers[ws.FACTOR] = max(rules.mu_factor, w.numbers[ws.FACTOR] * rules.mu_factor)
     w.numbers[ws.MU] = max(rules.mu_min, w.numbers[ws.MU] * w.numbers[ws.FACTOR])
@@ -254,7 +254,7 @@ def _harder(w, rules):
 
 
 @njit(cache=True, error_model="numpy")
-def _softer(w, rules):
+def _lower_mu(w, rules):
     """Lower the regularisation. Below mu_min it becomes zero."""
     w.numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, w.numbers[ws.FACTOR] / rules.mu_factor)
     mu = w.numbers[ws.MU] * w.numbers[ws.FACTOR]
@@ -267,7 +267,7 @@ def policy(w, f, p, q, rules):
     if w.numbers[ws.STALE] != ws.FRESH:
         derivatives(w, f, p, q)
     code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
-    while code == ws.NO_DESCENT and _harder(w, rules):
+    while code == ws.NO_DESCENT and _raise_mu(w, rules):
         code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
     w.numbers[ws.SLOPE], w.numbers[ws.CURVATURE], w.numbers[ws.LARGEST] = slope, curvature, largest
     return code
@@ -292,10 +292,10 @@ def _try(w, f, p, q, rules, alpha):
         _secant(w)
     if not (reduction > rules.min_ratio * expected and reduction > 0.0):
         return math.nan
-    _take(w)
+    _accept_candidate(w)
     n[ws.COST] -= reduction
     n[ws.EXPECTED], n[ws.GOT], n[ws.ALPHA] = expected, reduction, alpha
-    _softer(w, rules)
+    _lower_mu(w, rules)
     return reduction
 
 
@@ -319,7 +319,7 @@ def iterate(w, f, p, q, rules):
         if math.isfinite(reduction):
             return ws.CONVERGED if reduction < small and n[ws.MU] <= rules.mu_min and alpha > 0.5 else ws.GO_ON
         alpha *= rules.shorter
-    return ws.GO_ON if _harder(w, rules) else ws.NO_DESCENT
+    return ws.GO_ON if _raise_mu(w, rules) else ws.NO_DESCENT
 
 
 @njit(cache=True, error_model="numpy")

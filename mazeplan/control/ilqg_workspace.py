@@ -60,9 +60,9 @@ class Workspace(NamedTuple):
     low, high (2,)                                         control limits
     A (T, n, n), B (T, n, 2)                               derivatives of the dynamics along the plan
     new_a, new_b                                           the same along the candidate
-    moved (T, n), turned (T, n, n)                         states and A of the candidate minus those of the plan
+    delta_s (T, n), delta_a (T, n, n)                      states and A of the candidate minus those of the plan
     curvature (T, n, n)                                    M of each step, see `ilqg_core`
-    missing (n,)                                           r, see `ilqg_core`
+    secant_residual (n,)                                   r, see `ilqg_core`
     lx (T+1, n), lu (T, 2)                                 gradient of the cost along the plan
     lxx (T+1, n, n), luu (T, 2, 2)                         Hessian of the cost along the plan
     k (T, 2), K (T, 2, n)                                  correction and feedback
@@ -80,10 +80,10 @@ class Workspace(NamedTuple):
     B: Array
     new_a: Array
     new_b: Array
-    moved: Array
-    turned: Array
+    delta_s: Array
+    delta_a: Array
     curvature: Array
-    missing: Array
+    secant_residual: Array
     lx: Array
     lu: Array
     lxx: Array
@@ -114,10 +114,10 @@ def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
         B=z((T, n, 2)),
         new_a=z((T, n, n)),
         new_b=z((T, n, 2)),
-        moved=z((T, n)),
-        turned=z((T, n, n)),
+        delta_s=z((T, n)),
+        delta_a=z((T, n, n)),
         curvature=z((T, n, n)),
-        missing=z(n),
+        secant_residual=z(n),
         lx=z((T + 1, n)),
         lu=z((T, 2)),
         lxx=z((T + 1, n, n)),

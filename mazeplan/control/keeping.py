@@ -30,7 +30,7 @@ from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, st
 
 
 @dataclass(frozen=True)
-class KeepOptions:
+class SafetyFilterOptions:
     """Settings of the filter. Raises SettingsError.
 
     hold_s:               time that a command acts before the rescue, s
@@ -55,11 +55,13 @@ class KeepOptions:
 SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # shares of the wanted command along the ring of the other ball
 
 
-class Keeper:
+class SafetyFilter:
     """Keeps balls in the disc of one maze, on one model; see the module."""
 
-    def __init__(self, maze: Maze, planar: PlanarModel, plate: Plate, options: KeepOptions | None = None) -> None:
-        self._options = o = options or KeepOptions()
+    def __init__(
+        self, maze: Maze, planar: PlanarModel, plate: Plate, options: SafetyFilterOptions | None = None
+    ) -> None:
+        self._options = o = options or SafetyFilterOptions()
         self._planar, self._plate = planar.arrays(), plate
         disc = maze.rings[-1]
         self._openings = [opening.angle for opening in maze.openings_of(disc.number)]
@@ -92,7 +94,7 @@ class Keeper:
         rescue = self._rescue(state)
         commands = np.array([[command.u_beta, command.u_gamma], [rescue.u_beta, rescue.u_gamma]])
         starts = _around(state, 1e-3 * o.doubt_mm, o.doubt_m_s, self._nearest(state))
-        return _most(starts, commands, self._steps, self._out, *self._planar)
+        return _max_radius(starts, commands, self._steps, self._out, *self._planar)
 
     def _nearest(self, state: State) -> float:
         """Angle of the opening nearest to a ball, rad."""
@@ -142,7 +144,7 @@ def _around(state: State, place: float, speed: float, angle: float) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _most(starts, commands, steps, out, scalars, stage, rings, walls, gaps):
+def _max_radius(starts, commands, steps, out, scalars, stage, rings, walls, gaps):
     """Largest distance of the ball from the centre, m, over all starts (N, 8), which are changed in place.
 
     commands[i] acts for steps[i] sub-steps."""

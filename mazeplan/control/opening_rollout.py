@@ -30,8 +30,8 @@ from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, st
 
 TICK = 1.0 / 30.0  # s; how long one command of the law holds
 SUBSTEPS = round(TICK / SUBSTEP)
-LEFT = 0.1  # m/s; assumed speed after the horizon
-HELD = (1, 2, 4)  # ticks that a command is held
+ASSUMED_SPEED = 0.1  # m/s; assumed speed after the horizon
+HOLD_TICKS = (1, 2, 4)  # ticks that a command is held
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class OpeningRollout:
         push = GRAVITY * math.radians(gate.push_deg)
         self._law = np.array([gate.kp, gate.kd, gate.lead_s, push, plate.limit, plate.offset_beta, plate.offset_gamma])
 
-    def better(self, state: State, opening: Opening, towards: int) -> Command | None:
+    def improved_command(self, state: State, opening: Opening, towards: int) -> Command | None:
         """The command that brings the ball into ring `towards` sooner than the law by the margin, or None.
 
         state: at the moment when the command acts."""
@@ -94,7 +94,7 @@ class OpeningRollout:
         r = self._maze.track_radius(opening.outer)
         x, y = r * math.cos(opening.angle), r * math.sin(opening.angle)
         state = State(0.0, x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, opening.outer)
-        self.better(state, opening, opening.inner)
+        self.improved_command(state, opening, opening.inner)
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,7 +136,7 @@ def passing_time(z, u, held, gap, law, horizon, scalars, stage, rings, walls, ga
             if gap[2] * (r - gap[3]) >= 0.0:
                 part = (gap[3] - before) / (r - before) if gap[2] * (before - gap[3]) < 0.0 else 0.0
                 return k * TICK + (i + part) * SUBSTEP
-    return horizon + abs(r - gap[3]) / LEFT
+    return horizon + abs(r - gap[3]) / ASSUMED_SPEED
 
 
 @njit(cache=True, error_model="numpy")
@@ -163,7 +163,7 @@ def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, rings, wa
     low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, horizon, *world) - margin * starts.shape[0]
     which = -1
     for j in range(tried.shape[0]):
-        for held in HELD:
+        for held in HOLD_TICKS:
             total = _total(z, tried[j], held, gap, law, starts, low, horizon, *world)
             if total < low:
                 low, which = total, j

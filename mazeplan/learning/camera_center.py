@@ -24,7 +24,7 @@ from mazeplan.learning.samples import RingSamples, delayed, filtered
 from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
 
 FURTHEST = 0.4  # maximum distance of the centre, radii
-LEVEL = 30.0  # minimum gain of -2 log L by a centre, after the penalty
+MIN_GAIN = 30.0  # minimum gain of -2 log L by a centre, after the penalty
 SAME = 0.02  # maximum rms difference of accelerations that one smoothing made, over their spread
 WINDOWS = (5, 7, 9, 11)  # samples, of a Savitzky-Golay smoothing of order 2
 FEWEST = 100  # minimum number of rows
@@ -95,7 +95,7 @@ def find_centre(samples: RingSamples, rows: IntArray, smoothing: Smoothing) -> C
     if min(half.sum(), (~half).sum()) < FEWEST:
         return None
     whole, gain = _fitted(samples, rows, smoothing)
-    parts = (_fitted(samples, some, smoothing)[0] for some in (rows[half], rows[~half])) if gain > LEVEL else ()
+    parts = (_fitted(samples, some, smoothing)[0] for some in (rows[half], rows[~half])) if gain > MIN_GAIN else ()
     agreed = [max(abs(part.x - whole.x), abs(part.y - whole.y)) < AGREED for part in parts]
     return whole if agreed and all(agreed) else None
 

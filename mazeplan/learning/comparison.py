@@ -96,14 +96,14 @@ def compare(
         words = led_by(f"ring {ring}: ", progress)
         found = score(ring, data, options, rates, signs, angles, words, share)
         scores.append(
-            replace(found, carried=carried_over(data, data.test, options.seed)) if options.split == "time" else found
+            replace(found, carried=drift_scores(data, data.test, options.seed)) if options.split == "time" else found
         )
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
     return scores
 
 
-def carried_over(data: RingData, samples: RingSamples, seed: int = 0) -> dict[str, Any]:
+def drift_scores(data: RingData, samples: RingSamples, seed: int = 0) -> dict[str, Any]:
     """nRMSE of the linear model (pi) on a ring for a split in time; its test rows are the later rows.
 
     time:     trained on the earlier rows, tested on the later rows

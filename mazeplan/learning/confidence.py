@@ -19,9 +19,17 @@ import numpy as np
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.ball_models import AccelerationModel
-from mazeplan.learning.fitting import Fitted, repetition
+from mazeplan.learning.fitting import Fitted, correlation_time
 from mazeplan.learning.posterior import draw_model
-from mazeplan.learning.rollout import CHECKED, STEPS, Windows, angle_noise, causal_start, uninterrupted, way_of
+from mazeplan.learning.rollout import (
+    CHECKED,
+    STEPS,
+    Windows,
+    angle_noise,
+    causal_start,
+    rollout_function,
+    uninterrupted,
+)
 from mazeplan.learning.samples import RingSamples
 
 LOW, HIGH = 0.05, 0.95
@@ -112,7 +120,7 @@ def confidence(
         return None
     left, noise = residual_stretches(fitted.typical, train, rows, rng), angle_noise(train)
     drawn = draw_model(
-        fitted.model, fitted.typical, DRAWS, rng, repeats=repetition(left), device=o.device, precision=o.precision
+        fitted.model, fitted.typical, DRAWS, rng, repeats=correlation_time(left), device=o.device, precision=o.precision
     )
     theta, rate, P = causal_start(fitted.typical.mean, test, some, noise, misfit)
     if rates == "filtered":  # like the published figures: the late rate is used as the rate
@@ -120,7 +128,9 @@ def confidence(
     off = np.einsum("wij,swj->swi", np.linalg.cholesky(P), rng.standard_normal((DRAWS, len(some), 2)))
     start = np.tile(some, DRAWS)  # a group of all windows for each draw of the model
     push = left[rng.integers(0, len(left), len(start))] if len(left) else None
-    done = way_of(rates)(drawn, test, start, (theta + off[:, :, 0]).ravel(), (rate + off[:, :, 1]).ravel(), push)
+    done = rollout_function(rates)(
+        drawn, test, start, (theta + off[:, :, 0]).ravel(), (rate + off[:, :, 1]).ravel(), push
+    )
     angle = (done.angle + noise * rng.standard_normal(done.angle.shape)).reshape(DRAWS, len(some), -1)
     low, middle, high = band(angle)
     measured = test.measured[some[:, None] + np.arange(STEPS + 1)]

@@ -171,10 +171,10 @@ def fit_process(
     chosen = replace(options.training, seed=options.seed, terms=terms)
     training = train(x, phi, y, chosen, progress=progress, advance=advance)
     progress(f"conditioning on {len(picked)} rows")
-    return GaussianProcess.condition(honest_noise(training, x, phi, y), x, phi, y), training
+    return GaussianProcess.condition(inflate_noise(training, x, phi, y), x, phi, y), training
 
 
-def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
+def inflate_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
     """The hyperparameters with a larger noise, because neighbouring residuals are correlated.
 
     Smoothing spreads noise and impacts over neighbouring rows. If rows counted as independent, each disturbance would
@@ -183,10 +183,10 @@ def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyp
     process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
     left = target - process.mean(x, phi)
     left[own] = np.nan
-    return replace(training.hyper, noise=training.hyper.noise * math.sqrt(repetition(left)))
+    return replace(training.hyper, noise=training.hyper.noise * math.sqrt(correlation_time(left)))
 
 
-def repetition(left: Array) -> float:
+def correlation_time(left: Array) -> float:
     """How many of the residuals (..., N) count as one independent residual, by their autocorrelation; at least 1.
 
     NaN marks an unknown residual."""

@@ -23,8 +23,8 @@ from mazeplan.physics.formulas.functions import tanh
 
 KEPT = {"state": (0, 1, 2, 5, 7), "local": (0, 3, 4, 5, 6, 7, 8)}  # columns, by the name of the inputs
 TURNED = {"state": (3, 4), "local": (1, 2)}  # columns of sine and cosine of the angle
-WAVES = 4  # 1, 2, 4 and 8 times the angle
-WIDTH = {name: len(columns) + 2 * WAVES for name, columns in KEPT.items()}
+HARMONICS = 4  # 1, 2, 4 and 8 times the angle
+WIDTH = {name: len(columns) + 2 * HARMONICS for name, columns in KEPT.items()}
 _MEMBERS, _HIDDEN, _WEIGHTS = 0, 1, 2
 D = WIDTH["state"]
 ARRAYS = ("first", "first_bias", "second", "second_bias", "last", "last_bias")
@@ -34,7 +34,7 @@ def expanded(x: Any, inputs: str, xp: Any = np) -> Any:
     """Inputs of the networks (..., D) from those of `features.INPUT_SETS` (..., 9 or 11); xp: numpy or torch."""
     columns = [x[..., i] for i in KEPT[inputs]]
     sine, cosine = (x[..., i] for i in TURNED[inputs])
-    for _ in range(WAVES):
+    for _ in range(HARMONICS):
         columns += [sine, cosine]
         sine, cosine = 2.0 * sine * cosine, cosine * cosine - sine * sine
     return xp.stack(columns, -1)
@@ -112,7 +112,7 @@ def _place(s, z):
     """Write the inputs of the state s (6,) into z (D,)."""
     z[0], z[1], z[2], z[3], z[4] = s[1], s[3], s[5], math.sin(s[2]), math.sin(s[4])
     sine, cosine = math.sin(s[0]), math.cos(s[0])
-    for i in range(WAVES):
+    for i in range(HARMONICS):
         z[5 + 2 * i], z[6 + 2 * i] = sine, cosine
         sine, cosine = 2.0 * sine * cosine, cosine * cosine - sine * sine
 
@@ -121,7 +121,7 @@ def _place(s, z):
 def _by_state(s, z, g, out):
     """Write the derivatives by the state into out (6,), from those by the inputs z (D,), g (D,)."""
     out[0] = 0.0
-    for i in range(WAVES):
+    for i in range(HARMONICS):
         out[0] += 2.0**i * (g[5 + 2 * i] * z[6 + 2 * i] - g[6 + 2 * i] * z[5 + 2 * i])
     out[1], out[3], out[5] = g[0], g[1], g[2]
     out[2], out[4] = g[3] * math.cos(s[2]), g[4] * math.cos(s[4])

@@ -79,7 +79,7 @@ class OnlineProcess:
         none = np.zeros(0)
         return cls(hyper, walk, np.zeros((0, inputs)), np.zeros((0, m)), none, none, np.zeros((0, 0)))
 
-    def between(
+    def cross_covariance(
         self, inputs: Array, features: Array, age: Array, other: tuple[Array, Array, Array] | None = None
     ) -> Array:
         """Covariance (K, N) of f between K places and other places.
@@ -103,10 +103,10 @@ class OnlineProcess:
         if not len(y):
             return self
         n, new = len(self), (inputs, features, age)
-        low = self.between(*new)
+        low = self.cross_covariance(*new)
         if n:
             low = solve_triangular(self.factor, low.T, lower=True, check_finite=False).T
-        own = self.between(*new, new)
+        own = self.cross_covariance(*new, new)
         own[np.diag_indices(len(y))] += self.hyper.noise**2 + self._jitter(age)
         corner = _factor(own - low @ low.T, self._jitter(age))
         factor = np.zeros((n + len(y), n + len(y)))
@@ -123,7 +123,7 @@ class OnlineProcess:
         tail = factor[first:, first:]
         gone = self.factor[np.ix_(stay[first:], np.setdiff1d(rows, stay))]
         if len(tail) and gone.shape[1]:  # the part before the first removed row stays
-            factor[first:, first:] = _taken_in(tail, gone)
+            factor[first:, first:] = _cholesky_update(tail, gone)
         kept = replace(self, inputs=self.inputs[stay], features=self.features[stay], factor=factor)
         return replace(kept, y=self.y[stay], age=self.age[stay])
 
@@ -165,13 +165,14 @@ class OnlineProcess:
         prior = prior + now * np.sum((features * self.walk.weights) ** 2, axis=1)
         if not len(self):
             return np.zeros(len(inputs)), prior
-        cross = self.between(inputs, features, age)
+        cross = self.cross_covariance(inputs, features, age)
         half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
         return cross @ self.alpha, np.maximum(prior - np.sum(half**2, axis=0), 0.0)
 
     def evidence(self, inputs: Array, features: Array, y: Array, age: Array) -> float:
         """Log likelihood of additional rows, given the present rows."""
-        cross, own = self.between(inputs, features, age), self.between(inputs, features, age, (inputs, features, age))
+        cross = self.cross_covariance(inputs, features, age)
+        own = self.cross_covariance(inputs, features, age, (inputs, features, age))
         own[np.diag_indices(len(y))] += self.hyper.noise**2 + self._jitter(age)
         left = y
         if len(self):
@@ -186,7 +187,7 @@ class OnlineProcess:
 def novelty(rows: OnlineProcess, count: int, now: float) -> IntArray:
     """The `count` rows whose loss adds least to the variance of f now, in order of removal."""
     at = np.unique(np.linspace(0, len(rows) - 1, min(PROBES, len(rows))).astype(np.int64))
-    effect = rows.between(rows.inputs[at], rows.features[at], np.full(len(at), float(now)))
+    effect = rows.cross_covariance(rows.inputs[at], rows.features[at], np.full(len(at), float(now)))
     inverse = rows.inverse()
     effect, left = effect @ inverse, np.diag(inverse).copy()
     done, taken, gone = np.zeros((count, len(rows))), np.zeros(count, dtype=np.int64), np.zeros(len(rows), dtype=bool)
@@ -217,7 +218,7 @@ def _factor(C: Array, jitter: Array) -> Array:
     raise ModelError("the covariance of the new rows is not positive definite")
 
 
-def _taken_in(T: Array, B: Array) -> Array:
+def _cholesky_update(T: Array, B: Array) -> Array:
     """The lower Cholesky factor of T T' + B B', for a lower factor T (N, N) and B (N, K)."""
     n = len(T)
     (tpqrt,) = get_lapack_funcs(("tpqrt",), (T, B))

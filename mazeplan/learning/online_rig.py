@@ -140,7 +140,7 @@ class OnlineModel:
             problem = f"a model of kind {self.start.kind} does not learn while running"
             raise InputError(f"{problem}: begin with one of kind pi, np or sp")
         if process is None:
-            return OnlineProcess.begin(usual(radius), walk)
+            return OnlineProcess.begin(default_hyperparameters(radius), walk)
         h, x = process.hyper, process.inputs
         own = process.alpha * (h.noise**2 + JITTER * h.only.amplitude**2)
         y = kernel(x, x, h) @ process.alpha + own  # the values of its rows: C alpha
@@ -175,13 +175,13 @@ class OnlineModel:
         if self.kind == "sp":
             for ring in self.maze.rings:
                 if ring.number not in self.rings:  # a disc has no rows
-                    balls[ring.number] = self._as_near(ring.number, balls)
+                    balls[ring.number] = self._disc_ball(ring.number, balls)
         kind = self.kind if processes else self.start.kind
         rows = {f"ring{ring}": len(rows) for ring, rows in self.rings.items()}
         scores = {**self.start.scores, "learned_while_running": {"runs": self.now, "rows": rows}}
         return replace(self.start, kind=kind, balls=balls, processes=processes, scores=scores)
 
-    def _as_near(self, ring: int, balls: dict[int, BallModel]) -> BallModel:
+    def _disc_ball(self, ring: int, balls: dict[int, BallModel]) -> BallModel:
         """The ball of a disc: its floor and table change like those of the nearest ring."""
         near = min(self.rings, key=lambda number: abs(number - ring))
         place, ball, before = self.maze.ring(ring), balls[ring], self.start.ball(near)
@@ -294,7 +294,7 @@ def _inside(segment: IntArray) -> np.ndarray:
     return np.asarray((rows - begin >= ENDS) & (end - 1 - rows >= ENDS))
 
 
-def usual(radius: float) -> Hyperparameters:
+def default_hyperparameters(radius: float) -> Hyperparameters:
     """Typical hyperparameters for a ring without a Gaussian process; radius: of the track, m."""
     lengths = np.array([LENGTHS[0] / radius, *LENGTHS[1:]])
     term = KernelTerm(PLANNED_TERMS[0][0], lengths, AMPLITUDE / radius)

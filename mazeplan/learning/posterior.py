@@ -28,27 +28,27 @@ from mazeplan.learning.features import FEATURES, INPUT_SETS
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-WAVES = 256  # number of waves of a draw from the prior, for each term
+FOURIER_FEATURES = 256  # number of waves of a draw from the prior, for each term
 ELEMENTS = {"cpu": 2**18, "cuda": 2**26}  # maximum elements of a piece of the kernel matrix
 
 Drawn = Callable[[RingKinematics], Array]
 
 
-class Wave:
+class RandomFourierFeatures:
     """S draws of the prior of one term, each a sum of WAVES waves."""
 
     def __init__(self, term: KernelTerm, family: str, count: int, rng: np.random.Generator, **where: Any) -> None:
         """where: device and dtype of all tensors."""
         import torch
 
-        v = rng.standard_normal((WAVES, len(term.columns)))
+        v = rng.standard_normal((FOURIER_FEATURES, len(term.columns)))
         if family == "exponential":
-            v /= np.abs(rng.standard_normal((WAVES, 1)))
-        scale = term.amplitude / math.sqrt(WAVES * (2.0 if term.flip else 1.0))
+            v /= np.abs(rng.standard_normal((FOURIER_FEATURES, 1)))
+        scale = term.amplitude / math.sqrt(FOURIER_FEATURES * (2.0 if term.flip else 1.0))
         self._term, self._where, v = term, where, v / term.lengthscales
         waves = [v, *([v * np.array(term.flip)] if term.flip else [])]
         self._waves = [torch.tensor(np.ascontiguousarray(part.T), **where) for part in waves]
-        self._weights = torch.tensor(scale * rng.standard_normal((2, WAVES, count)), **where)
+        self._weights = torch.tensor(scale * rng.standard_normal((2, FOURIER_FEATURES, count)), **where)
 
     def _seen(self, x: Array) -> tuple[Any, Any]:
         """cos and sin (N, WAVES) at inputs (N, D); for an odd term, minus those at the flipped inputs."""
@@ -71,7 +71,7 @@ class Wave:
 
         groups, out = self._weights.shape[2], 0.0
         for part, weights in zip(self._seen(x), self._weights, strict=True):
-            out = out + torch.bmm(part.view(groups, -1, WAVES), weights.T[:, :, None])[:, :, 0]
+            out = out + torch.bmm(part.view(groups, -1, FOURIER_FEATURES), weights.T[:, :, None])[:, :, 0]
         return out.cpu().numpy().astype(np.float64)  # pyright: ignore
 
 
@@ -97,7 +97,8 @@ class ProcessDraws:
         process.variance(process.inputs[:0], process.features[:0])  # raises without the factor
         h, n = process.hyper, len(process)
         where = {"device": device, "dtype": getattr(torch, precision)}
-        self.count, self._waves = count, [Wave(term, h.family, count, rng, **where) for term in h.terms]
+        self.count = count
+        self._waves = [RandomFourierFeatures(term, h.family, count, rng, **where) for term in h.terms]
         sigma = h.weight_sigma[:, None]
         weights = sigma * rng.standard_normal((len(h.weight_sigma), count))
         off = process.features @ weights + h.noise * rng.standard_normal((n, count))

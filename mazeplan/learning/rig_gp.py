@@ -19,7 +19,7 @@ from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words,
 from mazeplan.core.records import Array
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.features import DRY_WIDTH, EFFECTS, PLANNED_TERMS, effect_features, inputs
-from mazeplan.learning.fitting import NETWORKS, FitOptions, honest_noise
+from mazeplan.learning.fitting import NETWORKS, FitOptions, inflate_noise
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_file import rounded
 from mazeplan.learning.gp_training import Training, train
@@ -108,7 +108,7 @@ def _learn_ring(
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
     chosen = replace(options.training, seed=options.seed, terms=PLANNED_TERMS)
     training = train(x, features, rest, chosen, progress=progress, advance=piece(advance, 0.0, TRAINED, 1.0))
-    hyper = honest_noise(training, x, features, rest)
+    hyper = inflate_noise(training, x, features, rest)
     if kind == "sp":  # the prior of a correction is no wider than the standard error of its effect, see `effect_sigma`
         hyper = replace(hyper, weight_sigma=np.minimum(hyper.weight_sigma, effect_sigma(ball, math.inf)))
     better, process = _condition(k, target, ball, kind, hyper)

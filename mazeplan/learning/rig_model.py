@@ -1,4 +1,4 @@
-"""The model of a rig: everything that estimation and planning know of it. `carried_over` adapts it to another maze."""
+"""The model of a rig: what estimation and planning know of it. `transfer_model` adapts it to another maze."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def same_rings(a: Maze, b: Maze) -> bool:
     )
 
 
-def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
+def transfer_model(model: RigModel, home: Maze, maze: Maze) -> RigModel:
     """The physics of a model of the maze `home`, for `maze`; the model itself if both have the same rings.
 
     Stage, delays, sensors and the tilt of the table belong to the rig and stay. A ring takes the effects of the ring of

@@ -59,12 +59,12 @@ def _named(part: str, field: str, effect: str, step: float, words: str = "", how
     """A parameter with a counterpart in the registry."""
     origin, power = Number(part, field, "", 0.0, 0.0, step, effect=effect).origin
     unit = ALONG.get((origin.unit, power), origin.unit)
-    ends = [brought(x, how, power, REACH) for x in (origin.low, origin.high)]
+    ends = [to_body_unit(x, how, power, REACH) for x in (origin.low, origin.high)]
     low, high = max(min(ends), LEAST_INERTIA) if how == INERTIA else min(ends), max(ends)
     return Number(part, field, unit, low, high, step, False, words or origin.words, effect, how)
 
 
-def brought(value: float, how: str, power: int, radius: float) -> float:
+def to_body_unit(value: float, how: str, power: int, radius: float) -> float:
     """A value of the registry, converted to the rigid body."""
     if how == SAME:
         return value / radius**power

@@ -22,7 +22,15 @@ from mazeplan.learning.confidence import ConfidenceOptions, confidence
 from mazeplan.learning.discrete_map import fit_discrete, roll_out_discrete
 from mazeplan.learning.fitting import NETWORKS, FitOptions, fit_kind
 from mazeplan.learning.gp_training import TrainingOptions
-from mazeplan.learning.rollout import CHECKED, Rollout, Windows, angle_noise, causal_start, choose_windows, way_of
+from mazeplan.learning.rollout import (
+    CHECKED,
+    Rollout,
+    Windows,
+    angle_noise,
+    causal_start,
+    choose_windows,
+    rollout_function,
+)
 from mazeplan.learning.samples import RingSamples, SampleOptions
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_bootstrap, uniform_downsample
@@ -318,7 +326,7 @@ def _roll(
     if kind == "npd":
         done = roll_out_discrete(fit_discrete(data.train, rows, options), data.test, start, theta, rate)
     else:
-        done = way_of(rates)(model.mean, data.test, start, theta, rate)
+        done = rollout_function(rates)(model.mean, data.test, start, theta, rate)
     if data.centre is None or data.seen is None:
         return done
     return Rollout.against(data.centre.seen(done.angle), data.seen[1].k.theta, start)

@@ -153,7 +153,7 @@ def roll_out_delayed(
     return Rollout.against(angle[:, LAG + 1 :], samples.k.theta, start)
 
 
-def way_of(rates: str) -> Callable[..., Rollout]:
+def rollout_function(rates: str) -> Callable[..., Rollout]:
     """The roll-out function for models with these rates, see `samples`."""
     return roll_out_delayed if rates == "delayed" else roll_out
 

@@ -57,7 +57,7 @@ def _look_into_packages(name: str) -> None:
 
 def own_effects(spec: str | None) -> list[Effect]:
     """Register and return the effects of a user's module, `MODULE:FUNCTION`. Raises InputError."""
-    found = [] if spec is None else brought(spec)
+    found = [] if spec is None else load_effects(spec)
     names = set[str]()
     for effect in found:
         problem = problem_of(effect)
@@ -70,7 +70,7 @@ def own_effects(spec: str | None) -> list[Effect]:
     return found
 
 
-def brought(spec: str) -> list[Any]:
+def load_effects(spec: str) -> list[Any]:
     """The objects, not yet checked, that a user's module `MODULE:FUNCTION` offers. Raises InputError."""
     module, _, name = spec.partition(":")
     if not module or not name:

@@ -6,7 +6,7 @@ from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.control.keeping import Keeper
+from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
@@ -63,9 +63,9 @@ def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float)
     return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)
 
 
-def keeper_of(maze: Maze, model: RigModel) -> Keeper | None:
+def safety_filter_of(maze: Maze, model: RigModel) -> SafetyFilter | None:
     """The filter that keeps waiting balls in the disc; None for a maze with one ball, which never waits."""
-    return None if maze.balls == 1 else Keeper(maze, PlanarModel.build(maze, model), plate_of(maze, model))
+    return None if maze.balls == 1 else SafetyFilter(maze, PlanarModel.build(maze, model), plate_of(maze, model))
 
 
 def passed_by(run: RunContext, before: int, ring: int, ball: State | None = None) -> str | None:

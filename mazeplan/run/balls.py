@@ -90,6 +90,6 @@ class Balls:
         found = None
         for rim, sample in zip(self._rims, (observation, *observation.others), strict=False):
             x, y = sample.x, sample.y
-            out = rim.take(sample.t, None if x is None or y is None else self._camera.true(x, y))
+            out = rim.update(sample.t, None if x is None or y is None else self._camera.true(x, y))
             found = found or out
         return found

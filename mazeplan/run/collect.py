@@ -171,7 +171,7 @@ def run_tour(
         _end(rig)
 
 
-def left_alone(maze: Maze, passed: Mapping[str, int], refused: Container[str], spare: int) -> tuple[str, ...]:
+def openings_to_avoid(maze: Maze, passed: Mapping[str, int], refused: Container[str], spare: int) -> tuple[str, ...]:
     """Names of the openings that a drive does not use, so that all openings are passed about equally often.
 
     A drive leaves out the openings in `refused`. It also leaves out an opening that was passed more often than the
@@ -272,7 +272,7 @@ class _Tour:
     def _drive(self, wanted: int) -> None:
         """Drive the ball in closed loop until it has arrived, the tree gives up, or the time is over."""
         began, dt = self.rows, 1.0 / self.rig.rate_hz
-        closed = () if self.gave_up else left_alone(self.maze, self.passed, self.refused, self.options.spare)
+        closed = () if self.gave_up else openings_to_avoid(self.maze, self.passed, self.refused, self.options.spare)
         self.drives += 1
         self.run.aim(wanted, closed)
         run, status = self.run.context, "RUNNING"

@@ -21,9 +21,9 @@ from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
-from mazeplan.control.backlash import Gears
+from mazeplan.control.backlash import BacklashCompensator
 from mazeplan.control.deadline import Live, Stopwatch
-from mazeplan.control.estimation.sample_check import Scrutiny
+from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.display import Display
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.events import (
@@ -49,7 +49,7 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import keeper_of, planners_of, plate_of, rollout_of
+from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of
 from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder
@@ -87,16 +87,16 @@ class Run:
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self._most, self.last_wanted = slew / rig.rate_hz, LEVEL
-        self._gears = Gears(model.stage, setup.maze.tilt_limit)
+        self._backlash = BacklashCompensator(model.stage, setup.maze.tilt_limit)
         self._balls = Balls(setup, rig.rate_hz)
-        self._scrutiny = Scrutiny(rig.rate_hz)
+        self._sample_check = SampleCheck(rig.rate_hz)
         # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._stopwatch = watch or Live()
         cost = setup.settings.leaves.cost
         self._planners = planners_of(setup.maze, model, cost, self._stopwatch, late_s=self._late_s)
         self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
-        self._keeper = keeper_of(setup.maze, model)
+        self._keeper = safety_filter_of(setup.maze, model)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._last_sent = LEVEL  # the last command sent to the rig
         self._seen_at = 0.0  # rig time when the ball was seen last, s
@@ -122,7 +122,7 @@ class Run:
             goal=goal,
             planners=self._planners,
             ahead=self._balls.ahead[0],
-            report=_to(WeakMethod(self._report)),
+            report=_weak_reporter(WeakMethod(self._report)),
             options=setup.settings.leaves,
             late_s=self._late_s,
             rollout=self._rollout,
@@ -147,7 +147,7 @@ class Run:
             self._rollout.warm_up()
         if self._keeper is not None:
             self._keeper.warm_up()
-        self._stopwatch.taken()
+        self._stopwatch.pop_cuts()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin a new tree towards another ring, from where the ball is. It does not use the openings `closed`.
@@ -309,13 +309,13 @@ class Run:
         by: name of what gives this command, for the log
 
         A sample that is not newer than the last one changes nothing. Raises RigError when the samples have been
-        unusable for too long (`Scrutiny`)."""
+        unusable for too long (`SampleCheck`)."""
         admitted = self._admit(observation)
         return "RUNNING" if admitted is None else self._answer(admitted, given, by)
 
     def _admit(self, observation: Observation) -> Observation | None:
         """The usable part of a sample. None if there is none; the last command then goes out again."""
-        admitted = self._scrutiny.admit(observation)
+        admitted = self._sample_check.admit(observation)
         if admitted is None:
             self._rig.command(self._last_sent.u_beta, self._last_sent.u_gamma)
         return admitted
@@ -336,7 +336,7 @@ class Run:
     def _see(self, observation: Observation) -> None:
         """Update the estimates with an observation and begin the tick."""
         first, *others = self._balls.update(observation)
-        doubts = self._scrutiny.judge(self._balls.doubts, observation.t)
+        doubts = self._sample_check.judge(self._balls.doubts, observation.t)
         self.context.begin(observation.t, first.state, first.measured, self._balls.out(observation), tuple(others))
         for doubt in doubts:
             self._report(DoubtRaised(doubt.what))
@@ -346,9 +346,9 @@ class Run:
         """Command the rig and log the tick. lead: compensate the backlash of the servos, if the model has any."""
         self.last_wanted = command
         passed_on = command
-        if self._gears.loose:
-            command = self._gears.lead(command) if lead else command
-            passed_on = self._gears.sent(command)
+        if self._backlash.has_backlash:
+            command = self._backlash.lead(command) if lead else command
+            passed_on = self._backlash.sent(command)
         self._last_sent = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._balls.sent(passed_on, observation.t)
@@ -358,12 +358,12 @@ class Run:
             command,
             status=status,
             ms=1e3 * (perf_counter() - began),
-            cut_off=self._stopwatch.taken(),
-            doubts=" ".join(sorted(self._scrutiny.found)) or None,
+            cut_off=self._stopwatch.pop_cuts(),
+            doubts=" ".join(sorted(self._sample_check.found)) or None,
         )
         self._record.statuses(observation.t, self._tree)
         self._record.openings(observation.t, self._memory)
-        self._record.took(1e3 * (perf_counter() - began))
+        self._record.set_tick_duration(1e3 * (perf_counter() - began))
 
     def _slewed(self, wanted: Command) -> Command:
         """The wanted command, limited to the change that one sample allows."""
@@ -380,11 +380,11 @@ class Run:
         """The result of the run until now."""
         return self._record.result(
             self.context, self._job, success, reason,
-            rig=self._setup.rig_name, goals=self._goals, doubts=self._scrutiny.doubts,
+            rig=self._setup.rig_name, goals=self._goals, doubts=self._sample_check.doubts,
         )  # fmt: skip
 
 
-def _to(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
+def _weak_reporter(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
     """A function that passes a tree's reports on to its run. It refers to the run weakly: else run and tree would keep
     each other, and the rig with them. After the run is gone it does nothing."""
 

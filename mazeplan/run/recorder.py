@@ -44,7 +44,7 @@ class RunRecorder:
     def __init__(self, log: RunMessages, display: Display, segment: int | None) -> None:
         self._log, self._display, self._segment = log, display, segment
         self._tick_ms: list[float] = []
-        self._ways: dict[int, _Way] = {1: _Way()}  # by the ball's number
+        self._histories: dict[int, _RingHistory] = {1: _RingHistory()}  # by the ball's number
         self._statuses = ""
         self._start: Start | None = None
         self._attempts = -1
@@ -52,7 +52,7 @@ class RunRecorder:
     @property
     def began(self) -> bool:
         """Whether the ball has been seen in a ring."""
-        return self._ways[1].ring is not None
+        return self._histories[1].ring is not None
 
     def event(self, t: float, event: RunEvent | Plan) -> None:
         """Record an event or a new plan at rig time t, s."""
@@ -73,7 +73,7 @@ class RunRecorder:
 
         The first ring of a lost ball is not recorded until the ball is found."""
         for ball, view in enumerate(context.balls.views, start=1):
-            way, ring = self._ways.setdefault(ball, _Way()), view.state.ring
+            way, ring = self._histories.setdefault(ball, _RingHistory()), view.state.ring
             if ring == way.ring or (view.state.lost and way.ring is None):
                 continue
             elsewhere = way.ring is None and self._start is not None and ring != self._start.ring
@@ -93,7 +93,7 @@ class RunRecorder:
         if left is not None:
             self._display.passed(left.ring, left.opening or "another opening", t)
         self._display.ring_entered(ring, t)
-        self._ways[1].ring = ring  # before the event, which is shown once the ball was seen
+        self._histories[1].ring = ring  # before the event, which is shown once the ball was seen
         self.event(context.now, RingEntered(ring))
 
     def tick(
@@ -149,7 +149,7 @@ class RunRecorder:
         if counts:
             self._log.openings(t, counts, memory.fading_s)
 
-    def took(self, ms: float) -> None:
+    def set_tick_duration(self, ms: float) -> None:
         """Set the duration of the last tick to `ms`, which includes the recording."""
         self._tick_ms[-1] = ms
 
@@ -158,7 +158,7 @@ class RunRecorder:
         doubts: Sequence[Doubt],
     ) -> NavigationResult:  # fmt: skip
         """The result of the run until now."""
-        ways = {ball: way.until(context.now) for ball, way in self._ways.items()}
+        ways = {ball: way.until(context.now) for ball, way in self._histories.items()}
         return NavigationResult(
             success=success,
             reason=reason,
@@ -179,7 +179,7 @@ class RunRecorder:
 
 
 @dataclass
-class _Way:
+class _RingHistory:
     """The rings of one ball: the passages through rings that it left, and the ring where it is since rig time `since`,
     s."""
 

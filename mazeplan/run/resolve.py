@@ -10,7 +10,7 @@ from pathlib import Path
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError, ModelError, ShortWarning
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path
-from mazeplan.learning.rig_model import carried_over
+from mazeplan.learning.rig_model import transfer_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import rig_model_hint, unusable_model
@@ -60,7 +60,7 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
 def model_from(source: str | Path, maze: Maze) -> RigModel:
     """The model in a folder, or the packaged model of that name, carried over to the maze. Raises ModelError."""
     model = load_model(source)
-    return carried_over(model, load_map(HOME), maze) if is_packaged_model(source) else model
+    return transfer_model(model, load_map(HOME), maze) if is_packaged_model(source) else model
 
 
 def model_source(model: str | Path | None, rig: str | None) -> str | None:

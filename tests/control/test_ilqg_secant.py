@@ -50,7 +50,7 @@ def test_the_secant_equation_holds_where_it_is_well_conditioned():
     held = 0
     for seed in range(8):
         w, along, _ = bent(seed, 1.0)
-        y = np.einsum("i,ij->j", w.V, w.turned[0])
+        y = np.einsum("i,ij->j", w.V, w.delta_a[0])
         core._learn_curvature(w, 0)
         d = along[0]
         if y @ d > core.ILL_CONDITIONED * np.linalg.norm(y) * np.linalg.norm(d):
@@ -70,8 +70,8 @@ def test_what_earlier_moves_have_told_is_kept():
     H = root @ root.T
     w.V[0] = 1.0
     for move in np.linalg.qr(rng.normal(size=(N, N)))[0]:
-        w.moved[0] = move
-        w.turned[0, 0] = H @ move
+        w.delta_s[0] = move
+        w.delta_a[0, 0] = H @ move
         core._learn_curvature(w, 0)
         assert eigenvalues(w.curvature[0]).min() > -1e-9
     np.testing.assert_allclose(w.curvature[0], H, atol=1e-9)
@@ -79,9 +79,9 @@ def test_what_earlier_moves_have_told_is_kept():
 
 def test_knowledge_that_no_longer_holds_shrinks_to_what_the_move_shows():
     w = make_workspace(T, N, np.full(2, -1.0), np.full(2, 1.0))
-    w.V[0], w.moved[0, 0] = 1.0, 0.5
+    w.V[0], w.delta_s[0, 0] = 1.0, 0.5
     w.curvature[0] = 4.0 * np.eye(N)
-    w.turned[0, 0, 0] = 1.0 * 0.5  # a curvature of one where four was believed
+    w.delta_a[0, 0, 0] = 1.0 * 0.5  # a curvature of one where four was believed
     core._learn_curvature(w, 0)
     np.testing.assert_allclose(w.curvature[0], np.eye(N), atol=1e-12)
 
@@ -97,7 +97,7 @@ def test_only_what_is_convex_counts(seed):
 
 def test_a_candidate_that_did_not_move_tells_nothing():
     w, _, _ = bent(0, 1.0)
-    w.moved[:] = 0.0
+    w.delta_s[:] = 0.0
     w.curvature[0] = np.eye(N)
     core._learn_curvature(w, 0)
     assert (w.curvature[0] == np.eye(N)).all()
@@ -106,7 +106,7 @@ def test_a_candidate_that_did_not_move_tells_nothing():
 def test_what_is_taken_brings_its_derivatives_along():
     w, _, _ = bent(1, 1.0)
     w.numbers[STALE] = FRESH
-    core._take(w)
+    core._accept_candidate(w)
     assert (w.states == w.new_states).all()
     assert (w.new_a == w.A).all()
     assert w.numbers[STALE] != FRESH, "those of the cost are still the old ones"

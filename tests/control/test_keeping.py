@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.control.keeping import Keeper, KeepOptions
+from mazeplan.control.keeping import SafetyFilter, SafetyFilterOptions
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Command, State
@@ -25,7 +25,7 @@ LED = State(0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4)
 
 @pytest.fixture(scope="module")
 def keeper():
-    return Keeper(CME, PlanarModel.build(CME, RigModel.nominal(CME)), PLATE)
+    return SafetyFilter(CME, PlanarModel.build(CME, RigModel.nominal(CME)), PLATE)
 
 
 def at(x_mm=0.0, y_mm=0.0, vx=0.0, vy=0.0):
@@ -74,13 +74,13 @@ def test_a_command_towards_the_opening_is_changed_across_the_ring_rather_than_al
     wanted = Command(-0.05, 0.0)  # to -x, where the opening is
     sent = keeper.command(wanted, [at(-9.0)], led)
     assert sent.u_beta != wanted.u_beta or sent.u_gamma != wanted.u_gamma
-    limit = DISC + 1e-3 * KeepOptions().margin_mm
+    limit = DISC + 1e-3 * SafetyFilterOptions().margin_mm
     assert keeper.farthest(sent, [at(-9.0)]) <= limit < keeper.farthest(wanted, [at(-9.0)])
 
 
 def test_of_two_kept_balls_both_stay(keeper):
     sent = keeper.command(Command(-0.06, 0.0), [at(9.0), at(-9.0)], LED)
-    assert keeper.farthest(sent, [at(-9.0)]) <= DISC + 1e-3 * KeepOptions().margin_mm
+    assert keeper.farthest(sent, [at(-9.0)]) <= DISC + 1e-3 * SafetyFilterOptions().margin_mm
 
 
 def test_a_ball_beyond_help_gets_the_command_that_lets_it_least_far(keeper):
@@ -102,4 +102,4 @@ def test_commands_stay_within_the_limits_and_are_plain_numbers(keeper):
 
 def test_options_without_sense_are_refused():
     with pytest.raises(SettingsError, match="hold_s"):
-        KeepOptions(hold_s=0.0)
+        SafetyFilterOptions(hold_s=0.0)

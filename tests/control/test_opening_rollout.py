@@ -104,7 +104,7 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
     tries = OpeningRollout(MAZE, PLANAR, PLATE, GATE, options)
     for across in np.linspace(-0.012, 0.012, 9):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
-        command = tries.better(state, MAZE.opening("2-3@90"), 3)
+        command = tries.improved_command(state, MAZE.opening("2-3@90"), 3)
         by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, 0.5, *PLANAR.arrays())
         if command is None:
             continue
@@ -118,8 +118,11 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
 
 def test_nothing_is_better_by_a_margin_that_nothing_can_reach():
     state = beside("2-3@90", 0.01, -0.08)
-    assert rollout(margin_s=0.001, doubt_mm=0.0, doubt_m_s=0.0).better(state, MAZE.opening("2-3@90"), 3) is not None
-    assert rollout(margin_s=5.0).better(state, MAZE.opening("2-3@90"), 3) is None
+    assert (
+        rollout(margin_s=0.001, doubt_mm=0.0, doubt_m_s=0.0).improved_command(state, MAZE.opening("2-3@90"), 3)
+        is not None
+    )
+    assert rollout(margin_s=5.0).improved_command(state, MAZE.opening("2-3@90"), 3) is None
 
 
 def test_what_is_not_known_of_the_ball_counts():
@@ -128,9 +131,9 @@ def test_what_is_not_known_of_the_ball_counts():
     for across in np.linspace(-0.012, 0.012, 13):
         state = beside("3-4@45", across, -6.0 * across)
         opening = MAZE.opening("3-4@45")
-        differs += rollout(doubt_mm=0.0, doubt_m_s=0.0).better(state, opening, 4) != rollout(
+        differs += rollout(doubt_mm=0.0, doubt_m_s=0.0).improved_command(state, opening, 4) != rollout(
             doubt_mm=2.0, doubt_m_s=0.05
-        ).better(state, opening, 4)
+        ).improved_command(state, opening, 4)
     assert differs >= 2
     starts = RolloutOptions(doubt_mm=2.0, doubt_m_s=0.05).starts()
     assert np.ptp(starts, axis=0) == pytest.approx([0.004, 0.1])

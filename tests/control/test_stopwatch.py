@@ -26,8 +26,8 @@ def test_the_longest_iteration_so_far_is_what_the_next_may_take():
     watch.begin(9.5)
     assert [watch.over(done) for done in range(4)] == [False, False, False, True]  # 1 + 2 + 3 + 1 and 3 more are 10
     assert watch.end() == pytest.approx(8.0)
-    assert watch.taken() == "3"
-    assert watch.taken() is None
+    assert watch.pop_cuts() == "3"
+    assert watch.pop_cuts() is None
 
 
 def test_the_first_iteration_is_always_made():
@@ -44,16 +44,16 @@ def test_all_searches_of_a_tick_are_told():
         for done in range(3):
             if watch.over(done):
                 break
-    assert watch.taken() == "- 1 -"
+    assert watch.pop_cuts() == "- 1 -"
     watch.begin(1e9)
-    assert watch.taken() is None  # nothing was ended: nothing to tell
+    assert watch.pop_cuts() is None  # nothing was ended: nothing to tell
 
 
 @pytest.mark.parametrize("deadline", [2.0, 4.0, 6.0, 1e9])
 def test_a_search_is_ended_again_where_it_was(deadline):
     live, recorded = Live(Clock(*(1.0,) * 500)), Recorded()
     then = ring_planner(watch=live).plan(np.zeros(6), 1.0, deadline_ms=deadline)
-    recorded.load(live.taken())
+    recorded.load(live.pop_cuts())
     now = ring_planner(watch=recorded).plan(np.zeros(6), 1.0, deadline_ms=0.0)  # it is not what decides
     assert (now.reason, now.iterations) == (then.reason, then.iterations)
     assert (then.reason is StopReason.DEADLINE) == (deadline < 1e9)

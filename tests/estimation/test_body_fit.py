@@ -9,7 +9,7 @@ import plainball
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import ORDINARY, autocorrelation, fit_body
+from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, autocorrelation, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import with_values
 from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
@@ -19,7 +19,7 @@ from mazeplan.physics.formulas.symbols import cos
 pytestmark = pytest.mark.slow
 
 TABLE, NOISE = (0.003, -0.004), 5e-4
-FREE = tuple(name for name in ORDINARY if name not in ("hold", "strike"))  # plainball's floor always holds
+FREE = tuple(name for name in DEFAULT_FREE if name not in ("hold", "strike"))  # plainball's floor always holds
 
 
 def push(a):

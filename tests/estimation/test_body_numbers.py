@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import number_of, said_by, value_of, with_values
+from mazeplan.control.estimation.rigid_body_parameters import bead_values, number_of, value_of, with_values
 from mazeplan.learning.modelfile import load_model
 from mazeplan.learning.rigid_body_entries import PARAMETERS, REACH
 from mazeplan.maze.mapfile import load_map
@@ -69,11 +69,11 @@ def test_what_beads_say_is_told_in_the_bodys_units():
         for ring in (1, 2, 3)
     }  # fmt: skip
     rig = replace(load_model("toy"), balls=rings, tilt_sensor=TiltSensor(gain_beta=1.25), processes={})
-    assert said_by(rig, MAZE, "rolling") == pytest.approx([0.15] * 3)
-    assert said_by(rig, MAZE, "viscous") == pytest.approx([0.5] * 3)
-    assert said_by(rig, MAZE, "quadratic") == pytest.approx([2.0 / 0.6] * 3)
-    assert said_by(rig, MAZE, "inertia") == pytest.approx([1.0 / 0.6 - 1.0] * 3)
-    assert said_by(rig, MAZE, "gain_beta") == pytest.approx([0.8])
-    assert said_by(rig, MAZE, "delay") == (rig.camera_delay,)
+    assert bead_values(rig, MAZE, "rolling") == pytest.approx([0.15] * 3)
+    assert bead_values(rig, MAZE, "viscous") == pytest.approx([0.5] * 3)
+    assert bead_values(rig, MAZE, "quadratic") == pytest.approx([2.0 / 0.6] * 3)
+    assert bead_values(rig, MAZE, "inertia") == pytest.approx([1.0 / 0.6 - 1.0] * 3)
+    assert bead_values(rig, MAZE, "gain_beta") == pytest.approx([0.8])
+    assert bead_values(rig, MAZE, "delay") == (rig.camera_delay,)
     for nothing in ("wall", "tilt_beta", "noise", "restitution", "cross_beta"):
-        assert said_by(rig, MAZE, nothing) == ()
+        assert bead_values(rig, MAZE, nothing) == ()

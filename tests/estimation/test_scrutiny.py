@@ -11,7 +11,7 @@ from test_estimator import MAZE, Played, model, wave
 
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.plate import TiltCheck
-from mazeplan.control.estimation.sample_check import Scrutiny
+from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Doubt, Observation
 
@@ -23,7 +23,7 @@ def sample(k, **more):
 
 
 def test_what_is_in_order_goes_through_untouched():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in range(30):
         unseen = sample(k, x=None, y=None) if k % 7 == 0 else sample(k)
         assert scrutiny.admit(unseen) is unseen
@@ -33,7 +33,7 @@ def test_what_is_in_order_goes_through_untouched():
 
 @pytest.mark.parametrize("t", [5 * DT, 2 * DT, -1.0, math.nan, math.inf])
 def test_a_time_that_does_not_go_on_is_passed_over(t):
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in range(6):
         assert scrutiny.admit(sample(k)) is not None
         scrutiny.judge(set(), k * DT)
@@ -43,7 +43,7 @@ def test_a_time_that_does_not_go_on_is_passed_over(t):
 
 
 def test_a_clock_that_stands_still_is_a_failure_of_the_rig():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     scrutiny.admit(sample(0))
     for _ in range(14):
         assert scrutiny.admit(sample(0)) is None
@@ -52,7 +52,7 @@ def test_a_clock_that_stands_still_is_a_failure_of_the_rig():
 
 
 def test_every_second_sample_twice_is_not():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in range(200):
         assert scrutiny.admit(sample(k)) is not None
         scrutiny.judge(set(), k * DT)
@@ -60,14 +60,14 @@ def test_every_second_sample_twice_is_not():
 
 
 def test_a_position_that_is_no_number_is_a_ball_that_is_not_seen():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for x, y in ((math.nan, 0.0), (0.0, math.inf)):
         assert scrutiny.admit(sample(scrutiny._last is not None, x=x, y=y)).seen is False
     assert scrutiny.judge(set(), DT) == [Doubt("position", DT)]
 
 
 def test_a_leap_of_the_clock_is_told_and_taken():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in (0, 1, 5):  # three samples lost are nothing
         scrutiny.admit(sample(k))
         assert scrutiny.judge(set(), k * DT) == []
@@ -79,7 +79,7 @@ def test_a_leap_of_the_clock_is_told_and_taken():
 
 
 def test_a_doubt_is_told_when_it_begins_and_a_tilt_may_not_be_doubted_for_long():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in range(14):
         scrutiny.admit(sample(k))
         assert scrutiny.judge({"tilt", "ball"}, k * DT) == ([Doubt("ball", 0.0), Doubt("tilt", 0.0)] if k == 0 else [])
@@ -90,7 +90,7 @@ def test_a_doubt_is_told_when_it_begins_and_a_tilt_may_not_be_doubted_for_long()
 
 
 def test_a_ball_or_plate_may_be_doubted_for_as_long_as_it_takes():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     for k in range(100):
         scrutiny.admit(sample(k))
         scrutiny.judge({"ball", "plate", "position", "gap"}, k * DT)
@@ -102,22 +102,22 @@ def test_a_ball_or_plate_may_be_doubted_for_as_long_as_it_takes():
 
 def test_a_spike_is_not_believed_and_a_move_is():
     check = TiltCheck()
-    assert check.accepts(0.0, 0.0)
-    assert not check.accepts(math.radians(8.0), 0.0)
-    assert not check.accepts(math.nan, 0.0)
-    assert check.accepts(math.radians(0.5), 0.0)
+    assert check.admit(0.0, 0.0)
+    assert not check.admit(math.radians(8.0), 0.0)
+    assert not check.admit(math.nan, 0.0)
+    assert check.admit(math.radians(0.5), 0.0)
     for k in range(20):  # faster than predicted, slower than a leap
-        assert check.accepts(math.radians(2.0 * k), 0.0)
-    assert check.accepts(math.radians(-5.0), math.radians(-4.0))  # as predicted, however far from the last one
+        assert check.admit(math.radians(2.0 * k), 0.0)
+    assert check.admit(math.radians(-5.0), math.radians(-4.0))  # as predicted, however far from the last one
 
 
 def test_what_is_said_four_times_in_a_row_is_the_truth():
     check, off = TiltCheck(), math.radians(10.0)
-    assert check.accepts(0.0, 0.0)
-    assert [check.accepts(off, 0.0) for _ in range(5)] == [False, False, False, True, True]
+    assert check.admit(0.0, 0.0)
+    assert [check.admit(off, 0.0) for _ in range(5)] == [False, False, False, True, True]
     check = TiltCheck()
-    check.accepts(0.0, 0.0)
-    assert not any(check.accepts((-1) ** k * off, 0.0) for k in range(20))  # but not what contradicts itself
+    check.admit(0.0, 0.0)
+    assert not any(check.admit((-1) ** k * off, 0.0) for k in range(20))  # but not what contradicts itself
 
 
 def estimated(change, ticks=60):
@@ -163,7 +163,7 @@ def test_a_ball_that_is_left_out_is_told():
 
 
 def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ball_not_seen():
-    scrutiny = Scrutiny(30.0)
+    scrutiny = SampleCheck(30.0)
     assert scrutiny.admit(sample(0, x=80.0, y=10.0)).seen is False
     assert scrutiny.judge(set(), 0.0) == [Doubt("far", 0.0)]
     assert scrutiny.admit(sample(1)).seen
@@ -178,7 +178,7 @@ def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ba
 
 @pytest.mark.parametrize(("times", "told"), [(0.5, True), (0.85, False), (1.0, False), (1.15, False), (2.0, True)])
 def test_samples_that_do_not_come_as_the_rig_says_are_told_once(times, told):
-    scrutiny, rng = Scrutiny(30.0), np.random.default_rng(0)
+    scrutiny, rng = SampleCheck(30.0), np.random.default_rng(0)
     for k in range(200):
         t = times * k * DT + rng.uniform(0.0, 0.2 * DT) + (3.0 * DT if k > 50 else 0.0)  # jitter, and a leap
         scrutiny.admit(sample(k, t=t))

@@ -19,7 +19,7 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, surface_bump, surface_profile, tilt_offset
 from mazeplan.physics.formulas.arrays import RingKinematics
-from mazeplan.physics.rig.stage import StageAxis, StageModel, passed_on
+from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output
 
 MANY, STEPS, LIMIT, RADIUS = 2000, 40, 0.08, 0.0689
 SPREAD = np.array([math.pi, 4.0, 0.08, 0.5, 0.08, 0.5])  # of start states: rad, rad/s
@@ -78,7 +78,7 @@ def by_hand(kind, start, commands):
     """One roll-out with the planner's own step, the commands as `stage` passes them on."""
     rig, one = model(kind), batch(kind)
     u = np.clip(commands, -LIMIT, LIMIT)
-    u = np.stack([passed_on(u[:, 0], rig.stage.beta), passed_on(u[:, 1], rig.stage.gamma)], axis=1)
+    u = np.stack([actuator_output(u[:, 0], rig.stage.beta), actuator_output(u[:, 1], rig.stage.gamma)], axis=1)
     learned = one.process is not None
     p = learned_dynamics.pack(one.parameters, one.process) if one.process else one.parameters.pack()
     step, states = learned_dynamics.step if learned else ring_dynamics.step, [start]

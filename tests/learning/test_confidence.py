@@ -19,7 +19,7 @@ from mazeplan.learning.confidence import (
     residual_stretches,
 )
 from mazeplan.learning.features import paper_features
-from mazeplan.learning.fitting import Fitted, fit_kind, repetition
+from mazeplan.learning.fitting import Fitted, correlation_time, fit_kind
 from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.rollout import STEPS, choose_windows
 from mazeplan.learning.samples import RingSamples
@@ -111,7 +111,7 @@ def test_stretches_left_over_are_wholly_among_the_rows(rough, fitted):
 def test_what_is_left_over_is_counted_once_unless_it_repeats(rough):
     rng = np.random.default_rng(0)
     each = rng.standard_normal((200, STEPS + 1))
-    assert repetition(each) == 1.0
-    assert repetition(np.zeros((0, STEPS + 1))) == 1.0
+    assert correlation_time(each) == 1.0
+    assert correlation_time(np.zeros((0, STEPS + 1))) == 1.0
     held = np.repeat(rng.standard_normal((200, 11)), 4, axis=1)[:, : STEPS + 1]
-    assert 3.0 < repetition(held) < 5.0
+    assert 3.0 < correlation_time(held) < 5.0

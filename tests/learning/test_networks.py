@@ -145,7 +145,7 @@ def test_training_rolls_out_as_the_scores_do(samples, good, rates):
     theta, rate = own.k.theta[start], own.k.theta_dot[start]
     if rates == "delayed":
         theta, rate = own.measured[start], (own.measured[start + 1] - own.measured[start - 1]) / (2.0 * own.dt)
-    wanted = rollout.way_of(rates)(ball.mean, own, start, theta, rate)
+    wanted = rollout.rollout_function(rates)(ball.mean, own, start, theta, rate)
     np.testing.assert_allclose(np.abs(found[0]), wanted.error[:, 1:], atol=2e-4)
 
 

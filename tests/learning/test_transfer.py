@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from mazeplan.learning.modelfile import load_model
-from mazeplan.learning.rig_model import carried_over, same_rings
+from mazeplan.learning.rig_model import same_rings, transfer_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics.planar import PlanarModel
@@ -19,7 +19,7 @@ TOY = load_model("toy")
 
 
 def test_in_the_maze_it_was_fitted_on_it_is_the_model_itself():
-    assert carried_over(TOY, CME, CME) is TOY
+    assert transfer_model(TOY, CME, CME) is TOY
     assert resolve_model(None, "toy", CME).processes
 
 
@@ -51,7 +51,7 @@ def test_dry_friction_is_the_same_force_and_rolling_the_same_factor():
 
 def test_what_was_fitted_for_the_disc_is_for_the_disc_whatever_its_number():
     disc = BallModel((rolling_inertia(0.7),))
-    model = carried_over(replace(TOY, balls={**TOY.balls, 5: disc}), CME, SEVEN)
+    model = transfer_model(replace(TOY, balls={**TOY.balls, 5: disc}), CME, SEVEN)
     assert model.ball(7).parameter("rolling_inertia", "factor", 0.0) == 0.7
     assert model.ball(5).parameter("rolling_inertia", "factor", 0.0) != 0.7
 

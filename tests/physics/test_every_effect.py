@@ -26,7 +26,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.physics import Effect, Parameter, cos, registry, sin
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.planar import FELT, PlanarModel, ball_step, in_plane, stage_step
+from mazeplan.physics.dynamics.planar import EFFECT_OUTPUTS, PlanarModel, ball_step, evaluate_effects, stage_step
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
 from mazeplan.physics.effects.ball import rolling_inertia
@@ -85,8 +85,8 @@ def prediction(model: RigModel) -> float:
     z *= RADIUS
     z[4], z[6] = TILT
     ring = planar.rings[RING - 1]
-    in_plane(z, ring, planar.scalars[1], True)
-    ax, ay, drag, dry = ring[FELT : FELT + 4]
+    evaluate_effects(z, ring, planar.scalars[1], True)
+    ax, ay, drag, dry = ring[EFFECT_OUTPUTS : EFFECT_OUTPUTS + 4]
     along = (ay * math.cos(angle) - ax * math.sin(angle)) / RADIUS
     return along - drag * rate - dry / RADIUS * math.copysign(1.0, rate)
 

@@ -50,7 +50,7 @@ def test_ten_of_ten_balls_that_jump_over_the_rim_are_told_within_a_fifth_of_a_se
 def seen_at(*radii, watch=None, sigma=0.5e-3):
     """Whether the ball counts as out after each sample; None: not seen."""
     watch = watch or RimWatch(MAZE, sigma)
-    return [watch.take(k / 30.0, None if r is None else (r, 0.0)) is not None for k, r in enumerate(radii)]
+    return [watch.update(k / 30.0, None if r is None else (r, 0.0)) is not None for k, r in enumerate(radii)]
 
 
 INSIDE, OUTSIDE = MAZE.track_radius(1), RIM + 0.01
@@ -92,7 +92,7 @@ def test_beyond_is_past_the_middle_of_the_rim_by_more_than_the_noise():
 def test_it_is_known_since_when_and_where_the_ball_is_out():
     watch = RimWatch(MAZE, 0.5e-3)
     for k, r in enumerate([0.09, 0.11, 0.09, 0.11, 0.12, 0.13, 0.14]):
-        out = watch.take(k / 30.0, (0.0, -r))
+        out = watch.update(k / 30.0, (0.0, -r))
     assert out.since == pytest.approx(3 / 30.0)
     assert (out.x, out.y) == pytest.approx((0.0, -0.14))
     assert out.message == "the ball has left the maze: it is 41 mm beyond the rim"

@@ -19,7 +19,7 @@ from mazeplan.run.collect import (
     STRETCH_S,
     Collection,
     TourOptions,
-    left_alone,
+    openings_to_avoid,
     run_collection,
     run_tour,
 )
@@ -192,20 +192,23 @@ def test_an_interrupted_tour_levels_closes_and_keeps_what_it_has(tmp_path):
 def test_openings_passed_often_or_that_refused_the_ball_are_left_alone():
     names = [opening.name for opening in MAZE.openings_between(1, 2)]
     passed = {opening.name: 0 for opening in MAZE.openings}
-    assert left_alone(MAZE, passed, set(), 1) == ()
+    assert openings_to_avoid(MAZE, passed, set(), 1) == ()
     passed[names[0]], passed[names[1]] = 2, 1
-    assert left_alone(MAZE, passed, set(), 1) == (names[0],)
-    assert left_alone(MAZE, passed, set(), 2) == ()
-    assert set(left_alone(MAZE, passed, {names[2]}, 1)) == {names[0], names[2]}
-    assert set(left_alone(MAZE, passed, {names[2], names[3]}, 1)) == {names[2], names[3]}  # the others are even now
-    assert left_alone(MAZE, passed, set(names), 1) == ()
+    assert openings_to_avoid(MAZE, passed, set(), 1) == (names[0],)
+    assert openings_to_avoid(MAZE, passed, set(), 2) == ()
+    assert set(openings_to_avoid(MAZE, passed, {names[2]}, 1)) == {names[0], names[2]}
+    assert set(openings_to_avoid(MAZE, passed, {names[2], names[3]}, 1)) == {
+        names[2],
+        names[3],
+    }  # the others are even now
+    assert openings_to_avoid(MAZE, passed, set(names), 1) == ()
     passed["4-5@180"] = 50  # the only one of its wall
-    assert left_alone(MAZE, passed, set(), 1) == (names[0],)
+    assert openings_to_avoid(MAZE, passed, set(), 1) == (names[0],)
 
 
 def test_where_radial_walls_leave_one_way_its_openings_are_never_left_alone():
     maze = load_map("detour")
     passed = {opening.name: 0 for opening in maze.openings}
-    assert left_alone(maze, passed | {"1-2@60": 5}, set(), 1) == ()  # the other one leads into a dead end
+    assert openings_to_avoid(maze, passed | {"1-2@60": 5}, set(), 1) == ()  # the other one leads into a dead end
     twice = replace(maze, openings=(*maze.openings, replace(maze.opening("1-2@60"), name="more", angle=2.5)))
-    assert left_alone(twice, {**passed, "more": 0, "1-2@60": 5}, set(), 1) == ("1-2@60",)
+    assert openings_to_avoid(twice, {**passed, "more": 0, "1-2@60": 5}, set(), 1) == ("1-2@60",)

@@ -17,12 +17,12 @@ from mazeplan.diagnosis.mechanism.drive_log import read_drive, read_motion
 from mazeplan.diagnosis.mechanism.emps import Axis
 from mazeplan.diagnosis.mechanism.mechanism import Mechanism, mechanism_of
 from mazeplan.physics.effect import Effect
-from mazeplan.physics.registry import brought
+from mazeplan.physics.registry import load_effects
 
 
 def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
     """Diagnose a record. system: emps or MODULE:CLASS. Raises InputError, TableError."""
-    own = [] if request.effects is None else brought(request.effects)
+    own = [] if request.effects is None else load_effects(request.effects)
     mechanism = _mechanism(system, path.parent, own)
     log: Any
     if system == "emps":

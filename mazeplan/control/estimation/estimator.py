@@ -138,7 +138,7 @@ class Estimator:
             place = np.array(self._model.camera.true(observation.x, observation.y))
             self._take_sample(moment, place, observation.t)
         elif self._z is not None:
-            self._carry_to(moment)
+            self._predict_to(moment)
 
     def predicted(self, t: float) -> Array:
         """State (9,) when a command sent at t will act, predicted from the last measured moment; zeros before it."""
@@ -146,7 +146,7 @@ class Estimator:
         if self._z is not None:
             self.advance(z, self._measured_at, t)
         self.set_tilt(z)
-        self.foresee(z, t, t + self.dead_time)
+        self.predict_queued(z, t, t + self.dead_time)
         return z
 
     def finish(self, observation: Observation, z: Array) -> State:
@@ -202,7 +202,7 @@ class Estimator:
                         axis.predict(value, end - start)
         tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
         for axis, check, angle in zip(self._axes, self._checks, tilts, strict=True):
-            if check.accepts(angle, float(axis.mean[0])):
+            if check.admit(angle, float(axis.mean[0])):
                 axis.update(angle)
             else:
                 self.doubts.add("tilt")
@@ -237,7 +237,7 @@ class Estimator:
         p = self._planar
         predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
-    def foresee(self, z: Array, start: float, end: float) -> None:
+    def predict_queued(self, z: Array, start: float, end: float) -> None:
         """Advance ball and plate in z from start to end, in the future, under the commands given so far."""
         if end <= start:
             return
@@ -245,7 +245,7 @@ class Estimator:
         times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
         predict(z, start, end, times, commands, *self._planar.arrays())
 
-    def _carry_to(self, moment: float) -> None:
+    def _predict_to(self, moment: float) -> None:
         assert self._z is not None
         dt = moment - self._measured_at
         if dt <= 0.0:
@@ -260,7 +260,7 @@ class Estimator:
     def strike(self, moment: float, change: Array) -> None:
         """Predict the ball to a moment, and change its velocity there by (2,) m/s, with an uncertainty of HIT of it."""
         assert self._z is not None
-        self._carry_to(moment)
+        self._predict_to(moment)
         self._z[2:4] += change
         self._covariance[1, 1] += HIT**2 * float(change @ change)
 
@@ -277,7 +277,7 @@ class Estimator:
             self._start_at(moment, position)
             self._last_seen = t
             return
-        self._carry_to(moment)
+        self._predict_to(moment)
         z, options = self._z, self._options
         innovation = position - z[:2]
         self.innovation = float(np.hypot(*innovation))

@@ -64,7 +64,7 @@ class TiltCheck:
     last: float | None = None
     _rejected: list[float] = field(default_factory=list)
 
-    def accepts(self, angle: float, predicted: float) -> bool:
+    def admit(self, angle: float, predicted: float) -> bool:
         """Whether to use the angle, rad; False for NaN or infinity."""
         if not math.isfinite(angle):
             return False

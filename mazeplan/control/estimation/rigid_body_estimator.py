@@ -19,11 +19,11 @@ from mazeplan.control.estimation.plate import servo_step
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
     CameraView,
+    add_process_noise,
     begin,
     correct,
-    lens_of,
+    filter_core,
     predict_body,
-    wandered,
 )
 from mazeplan.core.records import Array, Observation
 from mazeplan.learning.modelfile import RigModel
@@ -41,17 +41,17 @@ LONGEST = 0.5  # s; maximum prediction without a picture; after it the ball stay
 
 
 @njit(cache=True, error_model="numpy")
-def _carry(ball, walls, effects, lens, rows, h, mean, P, room):
+def _predict_rows(ball, walls, effects, kf, rows, h, mean, P, room):
     """Predict mean (5,) and covariance P (5, 5) over all rows, with process noise; room (15, 5): scratch space."""
     core = body_core(ball, walls, effects)
     hit = predict_body(core, rows, 0, len(rows), h, mean, P, room[10:], room[:10])
-    wandered(P, lens, h * len(rows), hit)
+    add_process_noise(P, kf, h * len(rows), hit)
 
 
 @njit(cache=True, error_model="numpy")
-def _taken(lens, mean, P, gain, a, b):
+def _correct_body(kf, mean, P, gain, a, b):
     """Correct mean and P by the innovation (a, b); gain (5, 2): scratch space."""
-    correct(mean, P, gain, 1.0, a, b, P[0, 0] + lens.variance, P[1, 1] + lens.variance, P[0, 1])
+    correct(mean, P, gain, 1.0, a, b, P[0, 0] + kf.variance, P[1, 1] + kf.variance, P[0, 1])
 
 
 class BodyEstimator(Estimator):
@@ -67,7 +67,7 @@ class BodyEstimator(Estimator):
         self._body, self._walls = body, pack_walls(maze)
         self._ball, self._effects = Ball(*map(float, body.ball)), effects_of(body.terms)
         wander = body.wander._replace(plane=max(body.wander.plane, UNSURE))
-        self._lens = lens_of(CameraView(noise=body.view.noise), wander)
+        self._kf = filter_core(CameraView(noise=body.view.noise), wander)
         self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
         self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
         self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) at t
@@ -80,14 +80,14 @@ class BodyEstimator(Estimator):
         super()._filter_plate(observation)
         t = observation.t
         if not self._motions:
-            self._motions.append((t - self._dt, *self._moving(before, (0.0, 0.0))))
+            self._motions.append((t - self._dt, *self._plate_motion(before, (0.0, 0.0))))
         pieces = self._acting(self._motions[-1][0], t)
-        self._motions += self._moved(before, pieces)
-        self._motions[-1] = (t, *self._moving([axis.mean for axis in self._axes], pieces[-1][2]))
+        self._motions += self._plate_motions(before, pieces)
+        self._motions[-1] = (t, *self._plate_motion([axis.mean for axis in self._axes], pieces[-1][2]))
         while self._motions[0][0] < t - HISTORY_S:
             self._motions.popleft()
 
-    def _moving(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
+    def _plate_motion(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
         """The plate's motion (6): angle and rate (2,) of each axis, and the acceleration that the command gives it."""
         row: list[float] = []
         for axis, (angle, rate), command in zip(self._axes, plate, self._stage.mixed(*u), strict=True):
@@ -96,7 +96,7 @@ class BodyEstimator(Estimator):
             row += [angle, rate, wn * wn * (rest - angle) - 2.0 * axis.axis.damping * wn * rate]
         return tuple(row)
 
-    def _moved(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
+    def _plate_motions(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
         """The plate's motion at the end of each piece; plate: angle and rate of each axis at the beginning.
 
         In between, the acceleration changes gradually, because a servo's set point runs to its command without a jump.
@@ -107,7 +107,7 @@ class BodyEstimator(Estimator):
                 servo_step(axis.axis, state, command, end - start)
                 for axis, state, command in zip(self._axes, plate, self._stage.mixed(*u), strict=True)
             ]
-            rows.append((end, *self._moving(plate, u)))
+            rows.append((end, *self._plate_motion(plate, u)))
         return rows
 
     def _rows(self, motions: Sequence[tuple[float, ...]], start: float, end: float) -> tuple[Array, float]:
@@ -126,13 +126,13 @@ class BodyEstimator(Estimator):
         """See `Estimator.advance`."""
         self._roll(z, self._motions, start, end)
 
-    def foresee(self, z: Array, start: float, end: float) -> None:
+    def predict_queued(self, z: Array, start: float, end: float) -> None:
         """See `Estimator.foresee`."""
         if end <= start + 1e-9:
             return
         plate = [z[4:6], z[6:8]]
         last = self._acting(start - BEFORE, start)[0][2]
-        motions = [(start, *self._moving(plate, last)), *self._moved(plate, self._acting(start, end))]
+        motions = [(start, *self._plate_motion(plate, last)), *self._plate_motions(plate, self._acting(start, end))]
         self._roll(z, motions, start, end)
         z[4:6], z[6:8] = motions[-1][1:3], motions[-1][4:6]
 
@@ -145,31 +145,31 @@ class BodyEstimator(Estimator):
         advance(self._ball, self._walls, self._effects, rows, h, z[BALL], out)
         z[BALL] = out[-1]
 
-    def _carry_to(self, moment: float) -> None:
+    def _predict_to(self, moment: float) -> None:
         assert self._z is not None
         if moment <= self._measured_at + 1e-9:
             return
         rows, h = self._rows(self._motions, self._measured_at, min(moment, self._measured_at + LONGEST))
-        _carry(self._ball, self._walls, self._effects, self._lens, rows, h, self._mean, self._P, self._room)
+        _predict_rows(self._ball, self._walls, self._effects, self._kf, rows, h, self._mean, self._P, self._room)
         self._measured_at = moment
         self._z[BALL] = self._mean
 
     def strike(self, moment: float, change: Array) -> None:
         """See `Estimator.strike`."""
         assert self._z is not None
-        self._carry_to(moment)
+        self._predict_to(moment)
         self._mean[2:4] += change
         self._P[2:4, 2:4] += HIT**2 * np.outer(change, change)
         self._z[BALL] = self._mean
 
     def _start_at(self, moment: float, position: Array) -> None:
         super()._start_at(moment, position)
-        begin(self._mean, self._P, self._lens, float(position[0]), float(position[1]))
+        begin(self._mean, self._P, self._kf, float(position[0]), float(position[1]))
 
     def _variance(self) -> float:
-        return float(max(self._P[0, 0], self._P[1, 1])) + self._lens.variance
+        return float(max(self._P[0, 0], self._P[1, 1])) + self._kf.variance
 
     def _correct(self, innovation: Array) -> None:
         assert self._z is not None
-        _taken(self._lens, self._mean, self._P, self._gain, float(innovation[0]), float(innovation[1]))
+        _correct_body(self._kf, self._mean, self._P, self._gain, float(innovation[0]), float(innovation[1]))
         self._z[BALL] = self._mean

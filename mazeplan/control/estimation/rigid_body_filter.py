@@ -63,7 +63,7 @@ class CameraView(NamedTuple):
     bend: float = 0.0
 
 
-class Wander(NamedTuple):
+class ProcessNoise(NamedTuple):
     """Unexplained motion.
 
     plane, spin:  intensity of white accelerations in the plane and of the spin, m^2/s^3
@@ -99,7 +99,7 @@ class BodyModel(NamedTuple):
     ball: Ball = Ball()
     tilting: Tilting = Tilting()
     view: CameraView = CameraView()
-    wander: Wander = Wander()
+    wander: ProcessNoise = ProcessNoise()
     terms: tuple[Term, ...] = ()
 
 
@@ -137,8 +137,8 @@ class Innovations(NamedTuple):
     minus2: float
 
 
-class Lens(NamedTuple):
-    """`CameraView` and `Wander` for compiled code."""
+class FilterCore(NamedTuple):
+    """`CameraView` and `ProcessNoise` for compiled code."""
 
     offset_x: float
     offset_y: float
@@ -152,11 +152,11 @@ class Lens(NamedTuple):
     strike: float
 
 
-def lens_of(view: CameraView, wander: Wander) -> Lens:
+def filter_core(view: CameraView, wander: ProcessNoise) -> FilterCore:
     """The numbers of camera and unexplained motion for compiled code."""
     cos, sin = math.cos(view.angle), math.sin(view.angle)
     variance, bend = view.noise**2, float(view.bend)
-    return Lens(view.offset_x, view.offset_y, cos, sin, view.scale, variance, bend, *map(float, wander))
+    return FilterCore(view.offset_x, view.offset_y, cos, sin, view.scale, variance, bend, *map(float, wander))
 
 
 @njit(cache=True, error_model="numpy")
@@ -206,15 +206,15 @@ def predict_body(core, rows, first, count, h, mean, P, L, points):
 
 
 @njit(cache=True, error_model="numpy")
-def wandered(P, lens, dt, hit):
+def add_process_noise(P, kf, dt, hit):
     """Add to P (5, 5) the white accelerations over dt s, and the noise of contacts that took `hit` m/s away."""
     for i in range(2):
-        P[i, i] += lens.plane * dt * dt * dt / 3.0
-        P[i, i + 2] += lens.plane * dt * dt / 2.0
-        P[i + 2, i] += lens.plane * dt * dt / 2.0
-        P[i + 2, i + 2] += lens.plane * dt
-    P[4, 4] += lens.spin * dt
-    rough = lens.strike * lens.strike * hit * hit
+        P[i, i] += kf.plane * dt * dt * dt / 3.0
+        P[i, i + 2] += kf.plane * dt * dt / 2.0
+        P[i + 2, i] += kf.plane * dt * dt / 2.0
+        P[i + 2, i + 2] += kf.plane * dt
+    P[4, 4] += kf.spin * dt
+    rough = kf.strike * kf.strike * hit * hit
     P[2, 2] += rough
     P[3, 3] += rough
     P[4, 4] += rough
@@ -242,30 +242,30 @@ def correct(mean, P, gain, scale, a, b, xx, yy, xy):
 
 
 @njit(cache=True, error_model="numpy")
-def begin(mean, P, lens, a, b):
+def begin(mean, P, kf, a, b):
     """Start the filter at the place (a, b), which is in the plate's axes times the scale."""
     mean[:], P[:] = 0.0, 0.0
-    mean[0], mean[1] = a / lens.scale, b / lens.scale
-    P[0, 0] = P[1, 1] = lens.variance / (lens.scale * lens.scale)
+    mean[0], mean[1] = a / kf.scale, b / kf.scale
+    P[0, 0] = P[1, 1] = kf.variance / (kf.scale * kf.scale)
     P[2, 2] = P[3, 3] = START_SPEED * START_SPEED
     P[4, 4] = START_SPIN * START_SPIN
 
 
 @njit(cache=True, error_model="numpy")
-def _straightened(lens, u, v):
+def _straightened(kf, u, v):
     """The place (u, v), counted from the camera's middle, without the distortion of the lens; and the magnification of
     the lens there (mean of the radial and the tangential one)."""
-    if lens.bend == 0.0:
+    if kf.bend == 0.0:
         return u, v, 1.0
     a, b = u, v
     for _ in range(STRAIGHTENED):
-        over = 1.0 + lens.bend * (a * a + b * b)
+        over = 1.0 + kf.bend * (a * a + b * b)
         a, b = u / over, v / over
-    return a, b, 1.0 + 2.0 * lens.bend * (a * a + b * b)
+    return a, b, 1.0 + 2.0 * kf.bend * (a * a + b * b)
 
 
 @njit(cache=True, error_model="numpy")
-def _run(ball, walls, effects, lens, y, begins, rows, dt, per, late, nu, S, state, cov):
+def _run(ball, walls, effects, kf, y, begins, rows, dt, per, late, nu, S, state, cov):
     """Filter pictures y (N, 2). Writes nu, S, state and cov as in `Filtered`. Returns (starts, left_out, minus2)."""
     core = body_core(ball, walls, effects)
     mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
@@ -281,20 +281,20 @@ def _run(ball, walls, effects, lens, y, begins, rows, dt, per, late, nu, S, stat
         since = 0 if begins[k] else since + 1
         if running:
             hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
-            wandered(P, lens, dt, hit)
+            add_process_noise(P, kf, dt, hit)
         unseen += 1
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
-            u, v, near = _straightened(lens, y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y)
-            a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
+            u, v, near = _straightened(kf, y[k, 0] - kf.offset_x, y[k, 1] - kf.offset_y)
+            a, b = kf.cos * u + kf.sin * v, kf.cos * v - kf.sin * u
             if not running or unseen > gap or doubted >= REJECTED_TO_RESTART:
-                begin(mean, P, lens, a, b)
+                begin(mean, P, kf, a, b)
                 starts += 1
                 unseen, age, doubted, running = 0, 0, 0, True
             else:
-                scale = near * lens.scale
+                scale = near * kf.scale
                 a, b = near * a - scale * mean[0], near * b - scale * mean[1]
                 square = scale * scale
-                xx, yy, xy = square * P[0, 0] + lens.variance, square * P[1, 1] + lens.variance, square * P[0, 1]
+                xx, yy, xy = square * P[0, 0] + kf.variance, square * P[1, 1] + kf.variance, square * P[0, 1]
                 det = xx * yy - xy * xy
                 size = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det
                 age += 1
@@ -350,12 +350,12 @@ class BodyFilter:
         """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
         n, view = len(self.pictures), model.view
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
-        lens = lens_of(view, model.wander)
+        kf = filter_core(view, model.wander)
         rows = self.rows(model.tilting, view.delay)
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
         numbers = Ball(*map(float, model.ball))
         found = _run(
-            numbers, self.walls, effects_of(model.terms), lens, self._y, self._begins, rows, self.pictures.dt,
+            numbers, self.walls, effects_of(model.terms), kf, self._y, self._begins, rows, self.pictures.dt,
             self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)

@@ -33,7 +33,7 @@ BLOCK_S = 10.0  # s; blocks of this length are independent of one another
 FLOOR = 1e-12  # minimum diagonal element of the information, so that a parameter without influence does no harm
 
 
-ORDINARY = (
+DEFAULT_FREE = (
     "rolling", "spin", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay",
     "noise", "plane", "strike",
 )  # fmt: skip
@@ -154,7 +154,7 @@ def score_search(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> Gra
 
 
 def fit_body(
-    body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS, enough: float = ENOUGH
+    body: BodyFilter, model: BodyModel, free: Sequence[str] = DEFAULT_FREE, steps: int = STEPS, enough: float = ENOUGH
 ) -> BodyFit:
     """The likeliest values of the `free` parameters. Raises KeyError for an unknown name.
 

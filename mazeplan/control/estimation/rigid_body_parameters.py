@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
+from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, REACH, Body, Number, stamp, to_body_unit
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import BALL
@@ -61,7 +61,7 @@ def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
     return model
 
 
-def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
+def bead_values(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
     """Values of a number in a model of beads, in the unit of the rigid ball.
 
     There is one value for each ring with the effect, one for a number of the whole rig, none if the model does not
@@ -72,7 +72,7 @@ def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
         return ()
     power = where.origin[1]
     if PACKAGED[effect].acts not in BALL:
-        return (brought(part_values(rig, PACKAGED[effect])[key], where.how, power, REACH),)
+        return (to_body_unit(part_values(rig, PACKAGED[effect])[key], where.how, power, REACH),)
     found = []
     for ring in sorted(rig.balls):
         ball, radius = rig.balls[ring], maze.track_radius(ring)
@@ -80,11 +80,11 @@ def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
         if not math.isfinite(value) or radius <= 0.0:
             continue
         share = ball.parameter("rolling_inertia", "factor", 1.0) if name in FRICTION else 1.0
-        found.append(brought(value, where.how, power, radius) / share)
+        found.append(to_body_unit(value, where.how, power, radius) / share)
     return tuple(found[:1] if PACKAGED[effect].common else found)
 
 
-def stderr_by(rig: RigModel, maze: Maze) -> dict[str, float]:
+def bead_stderr(rig: RigModel, maze: Maze) -> dict[str, float]:
     """Standard errors of the numbers in a model of beads, by name: the largest over the rings."""
     out = {}
     for name, number in PARAMETERS.items():

@@ -53,7 +53,7 @@ class RimWatch:
         self._outside = (math.nan, math.nan, math.nan)  # x, y and `Out.beyond` of the last sample outside
         self.out: Out | None = None
 
-    def take(self, t: float, place: tuple[float, float] | None) -> Out | None:
+    def update(self, t: float, place: tuple[float, float] | None) -> Out | None:
         """Take in one sample. Returns `out`.
 
         t:      rig time, s

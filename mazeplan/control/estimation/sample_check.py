@@ -36,7 +36,7 @@ def _near(ball: Observation) -> Observation:
     return replace(ball, x=None, y=None) if far else ball
 
 
-class Scrutiny:
+class SampleCheck:
     """Check of the samples of one run.
 
     found:   doubts about the last sample, as words of `records.Doubt`
@@ -84,7 +84,7 @@ class Scrutiny:
     def _numbers(observation: Observation) -> None:
         """Raises RigError for a field that is no number."""
         for other in observation.others:
-            Scrutiny._numbers(other)
+            SampleCheck._numbers(other)
         for field in FIELDS:
             value = getattr(observation, field.name)
             if not isinstance(value, Real) and not (value is None and field.name in ("x", "y")):

@@ -17,8 +17,8 @@ import numpy as np
 
 from mazeplan.control.estimation.plate_start import with_true_starts
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import ORDINARY, BodyFit, autocorrelation, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import number_of, said_by, with_values
+from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, autocorrelation, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import bead_values, number_of, with_values
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import RingRecord, record_of
@@ -76,7 +76,7 @@ class RigRecord:
     def _number(self, name: str) -> dict[str, Any]:
         """A number of the document, with its minimum and maximum over the rings in the model of beads."""
         number = number_of(self.fit.model, name)
-        known = () if self.known is None or number.part == "terms" else said_by(self.known, self.maze, name)
+        known = () if self.known is None or number.part == "terms" else bead_values(self.known, self.maze, name)
         return {
             "value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": number.unit,
             "words": number.words, "effect": number.effect or None,
@@ -163,7 +163,7 @@ def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
     """The ball by a model of beads; the default ball without a model."""
     if model is None:
         return BodyModel()
-    said = {name: values[0] for name in GUESSED if (values := said_by(model, maze, name))}
+    said = {name: values[0] for name in GUESSED if (values := bead_values(model, maze, name))}
     said["rolling"] = min(max(said.get("rolling", 0.0), 0.01), 1.0)
     said["delay"] = max(said["delay"], 0.0) or BodyModel().view.delay
     return with_values(BodyModel(), said)
@@ -171,7 +171,7 @@ def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
 
 def rig_record(
     table: Table, maze: Maze, model: RigModel | None = None, *,
-    free: Sequence[str] = ORDINARY, terms: Sequence[Term] = (),
+    free: Sequence[str] = DEFAULT_FREE, terms: Sequence[Term] = (),
 ) -> RigRecord:  # fmt: skip
     """Fit the ball to a record. Raises TableError for a record that is too short or has no positions.
 

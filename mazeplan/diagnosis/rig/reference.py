@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import ORDINARY, BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import body_of, said_by, stderr_by, with_values
+from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
 from mazeplan.diagnosis.rig.record import body_filter, first_guess, left_over
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
@@ -25,7 +25,7 @@ from mazeplan.physics.rig.stage import StageModel
 
 GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 FITTED = (  # numbers that are fitted for a reference
-    *ORDINARY, *GAINS, "inertia", "viscous", "angle", "scale",
+    *DEFAULT_FREE, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
@@ -99,12 +99,12 @@ def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
         values = {name: getattr(own.view, name) for name in ("offset_x", "offset_y", "angle", "scale", "bend")}
         camera = {name: getattr(guess.view, name) for name in values}
         body = with_values(own, camera)
-        stderr = {**stderr_by(model, maze), **model.body.stderr}
+        stderr = {**bead_stderr(model, maze), **model.body.stderr}
         return RigReference(Reference(body, stderr), known, source="the model")
-    said = said_by(model, maze, "rolling")
+    said = bead_values(model, maze, "rolling")
     low, high = (factor * end for factor, end in zip(FRICTION, (min(said), max(said)), strict=True)) if said else (0, 1)
     body = with_values(guess, {"inertia": _inertia(model)})
-    stderr = {**stderr_by(model, maze), "inertia": ROUND}
+    stderr = {**bead_stderr(model, maze), "inertia": ROUND}
     reference = Reference(body, stderr, ("rolling", *UNKNOWN))
     return RigReference(reference, known, source="the model", friction=(low, high))
 

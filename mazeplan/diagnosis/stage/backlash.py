@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from mazeplan.core.records import Array
 from mazeplan.learning.stage_fit import StageFit, fit_axis
-from mazeplan.physics.rig.stage import StageAxis, obeyed, played, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, apply_backlash, apply_deadband, simulate_axis
 
 TRIED = 0.005  # rad, play in the first test
 MOST = 0.08  # rad, maximum play or dead band
@@ -52,7 +52,7 @@ def _fit_with_band(
     breaks = begins[rows].astype(float)
 
     def off(axis: StageAxis, band: float) -> float:
-        return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
+        return float(np.std((angle - simulate_axis(axis, apply_deadband(u, band), dt))[rows]))
 
     bands: list[float] = np.geomspace(SMALLEST_BAND, MOST, BANDS).tolist()
     level = off(plain.axis, 0.0)
@@ -61,14 +61,14 @@ def _fit_with_band(
     few = rows & (np.cumsum(rows) <= ENOUGH)  # refit the axis: without the band, its lag stands in for the band
 
     def refitted(band: float) -> StageFit:
-        return fit_axis(obeyed(u, band)[few], angle[few], dt, begins[few].astype(float), plain.axis)
+        return fit_axis(apply_deadband(u, band)[few], angle[few], dt, begins[few].astype(float), plain.axis)
 
     def refined(coarse: float) -> tuple[StageFit, float, float]:
         """The axis with the best band near a coarse band, this best band, and the step of the grid."""
-        axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks, near[coarse].axis).axis
+        axis = fit_axis(apply_deadband(u, coarse)[rows], angle[rows], dt, breaks, near[coarse].axis).axis
         fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
         band = min(fine, key=lambda b: off(axis, b))
-        return fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks, axis), band, fine[1] - fine[0]
+        return fit_axis(apply_deadband(u, band)[rows], angle[rows], dt, breaks, axis), band, fine[1] - fine[0]
 
     # with a band near the true one, the servo obeys at other moments: the best coarse band may be far from the true one
     near = {band: refitted(band) for band in bands if band < 0.5 * float(np.ptp(u))}
@@ -86,10 +86,10 @@ def _fit_with_play(
     """The axis with play, if its record shows any. plain: the fit without play"""
 
     def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
-        return fit_axis(played(u, backlash)[of], angle[of], dt, begins[of].astype(float), near)
+        return fit_axis(apply_backlash(u, backlash)[of], angle[of], dt, begins[of].astype(float), near)
 
     left = (angle - simulate_axis(plain.axis, u, dt))[rows]
-    late = (simulate_axis(plain.axis, played(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
+    late = (simulate_axis(plain.axis, apply_backlash(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
     fits = float(left @ late) / max(float(np.linalg.norm(left) * np.linalg.norm(late)), 1e-300)
     if fits <= 0.0 or -plain.samples * math.log1p(-min(fits * fits, 0.999)) < SURE:
         return plain
@@ -103,7 +103,8 @@ def _fit_with_play(
     if best < SMALLEST or gain < SURE:
         return plain
     slope = (
-        simulate_axis(with_play.axis, played(u, best + 1e-4), dt) - simulate_axis(with_play.axis, played(u, best), dt)
+        simulate_axis(with_play.axis, apply_backlash(u, best + 1e-4), dt)
+        - simulate_axis(with_play.axis, apply_backlash(u, best), dt)
     ) / 1e-4
     sigma = with_play.rms / max(float(np.linalg.norm(slope[rows])), 1e-300)
     stderr = {**with_play.axis.stderr, "backlash": sigma}

@@ -14,7 +14,7 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import BLOCK_S, Stage
-from mazeplan.physics.rig.stage import StageAxis, passed_on, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
 
 def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
@@ -40,7 +40,7 @@ def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> f
 
 def _follows(axis: StageAxis, u: Array, dt: float) -> Array:
     """Angles (N,) of the axis under commands u (N,), with gain one and without offset."""
-    return simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(u, axis), dt)
+    return simulate_axis(replace(axis, gain=1.0, offset=0.0), actuator_output(u, axis), dt)
 
 
 def _error(follows: Array, angle: Array, rows: np.ndarray, gain: float | None) -> Array:

@@ -17,7 +17,7 @@ from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.dynamics.ring_parameters import stage_transition
 from mazeplan.physics.effects.rig import axis_coupling
-from mazeplan.physics.rig.stage import StageAxis, StageModel, passed_on, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output, simulate_axis
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
@@ -112,7 +112,7 @@ def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
     directions = {}
     for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
-        for j, change in enumerate(_directions(passed_on(record.u[:, i], found.axis)[rows], found, record.dt)):
+        for j, change in enumerate(_directions(actuator_output(record.u[:, i], found.axis)[rows], found, record.dt)):
             directions[f"{name}_{j + 1}"] = (i, change)
     return Stage(fits[0], fits[1], directions)
 
@@ -124,9 +124,9 @@ def _with_coupling(
 
     A significant coupling changes the other numbers of the axis, so these are fitted again."""
     axis = found.axis
-    follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(other, axis), record.dt)
-    left = angle - simulate_axis(axis, passed_on(own, axis), record.dt)
-    A = np.column_stack([follows, simulate_axis(axis, passed_on(own, axis), record.dt), np.ones(len(own))])[rows]
+    follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), actuator_output(other, axis), record.dt)
+    left = angle - simulate_axis(axis, actuator_output(own, axis), record.dt)
+    A = np.column_stack([follows, simulate_axis(axis, actuator_output(own, axis), record.dt), np.ones(len(own))])[rows]
     w, *_ = np.linalg.lstsq(A, left[rows], rcond=None)
     e = left[rows] - A @ w
     inverse = np.linalg.inv(A.T @ A)
@@ -183,7 +183,7 @@ def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
 
 def mixed(u: Array, stage: StageModel) -> tuple[Array, Array]:
     """The commands (N,) that reach each axis, after play, dead band and coupling. u: commands (N, 2)"""
-    beta, gamma = passed_on(u[:, 0], stage.beta), passed_on(u[:, 1], stage.gamma)
+    beta, gamma = actuator_output(u[:, 0], stage.beta), actuator_output(u[:, 1], stage.gamma)
     return beta + stage.beta.coupling * gamma, gamma + stage.gamma.coupling * beta
 
 

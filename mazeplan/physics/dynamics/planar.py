@@ -43,9 +43,9 @@ COS, SIN, HALF = range(3)  # columns of an opening, or of a radial wall: directi
 # columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether `plane` depends on the
 # angle, number and start of the openings that take speed; scratch space; then the parameters of the effects
 INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
-FELT = PUSH + 7  # outputs of `in_plane`
-PULLED = FELT + 4  # inputs of formulas
-PARAMETERS = PULLED + len(PLATE)
+EFFECT_OUTPUTS = PUSH + 7  # outputs of `evaluate_effects`
+FORMULA_INPUTS = EFFECT_OUTPUTS + 4  # inputs of formulas
+PARAMETERS = FORMULA_INPUTS + len(PLATE)
 OPENING_SIZE = 3  # addresses of angle and loss, start of the parameters
 TURN = 2.0 * math.pi
 
@@ -116,7 +116,8 @@ def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
     plate = [0.0] * (len(PLATE) - 2) + [track, maze.ball.radius]
     head = [
         ring.inner_radius, ring.outer_radius, gravity_factor(along), track, functions.address["plane"],
-        functions.counts["angled"], len(opening), PARAMETERS + len(parameters), *[0.0] * (PULLED - PUSH), *plate,
+        functions.counts["angled"], len(opening), PARAMETERS + len(parameters),
+        *[0.0] * (FORMULA_INPUTS - PUSH), *plate,
     ]  # fmt: skip
     return [*head, *parameters, *_opening_columns(opening, PARAMETERS + len(parameters))]
 
@@ -274,7 +275,7 @@ def stage_step(z, u_beta, u_gamma, stage, h):
 
 
 @njit(cache=True)
-def in_plane(z, ring, free, touching):
+def evaluate_effects(z, ring, free, touching):
     """Evaluate the effects in the plane, into columns of `ring`; returns FELT, the first of these columns.
 
     The columns hold acceleration (2), m/s^2; drag, 1/s; dry friction, m/s^2."""
@@ -285,7 +286,7 @@ def in_plane(z, ring, free, touching):
         angle = math.atan2(z[1], z[0])
         rate = (z[0] * z[3] - z[1] * z[2]) / (r * r)
         direction = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
-    plate, p = pointer_to(ring, PULLED), pointer_to(ring, PARAMETERS)
+    plate, p = pointer_to(ring, FORMULA_INPUTS), pointer_to(ring, PARAMETERS)
     plate[0], plate[3] = z[4], z[6]
     push = pointer_to(ring, PUSH)
     call_plane(np.int64(ring[PLANE]), (angle, rate, speed, direction, 0.0, plate, p, push))
@@ -299,9 +300,9 @@ def in_plane(z, ring, free, touching):
         ax, ay = ax * free, ay * free
     if push[2] != 0.0 and r > 1e-6:
         ax, ay = ax - push[2] * z[1], ay + push[2] * z[0]
-    ring[FELT], ring[FELT + 1], ring[FELT + 2] = ax, ay, push[3]
-    ring[FELT + 3] = ring[TRACK] * (push[4] + (push[5] if touching else 0.0))
-    return FELT
+    ring[EFFECT_OUTPUTS], ring[EFFECT_OUTPUTS + 1], ring[EFFECT_OUTPUTS + 2] = ax, ay, push[3]
+    ring[EFFECT_OUTPUTS + 3] = ring[TRACK] * (push[4] + (push[5] if touching else 0.0))
+    return EFFECT_OUTPUTS
 
 
 @njit(cache=True)
@@ -313,7 +314,7 @@ def _pass_openings(z, ring, before):
     rate = (z[0] * z[3] - z[1] * z[2]) / r2
     for j in range(int(ring[OPENING_COUNT])):
         at = int(ring[OPENINGS]) + OPENING_SIZE * j
-        p, plate = pointer_to(ring, int(ring[at + 2])), pointer_to(ring, PULLED)
+        p, plate = pointer_to(ring, int(ring[at + 2])), pointer_to(ring, FORMULA_INPUTS)
         angle = call_term(np.int64(ring[at]), (before, rate, 0.0, plate, p))
         if math.floor((before - angle) / TURN) != math.floor((after - angle) / TURN):
             lost = call_term(np.int64(ring[at + 1]), (before, rate, 0.0, plate, p)) * rate
@@ -327,7 +328,7 @@ def ball_step(z, h, scalars, rings, walls, gaps, touching):
     """Advance the ball by h s under the tilt in z; returns whether it then touches a wall."""
     radius, free = scalars[0], scalars[1]
     ring = rings[ring_index(math.sqrt(z[0] * z[0] + z[1] * z[1]), rings)]
-    felt = in_plane(z, ring, free, touching)
+    felt = evaluate_effects(z, ring, free, touching)
     vx, vy = z[2] + h * ring[felt], z[3] + h * ring[felt + 1]
     speed = math.sqrt(vx * vx + vy * vy)
     keep = max(0.0, 1.0 - h * ring[felt + 2])

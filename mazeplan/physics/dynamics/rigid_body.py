@@ -199,7 +199,7 @@ def meet_walls(core, h, x, y, vx, vy, w):
 
 
 @njit(cache=True, error_model="numpy")
-def _besides(core, row, x, y, vx, vy):
+def _effect_acceleration(core, row, x, y, vx, vy):
     """(ax, ay, drag) of the effects, m/s^2; row: pointer to a row of `plate`.
 
     The effects are written for a bead on a ring. Their gravity is that of a sliding point, so f times it moves the
@@ -251,7 +251,7 @@ def step(core, row, h, x, y, vx, vy, w):
     ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
     more = 0.0
     if core.address != 0:
-        bx, by, more = _besides(core, row, x, y, vx, vy)
+        bx, by, more = _effect_acceleration(core, row, x, y, vx, vy)
         ax, ay = ax + bx, ay + by
     ux, uy, w = vx + h * ax, vy + h * ay, w + h * aw
     speed = math.sqrt(ux * ux + uy * uy)

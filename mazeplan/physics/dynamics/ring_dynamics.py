@@ -17,9 +17,9 @@ Effects are compiled functions whose addresses are in p (`RingParameters.pack`).
 each node of the scheme. Another function evaluates the ball at each stage. Angles change little within a step, so one
 library call for sine and cosine per step is enough.
 
-A Runge-Kutta step has many inputs and two results. Therefore `_traced` computes derivatives backwards: from each result
-to the four accelerations, and from these to the tilt at their nodes. From one sub-step to the next, derivatives are
-propagated forwards.
+A Runge-Kutta step has many inputs and two results. Therefore `_step_adjoint` computes derivatives backwards: from each
+result to the four accelerations, and from these to the tilt at their nodes. From one sub-step to the next, derivatives
+are propagated forwards.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ def _tilt_tangent(p, axis, node, column):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _traced(h, f1, f2, f3, f4, x, y):
+def _step_adjoint(h, f1, f2, f3, f4, x, y):
     """Derivatives of x theta + y theta_d after a Runge-Kutta step by the inputs of the step, backwards through it.
 
     f1 to f4: derivatives of the four accelerations, from `_partials`. Returns the derivatives by theta and by theta_d
@@ -222,7 +222,7 @@ def _traced(h, f1, f2, f3, f4, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _by_beta(traced, t1, t2, t3):
-    """Derivative of a `_traced` result through beta, whose tangents at the three nodes are t1, t2, t3."""
+    """Derivative of a `_step_adjoint` result through beta, whose tangents at the three nodes are t1, t2, t3."""
     first, middle, last = traced[3], traced[4], traced[5]
     total = first[0] * t1[0] + first[1] * t1[1] + first[2] * t1[2]
     total += middle[0] * t2[0] + middle[1] * t2[1] + middle[2] * t2[2]
@@ -231,14 +231,14 @@ def _by_beta(traced, t1, t2, t3):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _by_gamma(traced, t1, t2, t3):
-    """Derivative of a `_traced` result through gamma, whose acceleration does not act on the ball."""
+    """Derivative of a `_step_adjoint` result through gamma, whose acceleration does not act on the ball."""
     first, middle, last = traced[3], traced[4], traced[5]
     total = first[3] * t1[0] + first[4] * t1[1] + middle[3] * t2[0] + middle[4] * t2[1]
     return total + last[3] * t3[0] + last[4] * t3[1]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _through(angle, rate, X, k, add_angle, add_rate):
+def _propagate_column(angle, rate, X, k, add_angle, add_rate):
     """Propagate column k of X, the derivatives of angle and rate, through a sub-step.
 
     add_angle, add_rate: what the sub-step itself adds to the two derivatives."""
@@ -251,9 +251,10 @@ def _through(angle, rate, X, k, add_angle, add_rate):
 def _advance(p, node, f1, f2, f3, f4, A, B):
     """Propagate A, B and the derivatives by p[EXTRA] through the sub-step that begins at a node."""
     b, c = _axes(p)
-    angle, rate = _traced(p[at.STEP], f1, f2, f3, f4, 1.0, 0.0), _traced(p[at.STEP], f1, f2, f3, f4, 0.0, 1.0)
-    _through(angle, rate, A, 0, 0.0, 0.0)
-    _through(angle, rate, A, 1, 0.0, 0.0)
+    angle = _step_adjoint(p[at.STEP], f1, f2, f3, f4, 1.0, 0.0)
+    rate = _step_adjoint(p[at.STEP], f1, f2, f3, f4, 0.0, 1.0)
+    _propagate_column(angle, rate, A, 0, 0.0, 0.0)
+    _propagate_column(angle, rate, A, 1, 0.0, 0.0)
     by_angle, by_rate, by_angle_c, by_rate_c = 0.0, 0.0, 0.0, 0.0
     for j in range(3):
         t1, t2, t3 = _tilt_tangent(p, b, node, j), _tilt_tangent(p, b, node + 1, j), _tilt_tangent(p, b, node + 2, j)
@@ -261,11 +262,11 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
         t1, t2, t3 = _tilt_tangent(p, c, node, j), _tilt_tangent(p, c, node + 1, j), _tilt_tangent(p, c, node + 2, j)
         by_angle_c, by_rate_c = _by_gamma(angle, t1, t2, t3), _by_gamma(rate, t1, t2, t3)
         if j < 2:
-            _through(angle, rate, A, 2 + j, by_angle, by_rate)
-            _through(angle, rate, A, 4 + j, by_angle_c, by_rate_c)
+            _propagate_column(angle, rate, A, 2 + j, by_angle, by_rate)
+            _propagate_column(angle, rate, A, 4 + j, by_angle_c, by_rate_c)
     mix_b, mix_c = p[b + at.COUPLING], p[c + at.COUPLING]  # column 2 is by the command that reaches an axis
-    _through(angle, rate, B, 0, by_angle + mix_c * by_angle_c, by_rate + mix_c * by_rate_c)
-    _through(angle, rate, B, 1, by_angle_c + mix_b * by_angle, by_rate_c + mix_b * by_rate)
+    _propagate_column(angle, rate, B, 0, by_angle + mix_c * by_angle_c, by_rate + mix_c * by_rate_c)
+    _propagate_column(angle, rate, B, 1, by_angle_c + mix_b * by_angle, by_rate_c + mix_b * by_rate)
     before, speed = p[at.BY_ANGLE], p[at.BY_RATE]
     p[at.BY_ANGLE] = angle[0] * before + angle[1] * speed + angle[2]
     p[at.BY_RATE] = rate[0] * before + rate[1] * speed + rate[2]

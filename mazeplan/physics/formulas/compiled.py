@@ -124,7 +124,7 @@ def routines_of(
     elif effect.acts in (DRY, WALL):
         expressions = {"hold": generate.signed(equation.summed([effect], effect.acts))}
     else:
-        expressions = {"term": equation.pushes([effect], (FORCE, DRAG), exact=True)}
+        expressions = {"term": equation.ring_forces([effect], (FORCE, DRAG), exact=True)}
     return [generate.term_routine(name, e, [effect], inputs) for name, e in expressions.items()], {}
 
 

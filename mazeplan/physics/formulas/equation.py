@@ -26,7 +26,7 @@ OF_GRAVITY = {"factor": "gravity * {1}", **dict.fromkeys(("beta", "gamma", "x", 
 WIDTH = "dry_width"  # rad/s over which dry friction changes its sign in a plan; near zero: at once
 
 
-def pull(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
+def gravity_in_plane(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
     """Gravity along x and y of the plate, m/s^2, with all effects of gravity but without their factor; and the
     factor."""
     import sympy
@@ -41,7 +41,7 @@ def pull(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
     return G * sympy.sin(beta) + x, -G * sympy.sin(gamma) * sympy.cos(beta) + y, factor
 
 
-def turning() -> Any:
+def inertial_acceleration() -> Any:
     """Acceleration along the ring from the plate's rotation, rad/s^2."""
     import sympy
 
@@ -68,11 +68,13 @@ def gravity(effects: Sequence[Effect]) -> Any:
     import sympy
 
     s = state()
-    x, y, factor = pull(effects)
+    x, y, factor = gravity_in_plane(effects)
     return factor / s.radius * (y * sympy.cos(s.theta) - x * sympy.sin(s.theta))
 
 
-def pushes(effects: Sequence[Effect], kinds: Sequence[str] = (FORCE, DRAG, DRY, WALL), *, exact: bool = False) -> Any:
+def ring_forces(
+    effects: Sequence[Effect], kinds: Sequence[str] = (FORCE, DRAG, DRY, WALL), *, exact: bool = False
+) -> Any:
     """Forces, drag and friction along the ring, rad/s^2.
 
     exact: True changes the sign of dry friction at once, False over WIDTH."""

@@ -57,7 +57,7 @@ class Routine:
 
 def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
     """plate, value, plate_partials and partials of a set of effects, and how many coefficients each kind has."""
-    total = equation.turning() + equation.gravity(effects) + equation.pushes(effects)
+    total = equation.inertial_acceleration() + equation.gravity(effects) + equation.ring_forces(effects)
     symbols = _symbols()
     slopes = [total.diff(symbols[name]) for name in BY]
     coefficients, (value,) = _hoisted([total])
@@ -107,7 +107,7 @@ def moment_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str,
 def _in_plane(effects: Sequence[Effect]) -> list[Any]:
     import sympy
 
-    x, y, factor = equation.pull(effects)
+    x, y, factor = equation.gravity_in_plane(effects)
     sums = [equation.summed(effects, kind) for kind in (FORCE, DRAG, DRY, WALL)]
     s, speed = state(), _symbols()["speed"]
     sums = [part.subs(size(s.theta_dot), speed) for part in sums]
@@ -144,7 +144,7 @@ def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, i
     plate: gives the coefficients
     base:  gives their sum for a ball at theta, seen by a camera turned by p[0]; its inputs w end with the coefficients
     """
-    coefficients, (value,) = _hoisted([equation.turning() + equation.gravity(effects)])
+    coefficients, (value,) = _hoisted([equation.inertial_acceleration() + equation.gravity(effects)])
     plate = _routine("plate", ("t", "w", "p", "c"), coefficients, equation.names_of(effects), into="c")
     base = _routine("base", ("theta", "theta_dot", "sin_theta", "cos_theta", "c", "p"), [value], [])
     base.arguments = ("theta", "theta_dot", "t", "w", "p")

@@ -77,7 +77,7 @@ class StageModel:
         return u_beta + self.beta.coupling * u_gamma, u_gamma + self.gamma.coupling * u_beta
 
 
-def played(u: Array, backlash: float, start: float | None = None) -> Array:
+def apply_backlash(u: Array, backlash: float, start: float | None = None) -> Array:
     """Output (N,) of gears with `backlash` rad for commands u (N,). start: output before the first command; by default
     the first command."""
     if backlash == 0.0:
@@ -90,7 +90,7 @@ def played(u: Array, backlash: float, start: float | None = None) -> Array:
     return out
 
 
-def obeyed(u: Array, deadband: float) -> Array:
+def apply_deadband(u: Array, deadband: float) -> Array:
     """Output (N,) of a servo that ignores changes of the commands u (N,) below `deadband` rad."""
     if deadband == 0.0:
         return u
@@ -101,9 +101,9 @@ def obeyed(u: Array, deadband: float) -> Array:
     return out
 
 
-def passed_on(u: Array, axis: StageAxis) -> Array:
+def actuator_output(u: Array, axis: StageAxis) -> Array:
     """Output (N,) of deadband and gears for commands u (N,)."""
-    return played(obeyed(u, axis.deadband), axis.backlash)
+    return apply_backlash(apply_deadband(u, axis.deadband), axis.backlash)
 
 
 def step_response(axis: StageAxis, t: Array) -> Array:

@@ -25,7 +25,7 @@ from mazeplan.core.progress import Words
 from mazeplan.core.resources import to_install
 from mazeplan.run.campaign.processes import interrupts_held, one_thread
 from mazeplan.run.campaign.tasks import MOST_DEATHS, Arguments, Executor, Lost, Result, Value
-from mazeplan.run.campaign.versions import program, unlike
+from mazeplan.run.campaign.versions import program, program_mismatch
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -159,7 +159,7 @@ def _check_workers(client: Client, address: str, say: Words) -> None:
             raise InputError(f"--dask: worker {worker} has no mazeplan: install the same one there")
         if isinstance(theirs, BaseException):
             raise InputError(f"--dask: worker {worker} cannot do this: {_line(theirs)}")
-        if other := unlike(program(), theirs):
+        if other := program_mismatch(program(), theirs):
             raise InputError(f"--dask: worker {worker} would not compute the same: it has {other}")
     threads: Any = client.nthreads()
     if many := sum(count > 1 for count in threads.values()):
@@ -274,7 +274,7 @@ def _itself(value: Any) -> Any:
 
 def _do(work: Callable[..., Any], expected: Mapping[str, str], task: Arguments) -> Any:
     """Do one task on a worker. The check is for workers that came after the first check."""
-    if other := unlike(expected, program()):
+    if other := program_mismatch(expected, program()):
         raise InputError(f"--dask: worker {platform.node()}:{os.getpid()} would not compute the same: it has {other}")
     with _one_at_a_time, one_thread():
         return work(*task)

@@ -26,8 +26,8 @@ from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 from mazeplan.run.campaign.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of
 from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
-from mazeplan.run.campaign.one_run import collect
-from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked, without_site
+from mazeplan.run.campaign.one_run import collect_garbage
+from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked, with_relative_paths
 from mazeplan.run.campaign.store import Store
 from mazeplan.run.campaign.worker import Ran, here, measured
 from mazeplan.run.execution import attempt_job
@@ -39,7 +39,7 @@ NAMED = {"arrived", *map(str, FailureKind)}
 BUSY_S = 10.0  # s, limit of a tick in trials of `observe_hangs`: long, because a busy computer is not the fault tried
 IDLE_S = 5.0  # s of wall time within which the program must call the rig again
 SETTLE_S = 1.0  # s that the plate has to become level
-LEVEL = 5e-3  # rad, 0.3 deg: a plate counts as level within this, because of noise and backlash
+LEVEL_TOLERANCE = 5e-3  # rad, 0.3 deg: a plate counts as level within this, because of noise and backlash
 
 
 @dataclass(frozen=True)
@@ -111,14 +111,14 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
     finally:
         with suppress(RigError):
             rig.close()
-        collect()
+        collect_garbage()
 
 
 def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
     """As `run_trial`, for a campaign whose files are in a parcel."""
     with errors_name_origins(parcel):
         outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
-    outcome = replace(outcome, result=without_site(outcome.result))
+    outcome = replace(outcome, result=with_relative_paths(outcome.result))
     return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, here()))
 
 
@@ -137,7 +137,7 @@ def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
         wrong.append(f"no call of the rig for {faulty.idle_s:.1f} s")
     if not faulty.levelled:
         wrong.append("the plate was not levelled")
-    elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL:
+    elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL_TOLERANCE:
         wrong.append(f"the plate was left at {np.degrees(tilt):.2f} deg")
     return tuple(wrong)
 

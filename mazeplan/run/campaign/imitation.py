@@ -30,7 +30,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.assembly import plate_of
 from mazeplan.run.campaign.executor import each, open_executor
-from mazeplan.run.campaign.one_run import Campaign, collect, rig_of_run, setup_of
+from mazeplan.run.campaign.one_run import Campaign, collect_garbage, rig_of_run, setup_of
 from mazeplan.run.execution import attempt_job
 from mazeplan.run.specification import Job
 
@@ -80,7 +80,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Lesson:
+class Demonstration:
     """The samples of one run: inputs (N, 18), the planner's commands (N, 2) in rad, and whether the run arrived."""
 
     inputs: Array
@@ -99,9 +99,9 @@ class Teacher:
     def watch(self, tree: BehaviorTree, context: RunContext) -> None:
         """Begin to stand between leaves and rig of this run."""
         steer = context.steer
-        context.steer = lambda leaf, command: steer(leaf, self._taken(context, leaf, command))
+        context.steer = lambda leaf, command: steer(leaf, self._record_and_replace(context, leaf, command))
 
-    def _taken(self, run: RunContext, leaf: str, command: Command) -> Command:
+    def _record_and_replace(self, run: RunContext, leaf: str, command: Command) -> Command:
         here, opening = run.here, run.leg.opening
         ring = run.maze.ring(here.ring)
         if leaf not in LEARNED or opening is None or ring.is_disc or ring.number not in (opening.outer, opening.inner):
@@ -119,7 +119,7 @@ class Teacher:
         return command if self.policy is None else self.policy.command(inputs, run.plate)
 
 
-def lesson(campaign: Campaign, index: int, policy: Policy | None) -> Lesson:
+def demonstrate(campaign: Campaign, index: int, policy: Policy | None) -> Demonstration:
     """Do run number `index` and return its lesson. policy: drives; None: the planner drives."""
     maze = campaign.maze()
     seed = campaign.seed + index
@@ -130,9 +130,9 @@ def lesson(campaign: Campaign, index: int, policy: Policy | None) -> Lesson:
         result, _ = attempt_job(rig, setup, _job(maze, seed, index, campaign.time_limit))
     finally:
         rig.close()
-        collect()
+        collect_garbage()
     commands = np.array([(c.u_beta, c.u_gamma) for c in teacher.commands]).reshape(-1, 2)
-    return Lesson(np.array(teacher.rows).reshape(-1, len(INPUTS)), commands, result.success)
+    return Demonstration(np.array(teacher.rows).reshape(-1, len(INPUTS)), commands, result.success)
 
 
 def _job(maze: Maze, seed: int, index: int, time_limit: float) -> Job:
@@ -156,14 +156,14 @@ def train(
     maze = campaign.maze()
     plate = plate_of(maze, setup_of(campaign, maze).driving_model)
     campaign = replace(campaign, deadline=False, own_process=options.workers > 1)
-    first, lessons, policy = SEEDS + MOST_RUNS * options.seed, list[Lesson](), None
+    first, lessons, policy = SEEDS + MOST_RUNS * options.seed, list[Demonstration](), None
     with open_executor(options.workers) as executor:
         for number in range(options.rounds):
             part = piece(advance, number, 0.8, options.rounds)
             show(f"round {number + 1}: {'the planner' if policy is None else 'the policy'} drives")
             runs = replace(campaign, seed=first + number * options.runs)
-            new = dict[int, Lesson]()
-            for index, found in each(lesson, [(runs, i, policy) for i in range(options.runs)], executor):
+            new = dict[int, Demonstration]()
+            for index, found in each(demonstrate, [(runs, i, policy) for i in range(options.runs)], executor):
                 new[index] = found
                 part(len(new), options.runs)
             lessons += [new[index] for index in sorted(new)]  # in one order for any number of workers
@@ -180,7 +180,7 @@ def train(
 
 
 def _fitted(
-    lessons: list[Lesson], plate: Plate, options: Options, facts: dict[str, Any], done: Round, advance: Advance
+    lessons: list[Demonstration], plate: Plate, options: Options, facts: dict[str, Any], done: Round, advance: Advance
 ) -> Policy:
     """The policy fitted to all lessons; the fit of the last round has twice as many epochs."""
     inputs = np.concatenate([of.inputs for of in lessons])

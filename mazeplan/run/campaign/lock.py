@@ -10,7 +10,7 @@ from mazeplan.core.errors import InputError
 
 
 @contextmanager
-def alone(path: Path, option: str, what: str) -> Iterator[None]:
+def exclusive_lock(path: Path, option: str, what: str) -> Iterator[None]:
     """Hold the lock. Raises InputError if another process holds it, or the folder cannot be written to.
 
     option, what: for the error: the option that names the folder, and the work that is under way there."""

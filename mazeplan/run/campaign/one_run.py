@@ -29,7 +29,7 @@ from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 FIXED_STARTS = 16
 START_ORDER = [int(f"{k:04b}"[::-1], 2) for k in range(FIXED_STARTS)]  # of van der Corput: 0, 8, 4, 12, 2, 10, ...
-COLLECT = 16  # runs between two garbage collections
+GC_INTERVAL = 16  # runs between two garbage collections
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 _runs = count(1)
 
@@ -130,13 +130,13 @@ def run_one(
     finally:
         with suppress(RigError):  # the first error matters
             rig.close()
-        collect()
+        collect_garbage()
 
 
-def collect() -> None:
+def collect_garbage() -> None:
     """Collect all garbage, once every COLLECT runs of this process. The parts of a run refer to one another; without
     this call they would be freed only after they fill about 1 GB."""
-    if next(_runs) % COLLECT == 0:
+    if next(_runs) % GC_INTERVAL == 0:
         gc.collect()
 
 

@@ -25,7 +25,7 @@ from mazeplan.learning.online_rig import Lesson, OnlineModel, OnlineOptions
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.evaluate import Campaign, run_one
-from mazeplan.run.campaign.lock import alone
+from mazeplan.run.campaign.lock import exclusive_lock
 from mazeplan.run.resolve import resolve_model
 
 LOCK = ".learning.lock"
@@ -127,7 +127,7 @@ def learning_alone(folder: Path | None) -> Iterator[None]:
     except OSError as problem:
         raise InputError(f"-o: got {folder}: {problem.strerror}; expected a folder that can be made") from None
     try:
-        with alone(folder / LOCK, "-o", "learning"):
+        with exclusive_lock(folder / LOCK, "-o", "learning"):
             yield
     finally:
         if not (folder / ROWS).exists():

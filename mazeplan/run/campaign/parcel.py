@@ -214,7 +214,7 @@ def _module_files(names: Iterable[str]) -> dict[str, Path]:
         if name in seen:
             continue
         seen.add(name)
-        if not _of_the_desk(name.partition(".")[0]):  # the first word only: a look into a package would import it
+        if not _is_user_module(name.partition(".")[0]):  # the first word only: a look into a package would import it
             continue
         path = module_file(name)
         if path is None:
@@ -235,7 +235,7 @@ def module_file(name: str) -> Path | None:
     return Path(spec.origin) if spec is not None and spec.origin and spec.origin.endswith(".py") else None
 
 
-def _of_the_desk(name: str) -> bool:
+def _is_user_module(name: str) -> bool:
     """Whether a module is the user's: in the working folder or beside the file that names it, and neither installed nor
     part of this program."""
     try:
@@ -265,31 +265,31 @@ def _imports(source: bytes, package: str) -> list[str]:
 
 # -- unpacking ------------------------------------------------------------------------------------------------------
 
-_site: list[tuple[str, tempfile.TemporaryDirectory[str]]] = []  # digest and folder of the unpacked parcel
+_unpack_cache: list[tuple[str, tempfile.TemporaryDirectory[str]]] = []  # digest and folder of the unpacked parcel
 
 
 def unpacked(parcel: Parcel, campaign: Campaign) -> Campaign:
     """The campaign with the paths of its unpacked files. The files stay until another parcel is unpacked."""
     if not parcel.files:
         return campaign
-    if not _site or _site[0][0] != parcel.digest:
+    if not _unpack_cache or _unpack_cache[0][0] != parcel.digest:
         _clear()
         folder = tempfile.TemporaryDirectory(prefix="mazeplan-")
         for name, content in parcel.files:
             path = Path(folder.name) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        _site.append((parcel.digest, folder))
+        _unpack_cache.append((parcel.digest, folder))
         _import_from(Path(folder.name) / MODULES)
-    folder_name = Path(_site[0][1].name)
+    folder_name = Path(_unpack_cache[0][1].name)
     return replace(campaign, **{field: str(folder_name / name) for field, name in parcel.names})
 
 
-def without_site(result: NavigationResult) -> NavigationResult:
+def with_relative_paths(result: NavigationResult) -> NavigationResult:
     """The result with file names relative to the folder of the unpacked parcel, so that it is the same everywhere."""
-    if not _site:
+    if not _unpack_cache:
         return result
-    here = f"{_site[0][1].name}{os.sep}"
+    here = f"{_unpack_cache[0][1].name}{os.sep}"
     return replace(result, failures=tuple(replace(f, detail=f.detail.replace(here, "")) for f in result.failures))
 
 
@@ -299,8 +299,8 @@ def errors_name_origins(parcel: Parcel) -> Iterator[None]:
     try:
         yield
     except Exception as problem:  # a user's leaf may raise anything; a note names the place
-        if _site:
-            here = f"{_site[0][1].name}{os.sep}"
+        if _unpack_cache:
+            here = f"{_unpack_cache[0][1].name}{os.sep}"
 
             def of_origin(text: str) -> str:
                 for name, origin in parcel.origins:
@@ -325,8 +325,8 @@ def _import_from(folder: Path) -> None:
 
 def _clear() -> None:
     """Remove the last parcel and its imported modules: the next parcel may have other modules of the same names."""
-    while _site:
-        _, folder = _site.pop()
+    while _unpack_cache:
+        _, folder = _unpack_cache.pop()
         modules = os.path.join(folder.name, MODULES)
         sys.path[:] = [place for place in sys.path if place != modules]
         for name, module in list(sys.modules.items()):

@@ -26,7 +26,7 @@ from mazeplan.core.records import NavigationResult
 from mazeplan.core.resources import to_install
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.identity import LETTERS, difference, digest_of, identity, text_of
-from mazeplan.run.campaign.lock import alone
+from mazeplan.run.campaign.lock import exclusive_lock
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.parcel import Parcel, packed
 from mazeplan.run.campaign.worker import Ran
@@ -294,7 +294,7 @@ def open_stores(
         stores = []
         for setup in setups:
             lock = folder / f".campaign-{digest_of(setup)}.lock"
-            stack.enter_context(alone(lock, "--store", "this campaign"))
+            stack.enter_context(exclusive_lock(lock, "--store", "this campaign"))
             stores.append(Store(folder, campaign, parcel, setup))
             stack.callback(stores[-1].put_together)
         yield tuple(stores)

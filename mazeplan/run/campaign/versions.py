@@ -40,7 +40,7 @@ def _files() -> Iterator[tuple[str, Path]]:
                 yield f"{kind}/{path.name}", path
 
 
-def unlike(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
+def program_mismatch(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
     """In words, in what another machine's program differs from ours; empty if in nothing."""
     differing = [name for name in ours if theirs.get(name) != ours[name]]
     if differing == ["sources"]:

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign.one_run import Campaign, run_one
-from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, unpacked, without_site
+from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, unpacked, with_relative_paths
 
 Result = TypeVar("Result")
 
@@ -29,7 +29,7 @@ class Ran:
 def run_packed(parcel: Parcel, campaign: Campaign, index: int) -> Ran:
     """Run number `index` of a campaign whose files are in a parcel."""
     with errors_name_origins(parcel):
-        result, wall_s, cpu_s = measured(lambda: without_site(run_one(unpacked(parcel, campaign), index)))
+        result, wall_s, cpu_s = measured(lambda: with_relative_paths(run_one(unpacked(parcel, campaign), index)))
     return Ran(result, wall_s, cpu_s, here())
 
 

@@ -14,7 +14,7 @@ from mazeplan.control.policy_file import load_policy, save_policy
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
-from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, lesson, train
+from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
 from mazeplan.run.campaign.parcel import packed
 from mazeplan.run.campaign.worker import run_packed
 from mazeplan.run.navigate import navigate
@@ -58,12 +58,12 @@ def test_where_the_policy_drives_the_lesson_is_still_the_planners():
 
 @pytest.mark.slow
 def test_a_lesson_is_the_same_whenever_it_is_given_and_begins_in_every_ring():
-    one, same = (lesson(CAMPAIGN, 1, None) for _ in range(2))
+    one, same = (demonstrate(CAMPAIGN, 1, None) for _ in range(2))
     assert np.array_equal(one.inputs, same.inputs)
     assert np.array_equal(one.commands, same.commands)
     assert one.arrived
     assert len(one.inputs) == len(one.commands) > 10
-    assert not np.array_equal(one.inputs, lesson(CAMPAIGN, 2, None).inputs[: len(one.inputs)])
+    assert not np.array_equal(one.inputs, demonstrate(CAMPAIGN, 2, None).inputs[: len(one.inputs)])
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from mazeplan.run.campaign import parcel as parcels
 from mazeplan.run.campaign.evaluate import Campaign
 from mazeplan.run.campaign.identity import difference, digest_of, identity
 from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked
-from mazeplan.run.campaign.versions import program, unlike
+from mazeplan.run.campaign.versions import program, program_mismatch
 from mazeplan.run.campaign.worker import run_packed
 
 RIG = """\
@@ -88,7 +88,7 @@ def test_everything_of_the_desk_is_in_it_and_works_elsewhere(desk, tmp_path, mon
     rig = make_rig(there.rig, maze)
     assert rig.light == "helper"
     assert (Path(there.rig).parent / rig.settings["picture"]).read_text() == Path(there.settings).read_text()
-    assert sys.modules["parcel_rig"].__file__.startswith(parcels._site[0][1].name)
+    assert sys.modules["parcel_rig"].__file__.startswith(parcels._unpack_cache[0][1].name)
 
 
 def test_what_is_wrong_with_a_file_is_told_of_the_one_that_was_packed(desk, tmp_path, monkeypatch):
@@ -103,7 +103,7 @@ def test_what_is_wrong_with_a_file_is_told_of_the_one_that_was_packed(desk, tmp_
     with pytest.raises(MazeplanError) as told:
         run_packed(parcel, campaign, 0)
     assert "ZeroDivisionError" in str(told.value)
-    assert parcels._site[0][1].name not in str(told.value)
+    assert parcels._unpack_cache[0][1].name not in str(told.value)
     assert f"{desk / 'parcel_helper.py'}:2" in str(told.value)
 
     there = Path(unpacked(parcel, campaign).behavior)
@@ -205,6 +205,6 @@ def test_all_that_determines_results_makes_another(desk):
 
 def test_another_program_is_told_by_what_differs():
     ours = dict(program())
-    assert unlike(ours, ours) == ""
-    assert unlike(ours, {**ours, "numpy": "1.0", "sources": "x"}) == f"numpy 1.0 instead of {ours['numpy']}"
-    assert unlike(ours, {**ours, "sources": "x"}) == f"mazeplan {ours['mazeplan']} of other sources"
+    assert program_mismatch(ours, ours) == ""
+    assert program_mismatch(ours, {**ours, "numpy": "1.0", "sources": "x"}) == f"numpy 1.0 instead of {ours['numpy']}"
+    assert program_mismatch(ours, {**ours, "sources": "x"}) == f"mazeplan {ours['mazeplan']} of other sources"

@@ -11,7 +11,7 @@ import pytest
 from mazeplan.learning import fast_gp
 from mazeplan.learning.modelfile import PACKAGED
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.one_run import COLLECT, Campaign, job_of, run_one, setup_of
+from mazeplan.run.campaign.one_run import GC_INTERVAL, Campaign, job_of, run_one, setup_of
 from mazeplan.run.loop import Run
 
 MAZE = load_map("cme")
@@ -45,15 +45,15 @@ def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
     monkeypatch.setattr(
         "mazeplan.run.execution.Run", lambda *given, **more: kept.append(weakref.ref(run := Run(*given, **more))) or run
     )
-    campaign = replace(SHORT, runs=2 * COLLECT)
+    campaign = replace(SHORT, runs=2 * GC_INTERVAL)
     gc.disable()
     try:
         for index in range(campaign.runs):
             run_one(campaign, index)
     finally:
         gc.enable()
-    assert len(kept) == 2 * COLLECT
-    assert sum(ref() is not None for ref in kept) < COLLECT
+    assert len(kept) == 2 * GC_INTERVAL
+    assert sum(ref() is not None for ref in kept) < GC_INTERVAL
 
 
 def test_runs_differ_in_seed_and_start_only():
