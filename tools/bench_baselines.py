@@ -43,7 +43,7 @@ from mazeplan.diagnosis.coordinate.fit import Likelihood
 from mazeplan.diagnosis.coordinate.kalman import NODES
 from mazeplan.diagnosis.coordinate.search import SEEN
 from mazeplan.diagnosis.record import RingRecord, record_of
-from mazeplan.diagnosis.ring.camera import straightened
+from mazeplan.diagnosis.ring.camera import true_angle_at_radius
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.ring.diagnose import RingDiagnosis, diagnose
 from mazeplan.diagnosis.ring.scores import score_starts
@@ -58,7 +58,7 @@ def ground_of(record: RingRecord, radius: float, done: RingDiagnosis) -> Ground:
     n, final, theta, offset = len(record), done.finding.final, record.theta, None
     if done.circle is not None and done.circle.shifted and record.r is not None:
         offset = done.circle.offset
-        theta = straightened(theta, record.r, offset)
+        theta = true_angle_at_radius(theta, record.r, offset)
     tilt = plate_motion(record, done.stage)
     system = RingSystem(record.t, theta, record.begins, radius, tilt, DECLARED)
     count = np.cumsum(np.isfinite(record.theta))

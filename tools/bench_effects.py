@@ -19,7 +19,7 @@ from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.surprise import KINDS, Answer
+from mazeplan.rigs.sim.surprise import KINDS, SurpriseTruth
 from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.campaign.improve import Options, improve
 
@@ -45,7 +45,7 @@ class Row:
 def row(kind: str, options: Options, healthy: float) -> Row:
     """What became of one kind. healthy: s, mean time on the rig without a change."""
     rig = f"surprise@{kind}"
-    truth: Answer = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
+    truth: SurpriseTruth = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         (entry,) = improve(rig, Path(folder), options)
         done, navigation = entry["diagnosis"], entry["navigation"]

@@ -25,7 +25,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.emulation.rig import EmulatedRig
 from mazeplan.rigs.emulation.truth import Diode
 from mazeplan.rigs.hardware import check as hardware_check
-from mazeplan.rigs.hardware.latency import age, dead_time
+from mazeplan.rigs.hardware.latency import dead_time, picture_delay
 from mazeplan.rigs.hardware.tiltcalibration import Reading, fit_tilt
 from mazeplan.rigs.registry import PACKAGED, make_rig
 from mazeplan.run.navigate import navigate
@@ -143,7 +143,7 @@ def latencies(delay_ms: float) -> tuple[float, float, float, float]:
         trace = Path(folder) / "trace.csv"
         rig = make_rig(str(rig_file(Path(folder), camera_delay_ms=delay_ms, trace=str(trace))), MAZE)
         assert isinstance(rig, EmulatedRig)
-        hardware_check.dead_time, hardware_check.age = keep_dead, age
+        hardware_check.dead_time, hardware_check.picture_delay = keep_dead, picture_delay
         try:
             found = hardware_check.measure(rig)
             assert rig.table is not None

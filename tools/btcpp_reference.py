@@ -144,7 +144,7 @@ def ours(case: Case) -> Record:
         trace.numbers[id(node)] = i
         node.probe = trace
     for key, value in case.board.items():
-        tree.blackboard.give(key, value)
+        tree.blackboard.set_external(key, value)
     ticks: list[Record] = []
     record: Record = {"loads": True, "ticks": ticks}
     for i in range(case.ticks):
@@ -156,7 +156,7 @@ def ours(case: Case) -> Record:
                 trace.events.append(["halted tree"])
             for at, key, value in case.sets:
                 if at == i:
-                    tree.blackboard.give(key, value)
+                    tree.blackboard.set_external(key, value)
             with _rounds(case.once):
                 entry["root"] = tree.tick().name
         except TreeError as problem:

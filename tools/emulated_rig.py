@@ -28,7 +28,7 @@ from mazeplan.rigs.hardware.check import measure
 from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, WorldSettings, write_sections
 from mazeplan.rigs.hardware.tiltcalibration import TiltFit, fit_tilt
-from mazeplan.rigs.hardware.tiltreadings import grid, held, take_readings
+from mazeplan.rigs.hardware.tiltreadings import grid, hold_pulses, take_readings
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.registry import PACKAGED, make_rig
 
@@ -125,7 +125,7 @@ def calibrate(folder: Path) -> None:
     servo = servo_section(fit)
     with opened(world, validated(Servo, servo)) as (table, board):
         level = servo["beta"]["level_us"], servo["gamma"]["level_us"]
-        with held(board, level):
+        with hold_pulses(board, level):
             for _ in range(60):  # until it rests
                 table.read()
             camera = camera_section(table, Truth.drawn(world.seed), folder / "emulated.png")

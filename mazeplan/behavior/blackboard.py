@@ -69,18 +69,18 @@ class Blackboard:
         self._outside, self._remap, self._autoremap = outside, dict(remap or {}), autoremap
         self.enums: Mapping[str, int] = outside.enums if outside is not None else dict(enums or {})
 
-    def _home(self, name: str) -> tuple[Blackboard, str]:
+    def _resolve(self, name: str) -> tuple[Blackboard, str]:
         """The scope to which a name belongs, and its name there."""
         if name.startswith("@"):
             return self._outermost(), name[1:]
         if name not in self._entries and self._outside is not None:
             if name in self._remap:
-                return self._outside._home(self._remap[name])
+                return self._outside._resolve(self._remap[name])
             if self._autoremap and not name.startswith("_"):
-                return self._outside._home(name)
+                return self._outside._resolve(name)
         return self, name
 
-    def way(self, name: str) -> Iterator[tuple[Blackboard, str]]:
+    def scope_chain(self, name: str) -> Iterator[tuple[Blackboard, str]]:
         """(scope, name there) of each scope from this one to the scope to which the name belongs."""
         yield self, name
         outside = self._outside
@@ -88,9 +88,9 @@ class Blackboard:
             yield self._outermost(), name[1:]
         elif outside is not None and name not in self._entries:
             if name in self._remap:
-                yield from outside.way(self._remap[name])
+                yield from outside.scope_chain(self._remap[name])
             elif self._autoremap and not name.startswith("_"):
-                yield from outside.way(name)
+                yield from outside.scope_chain(name)
 
     @property
     def outside(self) -> Blackboard | None:
@@ -102,19 +102,19 @@ class Blackboard:
 
     def find(self, name: str) -> Entry | None:
         """The entry of a name; None if it was neither declared nor set."""
-        home, name = self._home(name)
+        home, name = self._resolve(name)
         return home._entries.get(name)
 
     def declare(self, name: str) -> Entry:
         """The entry of a name. If there is none yet, it is made without a value."""
-        home, name = self._home(name)
+        home, name = self._resolve(name)
         return home._entries.setdefault(name, Entry())
 
     def get(self, name: str) -> Any:
         """The value of a name. Raises KeyError if it was never set."""
         entry = self.find(name)
         if entry is None or entry.value is EMPTY:
-            known = sorted(self._home(name)[0].values())
+            known = sorted(self._resolve(name)[0].values())
             raise KeyError(f"the blackboard has no {name!r}; it has {', '.join(known) or 'nothing'}")
         return entry.value
 
@@ -122,7 +122,7 @@ class Blackboard:
         """Set the entry of a name, in the scope to which the name belongs."""
         self.declare(name).put(value)
 
-    def give(self, name: str, value: Any) -> None:
+    def set_external(self, name: str, value: Any) -> None:
         """Set the entry of a name from outside the tree. An entry that gets a float keeps later whole numbers as
         floats."""
         entry = self.declare(name)

@@ -23,7 +23,7 @@ OUTSIDE = "_of_no_node"  # attribute that marks an exception for which no node i
 
 
 @contextmanager
-def outside() -> Iterator[None]:
+def blame_no_node() -> Iterator[None]:
     """A context for work that a node triggers but does not do itself: no node is blamed for an exception in it."""
     try:
         yield
@@ -38,7 +38,7 @@ def blames_a_node(problem: BaseException) -> bool:
     return isinstance(problem, TreeError) or any(n.startswith(begins) for n in getattr(problem, "__notes__", ()))
 
 
-def fault(problem: BaseException) -> str:
+def exception_line(problem: BaseException) -> str:
     """An exception of a node as one line: what happened, and which node raised it."""
     reason = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
     return " ".join(", ".join((reason, *getattr(problem, "__notes__", ()))).split())
@@ -47,8 +47,8 @@ def fault(problem: BaseException) -> str:
 def blame(problem: Exception | SystemExit, where: str, kind: str = "leaf") -> Exception:
     """The exception to raise in place of an exception that a node let through: it gets a note that says where.
 
-    An exception that already names a node, or that comes from elsewhere (a rig, `outside`), stays as it is. Raises a
-    SystemExit that a signal caused."""
+    An exception that already names a node, or that comes from elsewhere (a rig, `blame_no_node`), stays as it is.
+    Raises a SystemExit that a signal caused."""
     if isinstance(problem, SystemExit):
         if type(problem) is not SystemExit:  # a signal caused it; it may come at any place
             raise problem

@@ -80,12 +80,12 @@ class Builder:
     def build(self, main: str | None) -> BehaviorTree:
         """Build the tree `main`; None: the file's main tree, or its only tree."""
         name = self.files.main(main)
-        self.look(name)
+        self.build_other_trees(name)
         board = Blackboard(enums=self._enums)
         content = self._content(name, board, name, _Use((name,)))
         return BehaviorTree(content, board, name, getattr(self._context, "again", None))
 
-    def look(self, main: str | None) -> None:
+    def build_other_trees(self, main: str | None) -> None:
         """Build all trees except `main`, so that trees that are not used are checked, too."""
         for other in self.files.trees:
             if other != main:
@@ -286,7 +286,7 @@ class Builder:
     def _wrong_value(self, element: Element, path: str, key: Key, board: Blackboard, problem: str) -> TreeError:
         """The error for a value that a SubTree gives, at the SubTree's line. All nodes inside that read the value share
         one error."""
-        *_, (scope, name) = board.way(key.name)
+        *_, (scope, name) = board.scope_chain(key.name)
         call, above = self._calls[id(scope)]
         inside = (
             f"inside, {path.rpartition('/')[2]} reads {key} at {self.files.file_of(element).name}:{element.sourceline}"

@@ -30,7 +30,7 @@ OPERATORS = {word: f"the sign for {word} is {sign}" for word, sign in (("and", "
 SET_BY_THE_RUN = ("goal", "waypoints")  # keys that the run sets in the outermost scope, before the first tick
 
 
-class Unrun:
+class StaticContext:
     """Context of a tree that never runs. maze: its rings and openings may be named in the tree; None: any names."""
 
     def __init__(self, maze: Maze | None = None) -> None:
@@ -185,11 +185,11 @@ def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeErro
 
     A port that the SubTree gives on to another SubTree counts as used: the other SubTree has the remark."""
     calls = [node for node in nodes if isinstance(node, SubTree)]
-    used = {(id(board), name) for use in uses for board, name in use.way}
+    used = {(id(board), name) for use in uses for board, name in use.scope_chain}
     for call in calls:
         around = scope_of(call)
         keys = [value.name for value in call.values.values() if isinstance(value, Key)]
-        used |= {(id(board), name) for key in keys for board, name in around.way(key)}
+        used |= {(id(board), name) for key in keys for board, name in around.scope_chain(key)}
     for call in calls:
         tree = call.values.get("ID", call.name)
         for port in call.values:

@@ -37,7 +37,7 @@ def draft(
         with mistakes:
             tree = builder.build(main)
         if tree is None:
-            builder.look(None)
+            builder.build_other_trees(None)
         else:
             remarks = builder.files.remarks(tree.name)
     except EnoughError:

@@ -32,12 +32,12 @@ class Use:
     node: TreeNode
     attribute: str
     name: str
-    way: tuple[tuple[Blackboard, str], ...]
+    scope_chain: tuple[tuple[Blackboard, str], ...]
 
     @property
     def home(self) -> Home:
         """The scope to which the key belongs, and its name there."""
-        board, name = self.way[-1]
+        board, name = self.scope_chain[-1]
         return id(board), name
 
     @property
@@ -49,7 +49,7 @@ class Use:
     def given_by(self, calls: Mapping[int, SubTree]) -> tuple[SubTree, str] | None:
         """The outermost SubTree on the way to the key that has a port for it, and the port. calls: SubTrees by id of
         their scope."""
-        for board, name in reversed(self.way[:-1]):
+        for board, name in reversed(self.scope_chain[:-1]):
             call = calls.get(id(board))
             if call is not None and isinstance(call.values.get(name), Key):
                 return call, name
@@ -61,7 +61,7 @@ def all_uses(nodes: Iterable[TreeNode]) -> tuple[list[Use], list[Use]]:
     reads, writes = list[Use](), list[Use]()
     for node in nodes:
         for attribute, name, written in _uses(node):
-            use = Use(node, attribute, name, tuple(scope_of(node).way(name)))
+            use = Use(node, attribute, name, tuple(scope_of(node).scope_chain(name)))
             (writes if written else reads).append(use)
     return reads, writes
 

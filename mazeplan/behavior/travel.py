@@ -98,7 +98,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
     return plan
 
 
-def make_plan(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
+def plan_and_follow(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
     """As `plan_to`, and follow the plan from now on."""
     plan = plan_to(run, opening, travel, warm)
     run.leg.plan, run.leg.goal_theta = plan, opening.angle
@@ -142,7 +142,7 @@ class PlanInRing(MazeLeaf):
             return off
         plan = self._prepared(opening)
         if plan is None:
-            plan = make_plan(run, opening, travel_options(self), warm=None)
+            plan = plan_and_follow(run, opening, travel_options(self), warm=None)
         self.set("plan", plan)
         if not (plan.ok or np.isfinite(here.planner_vector()).all()):
             return self.fail_as(FailureKind.PLAN_FAILED, f"the solver stopped: {plan.reason}")
@@ -211,7 +211,7 @@ class Track(MazeLeaf):
         over = not plan.ok or finished(plan, run.here.t)
         self._fresh = over or self._ticks % options.replan_every == 0 or off_plan(plan, run.here, options)
         if self._fresh:
-            new = make_plan(run, opening, travel_options(self), None if over else plan)
+            new = plan_and_follow(run, opening, travel_options(self), None if over else plan)
             if new.ok:
                 self.set("plan", new)
                 return new

@@ -34,12 +34,14 @@ FEWEST = 2000  # samples of the ball
 EVERY = 2  # samples from one used sample to the next: neighbours say nearly the same
 NOISE = 5e-4  # m, start value of the noise
 ROUNDS = 3  # rounds of two fits in turn: shares and noise, then the camera
-ELSEWHERE = 0.02  # share of samples that are in no channel: in an opening, or not the ball at all
-UNIT = {"offset_x": 1e-3, "offset_y": 1e-3, "scale": 1e-2, "distortion": 1.0}  # steps of the search
+OUTLIER_SHARE = 0.02  # share of samples that are in no channel: in an opening, or not the ball at all
+SEARCH_STEP = {"offset_x": 1e-3, "offset_y": 1e-3, "scale": 1e-2, "distortion": 1.0}  # steps of the search
 GRID, SPARSE = (-5.0, -3.0, -1.5, 0.0, 1.5, 3.0, 5.0), 4  # start values, in steps; every fourth sample judges them
 TRIED = 3  # points of the grid at which a search starts
 LEAST = 0.05  # minimum share of samples in a ring, and at each of its walls
-FAR = 0.05  # minimum gain of log likelihood a sample, for a camera with more numbers or far from the known one
+MIN_GAIN_PER_SAMPLE = (
+    0.05  # minimum gain of log likelihood a sample, for a camera with more numbers or far from the known one
+)
 BLOCK_S, SURE = 2.0, 5.0  # s, block of correlated samples; minimum change, in standard errors
 SHIFT = ("offset_x", "offset_y")
 EFFECTS = (rig.camera_offset, rig.camera_scale, rig.lens_distortion)
@@ -71,7 +73,7 @@ class _Channels:
         self.low = np.array([ring.inner_radius + ball if not ring.is_disc else 0.0 for ring in maze.rings])
         self.high = np.array([ring.outer_radius - ball for ring in maze.rings])
         self.farthest = maze.rings[0].outer_radius
-        self.shares = np.full((3, len(self.low)), (1.0 - ELSEWHERE) / (3 * len(self.low)))
+        self.shares = np.full((3, len(self.low)), (1.0 - OUTLIER_SHARE) / (3 * len(self.low)))
         self.noise = NOISE
 
     def densities(self, r: Array) -> Array:
@@ -93,20 +95,20 @@ class _Channels:
 
     def log_density(self, r: Array) -> Array:
         """Log density (N,) at r (N,), all channels together."""
-        return np.log(np.einsum("kr,krn->n", self.shares, self.densities(r)) + ELSEWHERE / self.farthest)
+        return np.log(np.einsum("kr,krn->n", self.shares, self.densities(r)) + OUTLIER_SHARE / self.farthest)
 
-    def learn(self, r: Array) -> None:
+    def em_step(self, r: Array) -> None:
         """One round of expectation maximisation of shares and noise."""
         each = self.shares[:, :, None] * self.densities(r)
-        each /= each.sum(axis=(0, 1)) + ELSEWHERE / self.farthest
-        self.shares = (1.0 - ELSEWHERE) * each.sum(axis=2) / max(float(each.sum()), 1e-300)
+        each /= each.sum(axis=(0, 1)) + OUTLIER_SHARE / self.farthest
+        self.shares = (1.0 - OUTLIER_SHARE) * each.sum(axis=2) / max(float(each.sum()), 1e-300)
         gaps = np.stack([r[None, :] - self.low[:, None], r[None, :] - self.high[:, None]])
         weight = each[[0, 2]]
         found = math.sqrt(float((weight * gaps**2).sum() / max(float(weight.sum()), 1e-300)))
         self.noise = min(max(found, 0.2 * NOISE), 6.0 * NOISE)
 
 
-def fit_picture(table: Table, maze: Maze, start: Camera, free: Sequence[str] = tuple(UNIT)) -> CameraFit | None:
+def fit_camera(table: Table, maze: Maze, start: Camera, free: Sequence[str] = tuple(SEARCH_STEP)) -> CameraFit | None:
     """The camera that fits all positions of a record.
 
     start: camera of the model, at which the search starts
@@ -127,7 +129,7 @@ def fit_picture(table: Table, maze: Maze, start: Camera, free: Sequence[str] = t
     starts = _starts(maze, free, lambda v: radii(v)[::SPARSE])
     near, *far = (_searched(maze, radii, start) for start in starts)
     best = max(far, key=lambda one: one[0], default=near)
-    value, v, channels = best if best[0] > near[0] + FAR * len(x) else near
+    value, v, channels = best if best[0] > near[0] + MIN_GAIN_PER_SAMPLE * len(x) else near
     errors, touched = _errors(channels, radii, v, free, block), channels.touched()
     return CameraFit(_moved(start, free, v), errors, channels.noise, len(x), value, touched)
 
@@ -137,7 +139,7 @@ def _searched(maze: Maze, radii: Any, v: Array) -> tuple[float, Array, _Channels
     channels, value, simplex = _Channels(maze), -math.inf, np.vstack([np.zeros(len(v)), np.eye(len(v))])
     for number in range(ROUNDS):
         for _ in range(20 if number == 0 else 8):
-            channels.learn(radii(v))
+            channels.em_step(radii(v))
         found: Any = minimize(
             lambda v: -float(channels.log_density(radii(v)).sum()),
             v,
@@ -158,7 +160,7 @@ def _starts(maze: Maze, free: Sequence[str], radii: Any) -> list[Array]:
         channels, v = _Channels(maze), np.array(point)
         r = radii(v)
         for _ in range(10):
-            channels.learn(r)
+            channels.em_step(r)
         tried.append((float(channels.log_density(r).sum()), v))
     best = sorted(tried, key=lambda one: -one[0])[: TRIED if len(tried) > 1 else 0]
     return [np.zeros(len(free)), *(v for _, v in best if v.any())]
@@ -171,7 +173,7 @@ def _moved(start: Camera, free: Sequence[str], v: Array) -> Camera:
 def _at(camera: Camera, name: str, steps: float) -> float:
     """A number of the camera, moved by some steps, within its bounds."""
     low, high = {"offset_x": (-0.05, 0.05), "offset_y": (-0.05, 0.05), "scale": (0.5, 2.0)}.get(name, (-30.0, 30.0))
-    return min(max(getattr(camera, name) + steps * UNIT[name], low), high)
+    return min(max(getattr(camera, name) + steps * SEARCH_STEP[name], low), high)
 
 
 def _true(camera: Camera, x: Array, y: Array) -> tuple[Array, Array]:
@@ -189,7 +191,7 @@ def _errors(channels: _Channels, radii: Any, v: Array, free: Sequence[str], bloc
     sums = np.stack([np.bincount(at, weights=column, minlength=len(names)) for column in scores.T], axis=1)
     inverse = np.linalg.pinv(scores.T @ scores)
     covariance = inverse @ (sums.T @ sums) @ inverse
-    return {name: UNIT[name] * math.sqrt(max(covariance[i, i], 0.0)) for i, name in enumerate(free)}
+    return {name: SEARCH_STEP[name] * math.sqrt(max(covariance[i, i], 0.0)) for i, name in enumerate(free)}
 
 
 def camera_effects(table: Table, maze: Maze, camera: Camera) -> tuple[list[Entry] | None, Camera]:
@@ -198,39 +200,39 @@ def camera_effects(table: Table, maze: Maze, camera: Camera) -> tuple[list[Entry
 
     Scale and lens are named only if they differ significantly. If one of them is enough, the one that explains more is
     named."""
-    both = fit_picture(table, maze, camera)
+    both = fit_camera(table, maze, camera)
     if both is None:
         return None, camera
     sets = [SHIFT, (*SHIFT, "scale"), (*SHIFT, "distortion")]
-    shift, scale, lens = (fit_picture(table, maze, camera, free) for free in sets)
+    shift, scale, lens = (fit_camera(table, maze, camera, free) for free in sets)
     if shift is None or scale is None or lens is None:
         return None, camera
     one = max(scale, lens, key=lambda p: p.log_likelihood)
-    if both.log_likelihood > one.log_likelihood + FAR * both.samples:
-        picture = both
+    if both.log_likelihood > one.log_likelihood + MIN_GAIN_PER_SAMPLE * both.samples:
+        fitted = both
     elif _sure(one, camera, rig.camera_scale if one is scale else rig.lens_distortion):
-        picture = one
+        fitted = one
     else:
-        picture = shift
-    if not picture.touched:
+        fitted = shift
+    if not fitted.touched:
         return None, camera
-    found = [effect for effect in EFFECTS if _sure(picture, camera, effect)]
-    entries = [_entry(effect, picture, camera) for effect in found]
+    found = [effect for effect in EFFECTS if _sure(fitted, camera, effect)]
+    entries = [_entry(effect, fitted, camera) for effect in found]
     names = {place.removeprefix("camera.") for effect in found for place in effect.entry.values()}
-    return entries, replace(camera, **{name: getattr(picture.camera, name) for name in names})
+    return entries, replace(camera, **{name: getattr(fitted.camera, name) for name in names})
 
 
-def _sure(picture: CameraFit, camera: Camera, effect: Effect) -> bool:
+def _sure(fitted: CameraFit, camera: Camera, effect: Effect) -> bool:
     """Whether a number of the effect differs significantly, and by more than its smallest size."""
     for name, p in effect.parameters.items():
         key = effect.entry[name].removeprefix("camera.")
-        change = abs(getattr(picture.camera, key) - getattr(camera, key))
-        if p.smallest and key in picture.stderr and change > max(p.smallest, SURE * picture.stderr[key]):
+        change = abs(getattr(fitted.camera, key) - getattr(camera, key))
+        if p.smallest and key in fitted.stderr and change > max(p.smallest, SURE * fitted.stderr[key]):
             return True
     return False
 
 
-def _entry(effect: Effect, picture: CameraFit, camera: Camera) -> Entry:
+def _entry(effect: Effect, fitted: CameraFit, camera: Camera) -> Entry:
     keys = {name: place.removeprefix("camera.") for name, place in effect.entry.items()}
-    values, before = ({name: getattr(c, key) for name, key in keys.items()} for c in (picture.camera, camera))
-    return effect_entry(effect, values, {name: picture.stderr.get(key, 0.0) for name, key in keys.items()}, before)
+    values, before = ({name: getattr(c, key) for name, key in keys.items()} for c in (fitted.camera, camera))
+    return effect_entry(effect, values, {name: fitted.stderr.get(key, 0.0) for name, key in keys.items()}, before)

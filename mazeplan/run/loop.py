@@ -14,7 +14,7 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.blame import blames_a_node, fault, outside
+from mazeplan.behavior.blame import blame_no_node, blames_a_node, exception_line
 from mazeplan.behavior.context import BallRoles, RunContext
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
@@ -131,8 +131,8 @@ class Run:
         )
         tree = self._tree_file.build(self._leaves, context)
         check_policy(tree, setup.policy)
-        tree.blackboard.give("goal", goal)
-        tree.blackboard.give("waypoints", [*via, goal])
+        tree.blackboard.set_external("goal", goal)
+        tree.blackboard.set_external("waypoints", [*via, goal])
         self._record.tree(t, tree)
         if setup.watch is not None:
             setup.watch(tree, context)
@@ -298,7 +298,7 @@ class Run:
             return self.result(False, str(FailureKind.LOG_FAILED))
         if not blames_a_node(error):
             return self.result(False, CRASHED)
-        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
+        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, exception_line(error)))
         return self.result(False, str(FailureKind.LEAF_FAILED))
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
@@ -391,7 +391,7 @@ def _weak_reporter(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Cal
     def passed_on(event: RunEvent | Plan) -> None:
         to = report()
         if to is not None:
-            with outside():
+            with blame_no_node():
                 to(event)
 
     return passed_on

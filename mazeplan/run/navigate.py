@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from mazeplan.behavior.check import Unrun, reads_key, refuse_mistakes
+from mazeplan.behavior.check import StaticContext, reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.ports import one_line
@@ -105,7 +105,9 @@ def navigate(
     kept = None if memory is None else load_memory(Path(memory), [o.name for o in maze.openings], maze.name)
     chosen = tree_of(maze, "policy" if policy is not None else "waypoints" if via else behavior)
     tree = chosen if behavior == "navigate" else behavior
-    load_tree(tree, registry_with(behavior_modules), Unrun(maze))  # before the model, which may compile for minutes
+    load_tree(
+        tree, registry_with(behavior_modules), StaticContext(maze)
+    )  # before the model, which may compile for minutes
     setup = Setup(
         maze,
         resolve_model(model, rig_name, maze),

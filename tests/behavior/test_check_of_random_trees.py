@@ -59,7 +59,7 @@ def test_a_node_that_is_never_ticked_by_a_check_is_not_ticked():
         except TreeError:
             continue
         for key, value in case.board.items():
-            tree.blackboard.give(key, value)
+            tree.blackboard.set_external(key, value)
         unreached = {w.line for w in check_tree(tree).warnings if w.line and w.problem.startswith("never ticked")}
         tick_all(tree, case, ticked)
         uses = [node.place.line for node in tree.nodes() if node.place]

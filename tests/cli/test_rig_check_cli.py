@@ -97,7 +97,7 @@ def test_a_servo_that_turns_the_other_way_is_noted(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_json):
-    monkeypatch.setattr(handshake.Patience, "__init__", _hasty(handshake.Patience.__init__))
+    monkeypatch.setattr(handshake.Timeouts, "__init__", _hasty(handshake.Timeouts.__init__))
     words = ("--json",) if as_json else ()
     with FakeBoard(reports=False, I=silent) as board:
         told = [check(TEMPLATE.replace("port: auto", f"port: {port}"), *words) for port in (board.port, "/dev/nosuch")]
@@ -134,7 +134,7 @@ def test_a_file_that_is_wrong_is_status_2_and_nothing_is_opened(check, monkeypat
 
 def test_a_board_that_falls_silent_later_is_status_3(check, monkeypatch):
     """The walk ends there, and keeps its results so far."""
-    monkeypatch.setattr(handshake.Patience, "__init__", _hasty(handshake.Patience.__init__))
+    monkeypatch.setattr(handshake.Timeouts, "__init__", _hasty(handshake.Timeouts.__init__))
     with Moving() as board:
 
         def firmware(self):

@@ -18,7 +18,7 @@ from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.reference import reference_of
-from mazeplan.diagnosis.rig.registry import in_registry
+from mazeplan.diagnosis.rig.registry import registry_entry
 from mazeplan.diagnosis.rig.search import Reference, search_rig
 from mazeplan.diagnosis.rig.update import moved_model
 from mazeplan.learning.modelfile import RigModel, load_model
@@ -88,7 +88,7 @@ def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
 @pytest.mark.slow
 def test_names_of_the_registry_have_its_units():
     found = searched(plainball.Toy(c=0.18), lost=0.2)
-    told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    told = registry_entry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
     c = told["parameters"]["coefficient"]
     assert c["unit"] == "rad/s^2"
     assert c["value"] == pytest.approx(0.18 / 1.4 / 0.08, rel=0.08)
@@ -99,7 +99,7 @@ def test_names_of_the_registry_have_its_units():
 def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     model = RigModel.nominal(MAZE)
     found = searched(plainball.Toy(c=0.18), lost=0.2)
-    told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    told = registry_entry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
     new = moved_model(model, [told], found.fit)
     for ring, radius in ((1, 0.08), (2, 0.04)):
         was, now = (m.ball(ring).parameter("dry_friction", "coefficient", 0.0) for m in (model, new))

@@ -28,11 +28,11 @@ ROCKING = {
 UNKNOWN = Unknown("a force along the rings")
 
 
-def done(*effects, verdict="effect_found", alike=(), unknown=None, likelier=33.0, remaining=1.07):
+def done(*effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07):
     after = {"rollout40": 0.1 if effects else 0.4}
     return SimpleNamespace(
         effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
-        before={"rollout40": 0.4}, after=after, held=SimpleNamespace(likelier=likelier),
+        before={"rollout40": 0.4}, after=after, held=SimpleNamespace(z_score=z_score),
         was=SimpleNamespace(source="the reference", remaining=1.0),
         body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)),
     )  # fmt: skip
@@ -47,16 +47,16 @@ def test_it_says_what_differs_how_sure_that_is_and_what_it_does():
 
 
 @pytest.mark.parametrize(("likelier", "word"), [(9.0, "certain"), (5.0, "sure"), (3.0, "likely")])
-def test_a_word_stands_for_how_sure_it_is(likelier, word):
-    assert f"The finding is {word}:" in sentence(done(FRICTION, likelier=likelier))
+def test_a_word_stands_for_how_sure_it_is(z_score, word):
+    assert f"The finding is {word}:" in sentence(done(FRICTION, z_score=z_score))
 
 
 def test_one_standard_error_is_one():
-    assert "better by 1 standard error." in sentence(done(FRICTION, likelier=1.2))
+    assert "better by 1 standard error." in sentence(done(FRICTION, z_score=1.2))
 
 
 def test_without_held_out_gain_the_change_itself_says_how_sure_it_is():
-    assert "a change of 109 standard errors" in sentence(done(FRICTION, likelier=float("inf")))
+    assert "a change of 109 standard errors" in sentence(done(FRICTION, z_score=float("inf")))
 
 
 def test_a_place_is_where_to_look_and_an_angle_of_the_camera_is_none():
@@ -79,7 +79,7 @@ def test_causes_that_cannot_be_told_apart_are_named_with_a_way():
 
 
 def test_what_has_no_name_is_told_and_so_is_nothing():
-    unknown = done(verdict="unknown_effect", unknown=UNKNOWN, likelier=float("inf"))
+    unknown = done(verdict="unknown_effect", unknown=UNKNOWN, z_score=float("inf"))
     assert "something without a name (a force along the rings)" in sentence(unknown)
     assert "finding is" not in sentence(unknown)
     assert "mazeplan learn LOG" in advice(unknown)[-1]

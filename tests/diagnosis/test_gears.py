@@ -12,7 +12,7 @@ from plant import commands
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.stage.backlash import fit_with_gears
+from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 
 DT = 1.0 / 30.0
 
@@ -34,7 +34,9 @@ def plate(u, play, rng):
 def test_play_is_found_to_within_its_error(play):
     rng = np.random.default_rng(3)
     u = commands(rng, 1800)[:, 0]
-    found = fit_with_gears(u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_play_or_deadband(
+        u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)
+    ).axis
     if not play:
         assert found.backlash == 0.0
         return
@@ -52,7 +54,7 @@ def test_a_dead_band_is_found_and_is_no_play(band):
         at = value if abs(value - at) >= band else at
         kept[k] = at
     angle = plate(kept, 0.0, rng)
-    found = fit_with_gears(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(band, rel=0.05, abs=1e-9)
 
@@ -62,7 +64,7 @@ def test_play_is_no_dead_band():
     rng = np.random.default_rng(5)
     u = commands(rng, 1800)[:, 0]
     angle = plate(u, 0.0175, rng)
-    found = fit_with_gears(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
     assert found.deadband == 0.0
     assert found.backlash > 0.015
 
@@ -73,6 +75,6 @@ def test_a_dead_band_of_another_rigs_servo_is_not_called_play():
     table = Table(record(replace(Rig(), beta=axis), 200.0, 2))
     rows = np.ones(len(table), dtype=bool)
     seen = record_of(table, rows)
-    found = fit_with_gears(seen.u[:, 0], seen.beta, seen.dt, seen.begins, rows).axis
+    found = fit_with_play_or_deadband(seen.u[:, 0], seen.beta, seen.dt, seen.begins, rows).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(axis.deadband, rel=0.02)

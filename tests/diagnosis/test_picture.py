@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.maze_camera import camera_effects, fit_picture
+from mazeplan.diagnosis.maze_camera import camera_effects, fit_camera
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.sensors import Camera
 
@@ -53,7 +53,7 @@ def test_what_is_off_is_named_with_its_size(camera, names):
 
 
 def test_noise_and_errors_are_those_of_the_record():
-    drawn = [fit_picture(places(Camera(), seed), MAZE, Camera()) for seed in range(6)]
+    drawn = [fit_camera(places(Camera(), seed), MAZE, Camera()) for seed in range(6)]
     assert np.mean([p.noise for p in drawn]) == pytest.approx(NOISE, rel=0.1)
     for field in ("offset_x", "scale"):
         spread = np.std([getattr(p.camera, field) for p in drawn])

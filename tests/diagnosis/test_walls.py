@@ -14,7 +14,7 @@ from ring_records import DECLARED
 from mazeplan.apps.cli.diagnose_ring import ring_openings
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.record import record_of, turned_round
-from mazeplan.diagnosis.ring.camera import as_seen, bending, unbent
+from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.ring.diagnose import diagnose
 from mazeplan.diagnosis.ring.holdout import seen_and_held
@@ -72,11 +72,11 @@ def test_a_camera_off_the_centre_bends_angles_and_back():
     phi = np.linspace(-7.0, 7.0, 200)
     offset = (0.004, -0.007)
     x, y = offset[0] + RADIUS * np.cos(phi), offset[1] + RADIUS * np.sin(phi)
-    seen = as_seen(phi, RADIUS, offset)
+    seen = seen_angle(phi, RADIUS, offset)
     assert np.allclose(np.exp(1j * seen), (x + 1j * y) / np.hypot(x, y))
-    assert np.allclose(unbent(seen, RADIUS, offset), phi)
-    slope = (unbent(seen + 1e-6, RADIUS, offset) - unbent(seen - 1e-6, RADIUS, offset)) / 2e-6
-    assert np.allclose(bending(seen, RADIUS, offset), slope, rtol=1e-6)
+    assert np.allclose(true_angle(seen, RADIUS, offset), phi)
+    slope = (true_angle(seen + 1e-6, RADIUS, offset) - true_angle(seen - 1e-6, RADIUS, offset)) / 2e-6
+    assert np.allclose(true_angle_slope(seen, RADIUS, offset), slope, rtol=1e-6)
 
 
 def test_gates_of_a_wall_are_looked_for_within_one_period():

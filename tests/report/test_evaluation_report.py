@@ -23,7 +23,7 @@ from mazeplan.apps.report.evaluation_runs import (
     runs_of,
 )
 from mazeplan.apps.report.inputs import Input, of_document
-from mazeplan.apps.report.learning import beside
+from mazeplan.apps.report.learning import is_baseline
 from mazeplan.apps.report.page import Note, PagePicture, PageTable
 from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import dump_map, load_map
@@ -145,9 +145,9 @@ def test_runs_that_learned_stand_beside_those_that_did_not(order):
 @pytest.mark.parametrize("other", [{"rig": "toy"}, {"start_ring": 4}, {"goal_ring": 4}, {"seed": 1}, {"map": "x"}])
 def test_runs_of_something_else_do_not_stand_beside(other):
     learned = runs_of(taught())
-    assert beside(learned, runs_of(given("fixed", SAME)))
+    assert is_baseline(learned, runs_of(given("fixed", SAME)))
     for runs in (given("fixed", SAME | other), taught(), given("older version")):
-        assert not beside(learned, runs_of(runs))
+        assert not is_baseline(learned, runs_of(runs))
 
 
 def test_runs_that_went_on_have_their_own_numbers_and_a_change_of_the_rig_is_marked():

@@ -19,7 +19,7 @@ from mazeplan.apps.report.run_record import (
     followed_plans,
     labels,
     leaf_bars,
-    mishaps,
+    logged_failures,
     planned_before,
     theta_lines,
     visits,
@@ -42,7 +42,7 @@ def test_rings_and_failures(log):
         (1, 0.0, 2.0, "1-2@135"),
         (2, 2.0, round(89 * STEP, 4), ""),
     ]
-    (m,) = mishaps(log)
+    (m,) = logged_failures(log)
     assert (m.kind, m.where, m.detail, m.recovery) == ("stuck", "Track", EVIL, "dither")
     assert math.atan2(m.y, m.x) == pytest.approx(m.t) == pytest.approx(1.0)  # the ball goes 1 rad/s
     assert math.hypot(m.x, m.y) == pytest.approx(MAZE.track_radius(1))

@@ -9,7 +9,7 @@ import sys
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.behavior.blame import blame, blames_a_node, outside
+from mazeplan.behavior.blame import blame, blame_no_node, blames_a_node
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter
@@ -97,7 +97,7 @@ def test_a_log_that_a_leaf_reads_is_the_leafs(tmp_path, monkeypatch):
 
 
 def test_only_what_comes_from_outside_is_marked():
-    with pytest.raises(OSError, match="full") as marked, outside():
+    with pytest.raises(OSError, match="full") as marked, blame_no_node():
         raise OSError("full")
     assert blame(marked.value, "tree.xml:3") is marked.value
     assert not blames_a_node(marked.value)

@@ -219,11 +219,11 @@ def _run(received: list[int]) -> int:
             raise
         end_unwritable(problem)
     except Exception as problem:
-        from mazeplan.behavior.blame import blames_a_node, fault
+        from mazeplan.behavior.blame import blames_a_node, exception_line
 
         if not blames_a_node(problem):
             raise
-        return _fail(fault(problem), InputError.exit_status)
+        return _fail(exception_line(problem), InputError.exit_status)
     if status == INTERRUPTED and received:
         return _fail(signal.Signals(received[0]).name, 128 + received[0])
     if status == INTERRUPTED:

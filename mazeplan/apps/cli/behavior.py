@@ -78,11 +78,11 @@ KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorator
 
 
 def _load(source: str, modules: list[str] | None) -> BehaviorTree:
-    from mazeplan.behavior.check import Unrun
+    from mazeplan.behavior.check import StaticContext
     from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.treefile import load_tree
 
-    return load_tree(source, registry_with(modules or ()), Unrun())
+    return load_tree(source, registry_with(modules or ()), StaticContext())
 
 
 @app.command("check")
@@ -106,7 +106,7 @@ def check(
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """The result of the check of one tree, as a document."""
-    from mazeplan.behavior.check import Findings, Unrun, check_file
+    from mazeplan.behavior.check import Findings, StaticContext, check_file
     from mazeplan.behavior.own_nodes import registry_with
 
     maze = None
@@ -116,7 +116,7 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
         maze = load_map(map_)
     registry = registry_with(modules or ())
     try:
-        found = check_file(source, registry, Unrun(maze))
+        found = check_file(source, registry, StaticContext(maze))
     except TreeError as error:
         found = Findings((error,))
     errors, warnings = [str(e) for e in found.errors], [str(w) for w in found.warnings]

@@ -117,8 +117,8 @@ def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> li
 
 
 def _ask(question: str) -> tuple[float, float] | None:
-    """The typed beta and gamma, degrees; None for an empty line. Raises Enough at Ctrl-D."""
-    from mazeplan.rigs.hardware.tiltreadings import Enough
+    """The typed beta and gamma, degrees; None for an empty line. Raises StopReadings at Ctrl-D."""
+    from mazeplan.rigs.hardware.tiltreadings import StopReadings
 
     while True:
         try:
@@ -126,7 +126,7 @@ def _ask(question: str) -> tuple[float, float] | None:
         except typer.Abort as end:  # typer raises it for Ctrl-D as well as for Ctrl-C
             if isinstance(end.__context__, EOFError):
                 say("")
-                raise Enough from None
+                raise StopReadings from None
             raise
         words = answer.replace(",", " ").split()
         if not words:

@@ -21,7 +21,7 @@ from mazeplan.apps.cli.runs import navigate_once
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.records import NavigationResult
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.faults.faulty import FaultyRig, Orders, impossible
+from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig, unsupported_faults
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import at_once
 from mazeplan.rigs.interface import Rig, traits
@@ -65,7 +65,7 @@ class LiveSession:
         self._shut = self._closed
         self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
         machine = make_rig(rig, maze, sense)
-        self._injectable, self._impossible = traits(machine).inject is not None, impossible(machine)
+        self._injectable, self._impossible = traits(machine).inject is not None, unsupported_faults(machine)
         self._simulated = not traits(machine).realtime
         self._goals = Goals(maze)
         self._started = threading.Event()
@@ -180,7 +180,7 @@ class LiveSession:
         if own.realtime:
             return rig
         if own.inject is not None:
-            orders = Orders(aimed_at=lambda: self._opening, close=self._goals.close)
+            orders = DriverHooks(aimed_at=lambda: self._opening, close=self._goals.close)
             rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
         paced = PacedRig(rig)
         paced.speed = self._speed

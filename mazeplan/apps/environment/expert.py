@@ -18,7 +18,7 @@ from mazeplan.run.resolve import resolve_model
 from mazeplan.run.specification import Job, Setup
 
 
-class _Ears:
+class _CommandSink:
     """A stand-in for the rig: keeps the last command. The environment steps the real rig."""
 
     def __init__(self, rate_hz: float) -> None:
@@ -48,9 +48,9 @@ class Expert:
 
     def begin(self) -> None:
         """Begin a new episode."""
-        self._ears = _Ears(self._env.episodes.rate_hz)
+        self._sink = _CommandSink(self._env.episodes.rate_hz)
         start = self._env.episodes.maze.rings[0].number  # only logs use it, and here there is no log
-        rig = cast(Rig, self._ears)
+        rig = cast(Rig, self._sink)
         self._run = Run(rig, self._setup, Job(start, self._goal), None, NullDisplay())
 
     def act(self) -> np.ndarray:
@@ -59,5 +59,5 @@ class Expert:
         The tree begins anew if it has given up, or if it sees an arrival before the environment does. Raises RigError
         for measurements that cannot be used."""
         self._run.tick(self._env.measured())
-        command, limit = self._ears.last_command, self._env.episodes.maze.tilt_limit
+        command, limit = self._sink.last_command, self._env.episodes.maze.tilt_limit
         return np.clip(np.array([command.u_beta, command.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)

@@ -21,7 +21,7 @@ from mazeplan.apps.report.diagnosis_documents import (
     RigDocument,
     RingDocument,
 )  # fmt: skip
-from mazeplan.apps.report.drawing import INK, beside, legend_beside, line, nothing
+from mazeplan.apps.report.drawing import INK, empty_panel, legend_beside, line, panel_row
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
 from mazeplan.apps.report.rigdiagnosis import navigation_table, rig_section
@@ -261,10 +261,10 @@ def _misfit(curve: dict[str, Array]) -> float:
 
 
 def _first(figure: Figure, document: RingDocument, evidence: EvidenceDocument) -> None:
-    ranks, bars = beside(figure, (1.9, 1.0))
+    ranks, bars = panel_row(figure, (1.9, 1.0))
     shown, accept = shown_candidates(evidence)[::-1], evidence.accept
     if not shown:
-        nothing(ranks, "nothing was tried")
+        empty_panel(ranks, "nothing was tried")
     found = {effect.name: effect.evidence for effect in document.effects}
     for i, c in enumerate(shown):
         gain = max(c.gain, 0.0)
@@ -305,7 +305,7 @@ def _bars(axes: Axes, document: RingDocument, evidence: EvidenceDocument) -> Non
               "noise alone": document.noise_floor}  # fmt: skip
     shown = {when: words.labelled(value, label) for when, value in values.items() if math.isfinite(value)}
     if not shown:
-        return nothing(axes, "no stretch is long enough")
+        return empty_panel(axes, "no stretch is long enough")
     for i, (when, value) in enumerate(shown.items()):
         role = WHEN.get(when, "neutral")
         hatch = {"bad": "xxx", "neutral": "...."}.get(role, "")
@@ -348,7 +348,7 @@ def _residuals(figure: Figure, evidence: EvidenceDocument) -> None:
 
 
 def _white(figure: Figure, evidence: EvidenceDocument) -> None:
-    spectrum, lags = beside(figure, (1.7, 1.0))
+    spectrum, lags = panel_row(figure, (1.7, 1.0))
     for when, role in WHEN.items():
         part = getattr(evidence, when)
         spectrum.plot(part.spectrum["hz"], part.spectrum["highest"], **line(role, linewidth=1.0), label=when)

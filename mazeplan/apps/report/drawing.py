@@ -109,7 +109,7 @@ def round_the_ring(axis: Axis) -> None:
     axis.set_major_formatter(lambda angle, _: f"{angle % 360.0:g}")
 
 
-def beside(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
+def panel_row(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
     """Panels side by side, with these relative widths."""
     found = figure.subplots(1, len(widths), gridspec_kw={"width_ratios": widths}, squeeze=False)
     return list(found[0])
@@ -120,7 +120,7 @@ def legend_beside(axes: Axes, **more: Any) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **more)
 
 
-def nothing(axes: Axes, why: str) -> None:
+def empty_panel(axes: Axes, why: str) -> None:
     """Write into an empty panel why it is empty."""
     axes.set_xticks([])
     axes.set_yticks([])

@@ -14,10 +14,10 @@ from mazeplan.apps.report import published
 from mazeplan.apps.report.drawing import (
     FAILURE_MARKERS,
     INK,
+    empty_panel,
     failure_mark,
     legend_beside,
     line,
-    nothing,
     plan_view,
     series,
 )  # fmt: skip
@@ -218,7 +218,7 @@ def _starts(figure: Figure, several: Several) -> None:
             _times_by_start(times, runs, i)
         else:
             for axes in (shares, times):
-                nothing(axes, "no start angles in the document")
+                empty_panel(axes, "no start angles in the document")
 
 
 def _shares_by_start(axes: Any, runs: EvaluatedRuns, number: int) -> None:
@@ -269,7 +269,7 @@ def _rings(figure: Figure, several: Several) -> None:
     spent = [by_ring(runs) for runs in several]
     rings = sorted({ring for found in spent for ring in found})
     if not rings:
-        return nothing(axes, "no run arrived")
+        return empty_panel(axes, "no run arrived")
     width = 0.8 / len(several)
     for i, found in enumerate(spent):
         if not found:

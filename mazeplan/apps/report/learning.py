@@ -28,7 +28,7 @@ def learning_parts(runs: EvaluatedRuns, several: Sequence[EvaluatedRuns] = ()) -
     several: all evaluations of the page."""
     if not runs.learning:
         return []
-    fixed = [other for other in several if beside(runs, other)]
+    fixed = [other for other in several if is_baseline(runs, other)]
     title = "Run by run, while the model learned" + ("" if runs.name == "evaluation" else f": {runs.name}")
     alt = "time of each run, and how far the model was off, against the number of the run"
     notes = []
@@ -43,7 +43,7 @@ def learning_parts(runs: EvaluatedRuns, several: Sequence[EvaluatedRuns] = ()) -
     return [PagePicture("learning", title, alt, lambda figure: _draw(figure, runs, fixed), (9.0, 4.8)), *notes]
 
 
-def beside(runs: EvaluatedRuns, other: EvaluatedRuns) -> bool:
+def is_baseline(runs: EvaluatedRuns, other: EvaluatedRuns) -> bool:
     """Whether another evaluation did the same without learning. False if a document lacks a key of SAME."""
     one, two = dict(runs.setup), dict(other.setup)
     return not other.learning and all(one.get(name) == two.get(name) is not None for name in SAME)

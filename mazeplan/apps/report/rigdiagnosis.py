@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
-from mazeplan.apps.report.drawing import INK, beside, darker, line, nothing, plan_view, sector_map
+from mazeplan.apps.report.drawing import INK, darker, empty_panel, line, panel_row, plan_view, sector_map
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
 from mazeplan.apps.report.words import DEG
@@ -189,7 +189,7 @@ def _error_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
 
 
 def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    (axes,) = beside(figure, (1.0,))
+    (axes,) = panel_row(figure, (1.0,))
     t = evidence.ahead_s
     for when, (style, text) in shown.items():
         low, mean, high = (DEG * part[when] for part in (evidence.low, evidence.error, evidence.high))
@@ -204,7 +204,7 @@ def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
 
 def _blocks(figure: Figure, evidence: RigEvidenceDocument) -> None:
     """Draw the gains of the blocks. If -2 log L of a block falls by g, the block is exp(g / 2) times likelier."""
-    (axes,) = beside(figure, (1.0,))
+    (axes,) = panel_row(figure, (1.0,))
     gain = evidence.gain / (2.0 * math.log(10.0))
     for rows, style, hatch in ((gain > 0.0, "good", ""), (gain <= 0.0, "bad", "xxx")):
         axes.bar(evidence.gain_t[rows], gain[rows], width=0.85 * evidence.block_s, color=COLOURS[style], hatch=hatch,
@@ -223,11 +223,11 @@ def _places_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
 
 
 def _places(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    panels, places = beside(figure, (1.0,) * len(shown)), evidence.places
+    panels, places = panel_row(figure, (1.0,) * len(shown)), evidence.places
     maze = check_text(evidence.map).maze
     if maze is None:
         for axes in panels:
-            nothing(axes, "the map cannot be read")
+            empty_panel(axes, "the map cannot be read")
         return
     known = MM * places.before[np.isfinite(places.before)]
     most = max(float(np.quantile(known, MOST)) if known.size else 1.0, 0.1)
@@ -268,7 +268,7 @@ def _memory_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
 
 
 def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    (axes,) = beside(figure, (1.0,))
+    (axes,) = panel_row(figure, (1.0,))
     white, limit = evidence.white, evidence.alike_from
     top = limit
     axes.axhspan(-white, white, color=COLOURS["neutral"], alpha=0.25, label="noise alone, 95 %", linewidth=0.0)
@@ -287,7 +287,7 @@ def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None
 def _spectrum(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    (axes,) = beside(figure, (1.0,))
+    (axes,) = panel_row(figure, (1.0,))
     spectrum: Any = evidence.spectrum
     for when, (style, text) in shown.items():
         axes.plot(spectrum["hz"], spectrum[when], **line(style, linewidth=1.1), label=text)

@@ -15,24 +15,24 @@ from mazeplan.apps.report.drawing import (
     INK,
     darker,
     draw_ending,
+    empty_panel,
     ending,
     endings_met,
     failure_mark,
     legend_beside,
     line,
-    nothing,
     round_the_ring,
 )  # fmt: skip
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import (
     AHEAD,
-    Mishap,
+    LoggedFailure,
     Visit,
     end_of,
     labels,
     leaf_bars,
+    logged_failures,
     maze_of,
-    mishaps,
     second_trail,
     span_of,
     theta_lines,
@@ -63,7 +63,7 @@ def run_section(log: RunLog) -> PageSection:
     """The section of a page about a run. Raises LogError for a log without a tick."""
     if not len(log.ticks["t"]):
         raise LogError("got a log without a single tick, expected one of a run", file=log.path)
-    maze, failures = maze_of(log), mishaps(log)
+    maze, failures = maze_of(log), logged_failures(log)
     facts = [("log", log.path.name + ("" if log.complete else " (cut off)")), *setup_facts(log.header)]
     parts: list[Any] = [_rings_table(log), *run_pictures(log, maze), _times_table(log)]
     if failures:
@@ -104,7 +104,7 @@ def _rings_table(log: RunLog) -> PageTable:
     return PageTable("Rings", ("ring", "entered at", "time in it", "left by"), rows)
 
 
-def _failures_table(failures: list[Mishap]) -> PageTable:
+def _failures_table(failures: list[LoggedFailure]) -> PageTable:
     rows = [
         [f"{m.t:.2f} s", m.kind.replace("_", " "), m.where, m.detail, m.recovery.replace("_", " ") or MISSING]
         for m in failures
@@ -126,7 +126,7 @@ def _times_table(log: RunLog) -> PageTable:
 
 def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
     """All pictures, in the order of the page."""
-    failures = mishaps(log)
+    failures = logged_failures(log)
     markers: Markers = dict(zip(dict.fromkeys(m.kind for m in failures), FAILURE_MARKERS, strict=False))
     leaves = _leaf_names(log)
     marked = {"failures": failures, "markers": markers}
@@ -186,13 +186,13 @@ def _panels(figure: Figure, log: RunLog, left: float, ratios: Sequence[float] = 
     return panels
 
 
-def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
+def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure], markers: Markers) -> None:
     from matplotlib.collections import LineCollection
 
     axes, place = figure.add_subplot(), trail(log)
     whole = np.asarray(np.isfinite(place).all(axis=1))
     if whole.sum() < 2:
-        return nothing(axes, "the ball was not seen")
+        return empty_panel(axes, "the ball was not seen")
     draw_maze(maze, axes, path=place[whole, :2])
     points = 1e3 * place[:, :2]
     together = whole[:-1] & whole[1:]
@@ -225,7 +225,7 @@ def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
                       va="bottom", fontsize=8)  # fmt: skip
 
 
-def _failure_lines(axes: Axes, failures: list[Mishap], markers: Markers, named: bool = False) -> None:
+def _failure_lines(axes: Axes, failures: list[LoggedFailure], markers: Markers, named: bool = False) -> None:
     """Draw a line at each failure, with the marker of its kind at the top. named: label them for a legend."""
     seen: set[str] = set()
     for m in failures:
@@ -236,11 +236,13 @@ def _failure_lines(axes: Axes, failures: list[Mishap], markers: Markers, named: 
         axes.plot([m.t], [0.97], transform=axes.get_xaxis_transform(), label=label, **mark)
 
 
-def _theta(figure: Figure, log: RunLog, left: float, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
+def _theta(
+    figure: Figure, log: RunLog, left: float, maze: Maze, failures: list[LoggedFailure], markers: Markers
+) -> None:
     upper, lower = _panels(figure, log, left, (2.6, 1.0))
     parts = theta_lines(log, maze)
     if not parts:
-        return nothing(upper, "the ball was in no ring with a channel")
+        return empty_panel(upper, "the ball was in no ring with a channel")
     for axes in (upper, lower):
         _bands(axes, visits(log), named=axes is upper)
         axes.grid(axis="y")
@@ -272,11 +274,11 @@ def _conditions(tree: TreeOutline) -> list[str]:
 
 
 def _gantt(
-    figure: Figure, log: RunLog, left: float, named: dict[str, str], failures: list[Mishap], markers: Markers
+    figure: Figure, log: RunLog, left: float, named: dict[str, str], failures: list[LoggedFailure], markers: Markers
 ) -> None:
     (axes,), bars = _panels(figure, log, left), leaf_bars(log)
     if not bars:
-        return nothing(axes, "the log has no leaf")
+        return empty_panel(axes, "the log has no leaf")
     asked = {path for tree in log.trees for path in _conditions(tree.outline)}
     met: set[str] = set()
     rows = {path: i for i, path in enumerate(named)}
@@ -296,7 +298,7 @@ def _gantt(
     return None
 
 
-def _tilt(figure: Figure, log: RunLog, left: float, failures: list[Mishap], markers: Markers) -> None:
+def _tilt(figure: Figure, log: RunLog, left: float, failures: list[LoggedFailure], markers: Markers) -> None:
     panels, t = _panels(figure, log, left, (1.0, 1.0)), log.ticks["t"]
     for axes, name, label in zip(panels, ("beta", "gamma"), (BETA, GAMMA), strict=True):
         _bands(axes, visits(log), named=axes is panels[0])

@@ -40,7 +40,7 @@ class Visit:
 
 
 @dataclass(frozen=True)
-class Mishap:
+class LoggedFailure:
     """A failure.
 
     t: rig time, s.
@@ -174,16 +174,16 @@ def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Arra
     return found
 
 
-def mishaps(log: RunLog) -> list[Mishap]:
+def logged_failures(log: RunLog) -> list[LoggedFailure]:
     """Failures, each with the recovery that followed and the place of the ball."""
     place, times = trail(log), log.ticks["t"]
-    found: list[Mishap] = []
+    found: list[LoggedFailure] = []
     for timed in log.events:
         event = timed.event
         if isinstance(event, FailureReported):
             k = min(int(np.searchsorted(times, timed.t - 1e-9)), len(times) - 1)
             x, y = place[k, :2] if len(times) else (math.nan, math.nan)
-            found.append(Mishap(timed.t, event.kind, event.where, event.detail, "", float(x), float(y)))
+            found.append(LoggedFailure(timed.t, event.kind, event.where, event.detail, "", float(x), float(y)))
         elif isinstance(event, RecoveryChosen) and found and not found[-1].recovery:
             found[-1] = replace(found[-1], recovery=event.recovery)
     return found

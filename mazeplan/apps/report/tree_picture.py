@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.report.drawing import ENDINGS, draw_ending, ending, endings_met, failure_mark
-from mazeplan.apps.report.run_record import mishaps, span_of
+from mazeplan.apps.report.run_record import logged_failures, span_of
 from mazeplan.apps.report.words import TIME
 from mazeplan.behavior.decorators import SubTree
 from mazeplan.behavior.node import TreeNode
@@ -88,7 +88,9 @@ def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> Histor
         idle = STATUSES["INVALID"] * len(outline.paths)
         changes += [(logged.t, idle), *logged.statuses, (max(end, logged.t), idle)]
     failures = tuple(
-        (m.t, number) for m in mishaps(log) if (number := _failed(outline.names, changes, m.t, m.where)) is not None
+        (m.t, number)
+        for m in logged_failures(log)
+        if (number := _failed(outline.names, changes, m.t, m.where)) is not None
     )
     how, marked = _marked(tree, log, changes, failures[-1][1] if failures else None)
     last = failures[-1][1] if failures else None
@@ -107,7 +109,7 @@ def _marked(
 
     After a success, the node is the leaf that succeeded last. Otherwise it is the node that raised an error, or the
     leaf whose failure is the reason of the end, or the node that failed or ran in the last tick."""
-    outline, last = tree.outline(), next(reversed(mishaps(log)), None)
+    outline, last = tree.outline(), next(reversed(logged_failures(log)), None)
     if log.result is None:
         return "failure", None
     if log.result.get("success"):

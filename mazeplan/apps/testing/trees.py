@@ -222,7 +222,7 @@ def tick_tree(
     watch = Watch(leaves)
     loaded = load_tree(tree, registry_with(behavior_modules), context, main)
     for key, value in {"goal": aim, **(keys or {})}.items():
-        loaded.blackboard.give(key, value)
+        loaded.blackboard.set_external(key, value)
     watch(loaded, context)
     for k in range(ticks):
         state = path[k] if k < len(path) else after(path[-1], k * DT)

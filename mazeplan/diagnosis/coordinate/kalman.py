@@ -68,7 +68,7 @@ class Problem(NamedTuple):
     turn: distance after which the position repeats; 0: never
     holds: address and place (H, 2) of each dry friction
     openings: address of the angle, address of the loss, and place (G, 3) of each opening
-    beside: angle (G,) that is added to that of each opening, rad"""
+    opening_offsets: angle (G,) that is added to that of each opening, rad"""
 
     y: Array
     seen: np.ndarray
@@ -81,7 +81,7 @@ class Problem(NamedTuple):
     turn: float
     holds: IntArray = np.empty((0, 2), dtype=np.int64)
     openings: IntArray = np.empty((0, 3), dtype=np.int64)
-    beside: Array = np.empty(0)
+    opening_offsets: Array = np.empty(0)
 
 
 class _Core(NamedTuple):
@@ -93,7 +93,7 @@ class _Core(NamedTuple):
     place: Any
     holds: Any
     openings: Any
-    beside: Any
+    opening_offsets: Any
     row: int
     node: int
     n_terms: int
@@ -107,7 +107,7 @@ def _core(problem):
     """Pointers into a problem."""
     return _Core(
         pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
-        pointer_to(problem.holds, 0), pointer_to(problem.openings, 0), pointer_to(problem.beside, 0),
+        pointer_to(problem.holds, 0), pointer_to(problem.openings, 0), pointer_to(problem.opening_offsets, 0),
         problem.w.shape[1] * problem.w.shape[2], problem.w.shape[2], len(problem.terms), len(problem.holds),
         len(problem.openings), problem.dt,
     )  # fmt: skip
@@ -160,7 +160,7 @@ def _opening(core, p, j, which, x, v, w):
 @njit(cache=True, error_model="numpy")
 def _opening_angle(core, p, j, x, v, w):
     """Angle of opening j for a ball at x with speed v."""
-    return _opening(core, p, j, 0, x, v, w) + core.beside[j]
+    return _opening(core, p, j, 0, x, v, w) + core.opening_offsets[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -340,7 +340,7 @@ def accelerations(problem, p, x, v, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _coast(core, p, k, x, v):
+def _midpoint_step(core, p, k, x, v):
     """(position, speed) one sample after sample k, as `_advance`, but by the midpoint rule."""
     h = core.dt / SUBSTEPS
     for i in range(SUBSTEPS):
@@ -362,7 +362,7 @@ def _coast(core, p, k, x, v):
 
 
 @njit(cache=True, error_model="numpy")
-def coasts(problem, p, starts, out):
+def midpoint_roll_outs(problem, p, starts, out):
     """Roll-outs from measured samples `starts` (W,), as positions into out (W, steps + 1).
 
     The start speed is the last difference of measured positions, corrected by half a sample of acceleration."""
@@ -374,5 +374,5 @@ def coasts(problem, p, starts, out):
         v += 0.5 * problem.dt * _sum_terms(core, at, x, v, problem.t[k], _at(core, k, 0))
         out[j, 0] = x
         for i in range(out.shape[1] - 1):
-            x, v = _coast(core, at, k + i, x, v)
+            x, v = _midpoint_step(core, at, k + i, x, v)
             out[j, i + 1] = x

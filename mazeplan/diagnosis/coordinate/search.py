@@ -52,7 +52,7 @@ class Finding:
 
 def search(
     likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None], *, free: Sequence[Effect] = (),
-    along: Sequence[Effect] = (), most: int = MOST, start: Values | None = None,
+    nuisance: Sequence[Effect] = (), most: int = MOST, start: Values | None = None,
 ) -> Finding:  # fmt: skip
     """Find what the declared model lacks.
 
@@ -61,7 +61,7 @@ def search(
     along: errors of the stage, which are fitted as well before a decision
     most: maximum number of effects to add
     start: start values of `free`, if known"""
-    return _Search(likelihood, library, tell, free, along).run(most, start or {})
+    return _Search(likelihood, library, tell, free, nuisance).run(most, start or {})
 
 
 class _Search:
@@ -72,10 +72,10 @@ class _Search:
 
     def __init__(
         self, likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None],
-        free: Sequence[Effect], along: Sequence[Effect],
+        free: Sequence[Effect], nuisance: Sequence[Effect],
     ) -> None:  # fmt: skip
         self._likelihood, self._library, self._tell = likelihood, list(library), tell
-        self._free, self._along = list(free), list(along)
+        self._free, self._nuisance = list(free), list(nuisance)
         self._declared = likelihood.system.declared
         self._loose: dict[int, tuple[Fit, Fit]] = {}  # id of a fit -> the fit itself, and the fit with the stage
 
@@ -159,7 +159,7 @@ class _Search:
 
     def _confirmed(self, current: Fit, trial: CandidateTrial) -> CandidateTrial:
         """The trial, with gain and standard errors from fits that include the stage. Its values stay."""
-        if not self._along:
+        if not self._nuisance:
             return trial
         loose = self._with_stage(trial.fit)
         raw = self._with_stage(current).minus2 - loose.minus2
@@ -168,11 +168,11 @@ class _Search:
 
     def _with_stage(self, found: Fit) -> Fit:
         """The fit, repeated with the stage fitted as well."""
-        if not self._along:
+        if not self._nuisance:
             return found
         if id(found) not in self._loose:
-            start = {c.name: dict.fromkeys(c.parameters, 0.0) for c in self._along} | found.values
-            self._loose[id(found)] = found, fit(self._likelihood, [*self._along, *found.candidates], start, found.q)
+            start = {c.name: dict.fromkeys(c.parameters, 0.0) for c in self._nuisance} | found.values
+            self._loose[id(found)] = found, fit(self._likelihood, [*self._nuisance, *found.candidates], start, found.q)
         return self._loose[id(found)][1]
 
     def _exchange(self, current: Fit) -> Fit:

@@ -74,7 +74,7 @@ def diagnose_mechanism(
     finding = search(likelihood, library, tell, free=free)
     tell("scores on what was held out")
     base, final = finding.base, finding.final
-    wide = coloured(likelihood, final)
+    inflation = stderr_inflation(likelihood, final)
     before, after = (score(course, likelihood, found, border) for found in (base, final))
 
     def lost(c: Effect) -> Entry:
@@ -83,7 +83,7 @@ def diagnose_mechanism(
         errors = dict(
             zip(("before", "after"), (relative_error(course, likelihood, f, border) for f in fits), strict=True)
         )
-        return errors | {"evidence": round(finding.worth.get(c.name, math.nan), 1)} | _entry(final, c, wide)
+        return errors | {"evidence": round(finding.worth.get(c.name, math.nan), 1)} | _entry(final, c, inflation)
 
     effects = tuple(lost(c) for c in final.candidates if c.named and c.name not in names)
     further = None
@@ -94,12 +94,12 @@ def diagnose_mechanism(
     return MechanismDiagnosis(
         verdict=verdict_of(finding, effects, named), effects=effects, finding=finding, before=before, after=after,
         description=describe_unknown(finding, mechanism.strength, system.inertia(final.values)), share=1.0 - SEEN,
-        evidence=(evidence_of(likelihood, base), evidence_of(likelihood, final)), notes=_notes(final, wide),
-        test=further, fitted=tuple(_entry(final, c, wide) for c in free),
+        evidence=(evidence_of(likelihood, base), evidence_of(likelihood, final)), notes=_notes(final, inflation),
+        test=further, fitted=tuple(_entry(final, c, inflation) for c in free),
     )  # fmt: skip
 
 
-def coloured(likelihood: Likelihood, found: Fit) -> float:
+def stderr_inflation(likelihood: Likelihood, found: Fit) -> float:
     """Factor by which standard errors grow because the residual is not white: sqrt(1 + 2 sum of its correlations over
     MEMORY) (Bartlett, 1946)."""
     e: Array = likelihood.whitened(found.values, found.q)[0]
@@ -109,20 +109,20 @@ def coloured(likelihood: Likelihood, found: Fit) -> float:
     return math.sqrt(max(1.0 + 2.0 * total, 1.0))
 
 
-def _entry(final: Fit, c: Effect, wide: float) -> Entry:
+def _entry(final: Fit, c: Effect, inflation: float) -> Entry:
     values, sigma = final.values[c.name], final.stderr[c.name]
-    return effect_entry(c, {n: values[n] for n in c.parameters}, {n: wide * sigma[n] for n in c.parameters})
+    return effect_entry(c, {n: values[n] for n in c.parameters}, {n: inflation * sigma[n] for n in c.parameters})
 
 
-def _notes(final: Fit, wide: float) -> tuple[str, ...]:
+def _notes(final: Fit, inflation: float) -> tuple[str, ...]:
     """What a reader of the numbers should know."""
-    out = [f"standard errors are {wide:.2g} times those of a white residual"]
+    out = [f"standard errors are {inflation:.2g} times those of a white residual"]
     values = final.values
     if "viscous_friction" in values and "viscous_asymmetry" in values:
         middle, half = values["viscous_friction"]["coefficient"], values["viscous_asymmetry"]["coefficient"]
         (unit,) = (c.parameters["coefficient"].unit for c in final.candidates if c.name == "viscous_friction")
         out.append(f"viscous friction: {middle + half:.4g} {unit} forwards, {middle - half:.4g} {unit} backwards")
     dry = values.get("dry_friction")
-    if dry and abs(dry["asymmetry"]) > CERTAIN * wide * final.stderr["dry_friction"]["asymmetry"]:
+    if dry and abs(dry["asymmetry"]) > CERTAIN * inflation * final.stderr["dry_friction"]["asymmetry"]:
         out.append("the asymmetry of dry friction is, while it moves, the same as a constant force against it")
     return tuple(out)

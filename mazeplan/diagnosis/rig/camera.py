@@ -21,7 +21,7 @@ SCALES = tuple(0.9 + 0.004 * i for i in range(51))
 BLUR = 0.0012  # m, by which a position may lie in a wall
 BETTER = 0.03  # minimum share of positions that a start brings into the channels in addition
 MOST = 3000  # maximum number of positions
-FEWEST = 0.6  # minimum share of positions in channels, for the right map; a run passes openings, too
+MIN_CHANNEL_SHARE = 0.6  # minimum share of positions in channels, for the right map; a run passes openings, too
 TICKS = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 Seen = tuple[float, float, float]  # offset of the camera x, y (m) and scale
 
@@ -72,6 +72,6 @@ def check_map(body: BodyFilter, maze: Maze, file: str | None) -> None:
     places = _Places(body, maze)
     ticks = np.arange(-FURTHEST, FURTHEST + STEP, 4.0 * STEP).tolist()
     share = max(places.share((x, z, scale)) for x in ticks for z in ticks for scale in SCALES[::5])
-    if share < FEWEST:
+    if share < MIN_CHANNEL_SHARE:
         problem = f"the ball is in no ring of the map in {1.0 - share:.0%} of the samples that show it"
         raise TableError(f"{problem}, wherever the camera is; expected --radius M, or another --map", file=file)

@@ -46,19 +46,19 @@ def started_terms(
 
     delay: of the camera, s
     swings: frequency of a rocking table, Hz, if it was found before"""
-    asked, place = _asked(filtered), filtered.state[:, :2]
-    x, y, width = _bump_place(place, asked, maze)
+    implied, place = _implied_acceleration(filtered), filtered.state[:, :2]
+    x, y, width = _bump_place(place, implied, maze)
     t = (body.pictures.t if body.pictures.clock is None else body.pictures.clock) - delay
     radial = place / np.maximum(np.hypot(*place.T), 1e-3)[:, None]
-    along = radial[:, 0] * asked[:, 1] - radial[:, 1] * asked[:, 0]
-    beats = max(HARMONICS, key=lambda n: _power(t, asked, n * swings)) * swings
+    along = radial[:, 0] * implied[:, 1] - radial[:, 1] * implied[:, 0]
+    beats = max(HARMONICS, key=lambda n: _power(t, implied, n * swings)) * swings
     return (
         Term(floor_warp, (0.0, 0.0, 0.0)),
         Term(floor_bump, (x, y, 0.0, width)),
-        Term(floor_dirt, (*_slowing_sector(filtered, asked, maze, HALVES), 0.0)),
-        Term(floor_kerb, _kerb(filtered, asked, maze)),
+        Term(floor_dirt, (*_slowing_sector(filtered, implied, maze, HALVES), 0.0)),
+        Term(floor_kerb, _kerb(filtered, implied, maze)),
         Term(floor_ripple, (_waves(place, along), 0.0, 0.0)),
-        Term(table_swing, (_frequency(t, asked), 0.0, 0.0, 0.0, 0.0)),
+        Term(table_swing, (_frequency(t, implied), 0.0, 0.0, 0.0, 0.0)),
         Term(table_beat, (beats, 0.0, 0.0, 0.0, 0.0)),
         Term(swing_along, (_frequency(t, along[:, None]), 0.0, 0.0)),
         Term(drag_drift, (0.0, 0.0)),
@@ -68,9 +68,9 @@ def started_terms(
     )
 
 
-def _kerb(filtered: Filtered, asked: Array, maze: Maze) -> tuple[float, float, float, float]:
+def _kerb(filtered: Filtered, implied: Array, maze: Maze) -> tuple[float, float, float, float]:
     """Numbers of a kerb of size zero, where the ball loses most speed."""
-    centre, _, inner, outer = _slowing_sector(filtered, asked, maze, (BESIDE,))
+    centre, _, inner, outer = _slowing_sector(filtered, implied, maze, (BESIDE,))
     return centre, inner, outer, 0.0
 
 
@@ -82,12 +82,12 @@ def _waves(place: Array, along: Array) -> float:
 
 
 def _slowing_sector(
-    filtered: Filtered, asked: Array, maze: Maze, halves: Sequence[float]
+    filtered: Filtered, implied: Array, maze: Maze, halves: Sequence[float]
 ) -> tuple[float, float, float, float]:
     """(middle, half width, inner radius, outer radius), rad and m, of the sector where a deceleration explains most."""
     place, v = filtered.state[:, :2], filtered.state[:, 2:4]
     speed, r, theta = np.hypot(*v.T), np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0])
-    slows = np.where(speed > SLOW, -np.sum(asked * v, axis=1) / np.maximum(speed, SLOW), 0.0)
+    slows = np.where(speed > SLOW, -np.sum(implied * v, axis=1) / np.maximum(speed, SLOW), 0.0)
     best, found = 0.0, (0.0, halves[0], 0.0, 0.0)
     for ring in maze.rings:
         if ring.is_disc:
@@ -103,7 +103,7 @@ def _slowing_sector(
     return found
 
 
-def _asked(filtered: Filtered) -> Array:
+def _implied_acceleration(filtered: Filtered) -> Array:
     """Acceleration (N, 2) at each picture, as the next innovations suggest it, up to a scale."""
     (a, b), (xx, yy, xy) = filtered.nu.T, filtered.S.T
     det = xx * yy - xy * xy
@@ -114,34 +114,34 @@ def _asked(filtered: Filtered) -> Array:
     return out
 
 
-def _bump_place(place: Array, asked: Array, maze: Maze) -> tuple[float, float, float]:
+def _bump_place(place: Array, implied: Array, maze: Maze) -> tuple[float, float, float]:
     """(x, y, width), m, of the pull towards one place that explains most."""
     reach = maze.ring(1).outer_radius
     ticks = np.arange(-reach, reach + GRID, GRID)
     coarse = ((float(x), float(y), WIDTH) for x in ticks for y in ticks if math.hypot(x, y) < reach)
-    x, y, _ = max(coarse, key=lambda at: _pulled(place, asked, at))
+    x, y, _ = max(coarse, key=lambda at: _pulled(place, implied, at))
     ticks = np.arange(-GRID, GRID + FINE, FINE)
     fine = ((x + float(dx), y + float(dy), width) for dx in ticks for dy in ticks for width in WIDTHS)
-    return max(fine, key=lambda at: _pulled(place, asked, at))
+    return max(fine, key=lambda at: _pulled(place, implied, at))
 
 
-def _pulled(place: Array, asked: Array, at: tuple[float, float, float]) -> float:
+def _pulled(place: Array, implied: Array, at: tuple[float, float, float]) -> float:
     """How much of the suggested accelerations a pull towards a place explains. at: x, y, width, m"""
     x, y, width = at
     near = (np.abs(place[:, 0] - x) < 3.0 * width) & (np.abs(place[:, 1] - y) < 3.0 * width)
     away = (place[near] - (x, y)) / width
     pull = away * np.exp(-0.5 * np.sum(away * away, axis=1))[:, None]
     power = float(np.sum(pull * pull))
-    return float(np.sum(pull * asked[near])) ** 2 / power if power > 5.0 else 0.0
+    return float(np.sum(pull * implied[near])) ** 2 / power if power > 5.0 else 0.0
 
 
-def _frequency(t: Array, asked: Array) -> float:
+def _frequency(t: Array, implied: Array) -> float:
     """The frequency at which the spectrum of the suggested accelerations is highest, Hz. Times are rounded to BIN s.
 
     The spectrum of a repeated push may be higher at a multiple of the push's frequency."""
     places = np.round((t - t[0]) / BIN).astype(int)
     size = 2 ** math.ceil(math.log2(2.5 * (places[-1] + 1)))
-    binned = np.stack([np.bincount(places, weights=column, minlength=size) for column in asked.T])
+    binned = np.stack([np.bincount(places, weights=column, minlength=size) for column in implied.T])
     powers = np.sum(np.abs(np.fft.rfft(binned)) ** 2, axis=0)
     tried = np.fft.rfftfreq(size, BIN)
     powers[(tried < SLOWEST) | (tried > FASTEST)] = 0.0
@@ -153,7 +153,7 @@ def _frequency(t: Array, asked: Array) -> float:
     return float(tried[highest])
 
 
-def _power(t: Array, asked: Array, frequency: float) -> float:
+def _power(t: Array, implied: Array, frequency: float) -> float:
     """The spectrum of the suggested accelerations at one frequency, Hz."""
     turn = np.exp(-2j * math.pi * frequency * t)
-    return float(np.sum(np.abs(turn @ asked) ** 2))
+    return float(np.sum(np.abs(turn @ implied) ** 2))

@@ -128,7 +128,7 @@ def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
         least = f"{FEWEST} at least ({FEWEST * table.dt:.0f} s)"
         raise TableError(f"got {seen} pictures of the ball, expected {least}", file=file)
     stage = fit_stage(record, np.ones(len(record), dtype=bool))
-    moves = None if stage is None or stage.hurried else StageModel(*stage.axes)
+    moves = None if stage is None or stage.servos_overtaxed else StageModel(*stage.axes)
     return filter_of(table, record, maze, moves), stage
 
 
@@ -147,7 +147,7 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
     return BodyFilter(pictures, plate, pack_walls(maze))
 
 
-def left_over(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
+def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
     """What a fit does not explain: autocorrelation and size of its innovations.
 
     The first number is the largest autocorrelation. The second number is the root mean square of the innovations over

@@ -11,7 +11,7 @@ from mazeplan.control.estimation.rigid_body_parameters import FRICTION, number_o
 from mazeplan.core.constants import GRAVITY
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry
 from mazeplan.diagnosis.rig.candidates import Candidate
-from mazeplan.diagnosis.rig.search import ROUGH, Reference, known_value
+from mazeplan.diagnosis.rig.search import STDERR_SCALE, Reference, known_value
 from mazeplan.learning.rigid_body_entries import INERTIA, SAME
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
@@ -25,7 +25,7 @@ MODEL_ERROR = {
 }  # fmt: skip
 
 
-def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: Mapping[int, float]) -> Entry:
+def registry_entry(c: Candidate, fit: BodyFit, was: Reference, radii: Mapping[int, float]) -> Entry:
     """A found candidate as an entry of the document: values in the ring that shows it most, and in all rings.
 
     radii: track radii by ring, m; the ring with most pictures is first"""
@@ -60,7 +60,7 @@ def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Value
     for name in c.free:
         share, least = MODEL_ERROR.get(name, (0.0, 0.0))
         value = value_of(fit.model, name)
-        sigma = math.hypot(ROUGH * fit.stderr[name], share * value, least)
+        sigma = math.hypot(STDERR_SCALE * fit.stderr[name], share * value, least)
         up = min(value + sigma, number_of(fit.model, name).high)
         there = _numbers(c, with_values(fit.model, {name: up}), was, radius)
         out = {key: math.hypot(out[key], there[key] - at[key]) for key in at}

@@ -67,7 +67,7 @@ class RigVerdict:
     alike: groups of names that the record cannot tell apart
     unknown: something without a name, None if there is nothing
     held: predictions of the held-out halves
-    memory, remaining: of the innovations (`record.left_over`)
+    memory, remaining: of the innovations (`record.residual_summary`)
     searched, body, stage, was: what the verdict follows from
     notes: what could not be compared or was refused
     test: predictions of a further record"""
@@ -172,8 +172,8 @@ def words_on_test(done: RigVerdict) -> str:
 
 def _surely(done: RigVerdict) -> str:
     """How sure the finding is, in words and a number; empty if unknown."""
-    if math.isfinite(done.held.likelier):
-        size, why = done.held.likelier, "predicts held-out parts better by {}"
+    if math.isfinite(done.held.z_score):
+        size, why = done.held.z_score, "predicts held-out parts better by {}"
     else:
         sizes = [ratio for effect in done.effects if (ratio := _ratio(effect))]
         size, why = min(sizes, default=0.0), "is a change of {}"

@@ -46,7 +46,7 @@ class HeldOut:
     by_ring: dict[int, RingError] = field(default_factory=dict)
 
     @property
-    def nearer(self) -> bool:
+    def ball_effects_not_worse(self) -> bool:
         """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without."""
         return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.plain[-1]))
 
@@ -56,7 +56,7 @@ class HeldOut:
         return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.before[-1]))
 
     @property
-    def likelier(self) -> float:
+    def z_score(self) -> float:
         """Standard errors by which blocks are likelier with what was found; inf if nothing was found."""
         if not np.any(self.gain):
             return math.inf
@@ -85,7 +85,7 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
     after, second = np.empty_like(before), np.arange(n) >= n // 2
     for rows in (second, ~second):
         model = _by_rows(body, searched, ~rows)
-        gain[rows] = (surprise(plain) - surprise(body.run(model)))[rows]
+        gain[rows] = (minus2_by_picture(plain) - minus2_by_picture(body.run(model)))[rows]
         after[:, rows[starts]] = roll_out_errors(body, model, starts[rows[starts]])
     rings = errors_by_ring(body, plain, starts, after, maze)
     return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone, rings)
@@ -102,7 +102,7 @@ def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, 
     found = found._replace(wander=was.wander)
     before, after = old.run(was), new.run(found)
     starts = starts_of(new, after, maze)
-    gain = np.nan_to_num(surprise(before) - surprise(after))
+    gain = np.nan_to_num(minus2_by_picture(before) - minus2_by_picture(after))
     blocks = np.arange(0, len(gain), round(BLOCK_S / new.pictures.dt))
     errors = (roll_out_errors(old, was, starts), roll_out_errors(new, found, starts))
     return HeldOut(starts, *errors, np.add.reduceat(gain, blocks), errors[0])
@@ -140,7 +140,7 @@ def _ring_error(errors: Array, block: IntArray) -> RingError:
     return RingError(mean, math.sqrt(float(np.sum(sums**2)) * there / (there - 1.0)) / len(errors))
 
 
-def surprise(filtered: Filtered) -> Array:
+def minus2_by_picture(filtered: Filtered) -> Array:
     """nu' S^-1 nu + log det S of each picture, (N,)."""
     (a, b), (xx, yy, xy) = filtered.nu.T, filtered.S.T
     det = xx * yy - xy * xy

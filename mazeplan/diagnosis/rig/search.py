@@ -32,23 +32,31 @@ from mazeplan.physics.effects.local_forces import table_swing
 NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
-LIKE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
+RIVAL_SHARE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
 SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
-ROUGH = 2.0  # scatter of values from record to record, in standard errors of a fit
-WORTH = 0.12  # a candidate with less than this share of the best score is not fitted
+STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
+MIN_SCORE_SHARE = 0.12  # a candidate with less than this share of the best score is not fitted
 MOST_FITTED = 3  # maximum number of candidates that are fitted in a round, apart from simpler ones
 STEPS = 8  # maximum number of steps of a fit that compares candidates
 POLISH = 20  # maximum number of steps of a fit whose numbers are kept
 ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
 MOST_FOUND = 4  # maximum number of effects
-PLANE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
+MIN_PROCESS_NOISE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD = 6000  # pictures
-HALF = 0.45  # share of the gain that half of a record brings
-CLEARLY = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
-FURTHER = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)  # factors by which a leap moves all numbers away from the reference
-LEAPS = 3  # maximum number of leaps
+HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
+NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
+RESCALE_FACTORS = (
+    0.8,
+    0.9,
+    0.95,
+    1.05,
+    1.12,
+    1.25,
+    1.5,
+)  # factors by which a leap moves all numbers away from the reference
+MAX_RESCALES = 3  # maximum number of leaps
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,7 @@ def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, f
     """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
     for name in free:
         before = known_value(was.model, name)
-        sigma = ROUGH * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
+        sigma = STDERR_SCALE * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
         if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
             return True
     return False
@@ -127,14 +135,18 @@ def search_rig(
     first = fit_body(body, _noisy(was.start or was.model), always, POLISH, ENOUGH)
     part, refused, chosen = alternate(body), set[Candidate](), list[_Chosen]()
     best, least = (
-        (first, NEEDED) if part is body else (fit_body(part, first.model, always, STEPS, ENOUGH), HALF * NEEDED)
+        (first, NEEDED)
+        if part is body
+        else (fit_body(part, first.model, always, STEPS, ENOUGH), HALF_GAIN_SHARE * NEEDED)
     )
     while len(chosen) < MOST_FOUND:
         tell(f"{len(chosen)} found, next")
         found = [c.candidate for c in chosen]
         free = _free(always, found)
         base = _with_starts(body, best.model, maze, own)
-        new, model = _best(part, base, best.minus2, was, free, _left(candidates, found, refused), places, least)
+        new, model = _best(
+            part, base, best.minus2, was, free, _remaining_candidates(candidates, found, refused), places, least
+        )
         if new is None:
             break
         tell(f"{len(chosen) + 1} found, its size")
@@ -145,7 +157,7 @@ def search_rig(
             continue
         best, chosen = with_it, [*chosen, new]
         best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
-    return _on_the_whole(body, part, best, was, always, chosen, first)
+    return _refit_on_whole_record(body, part, best, was, always, chosen, first)
 
 
 @dataclass(frozen=True)
@@ -154,10 +166,12 @@ class _Chosen:
 
     candidate: Candidate
     gain: float
-    like: tuple[Candidate, ...]
+    rivals: tuple[Candidate, ...]
 
 
-def _left(candidates: Sequence[Candidate], found: Sequence[Candidate], refused: set[Candidate]) -> list[Candidate]:
+def _remaining_candidates(
+    candidates: Sequence[Candidate], found: Sequence[Candidate], refused: set[Candidate]
+) -> list[Candidate]:
     """Candidates to look for next."""
     taken, names = {name for c in found for name in c.free}, {c.effect for c in found}
     left = [c for c in candidates if c not in refused and c not in found and not taken & set(c.free)]
@@ -165,7 +179,7 @@ def _left(candidates: Sequence[Candidate], found: Sequence[Candidate], refused: 
     return [c for c in left if not c.after or c.after in names]
 
 
-def _on_the_whole(
+def _refit_on_whole_record(
     body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     first: BodyFit,
 ) -> SearchResult:  # fmt: skip
@@ -177,11 +191,11 @@ def _on_the_whole(
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
-        weak = [c for c in chosen if c.gain < CLEARLY * NEEDED or not _still_differs(best, was, c)]
+        weak = [c for c in chosen if c.gain < NO_RETEST_FACTOR * NEEDED or not _still_differs(best, was, c)]
         best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
     if not chosen:
         return SearchResult((), (), (), first, first)
-    found, gains, rivals = zip(*((c.candidate, c.gain, c.like) for c in chosen), strict=True)
+    found, gains, rivals = zip(*((c.candidate, c.gain, c.rivals) for c in chosen), strict=True)
     return SearchResult(found, gains, rivals, best, first)
 
 
@@ -201,7 +215,9 @@ def _pruned(
         if _still_differs(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
-        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # its rivals stood beside the dropped finding
+        chosen = (
+            [*rest[:-1], replace(rest[-1], rivals=())] if rest else []
+        )  # its rivals stood beside the dropped finding
     return best, chosen
 
 
@@ -225,11 +241,11 @@ def _best(
 
     base: the likeliest model with the earlier findings
     minus2: -2 log L of the base"""
-    begins = {c: _begun(part, base, c, places) for c in left}
+    begins = {c: _fit_start(part, base, c, places) for c in left}
     scores = _scores(part, base, free, left)
     scores = {c: max(scores[c], minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
     ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
-    tried = [c for c in ranked[:MOST_FITTED] if scores[c] > WORTH * scores[ranked[0]]]
+    tried = [c for c in ranked[:MOST_FITTED] if scores[c] > MIN_SCORE_SHARE * scores[ranked[0]]]
     simpler = {name for c in tried for name in c.simpler}
     tried += [c for c in left if c.effect in simpler and c not in tried]
     fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
@@ -238,10 +254,10 @@ def _best(
     if not sure:
         return None, base
     worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
-    close = [c for c in sure if worth[c] > LIKE * max(worth.values())]
+    close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
-    like = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
-    return _Chosen(chosen, gained[chosen], like), fits[chosen].model
+    rivals = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
+    return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
 
 
 def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
@@ -253,18 +269,18 @@ def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
     before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
     gone = {name.partition(".")[0] for name in c.free if "." in name}
     return before._replace(terms=tuple(
-        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _nought(term))
+        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _zero_effect(term))
         if term.name in gone else term for term in before.terms
     ))  # fmt: skip
 
 
-def _nought(term: Term) -> tuple[float, ...]:
+def _zero_effect(term: Term) -> tuple[float, ...]:
     """The numbers of a term with its places, and with sizes that have no effect."""
     pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
     return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
 
 
-def _begun(
+def _fit_start(
     body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
 ) -> tuple[float, BodyModel]:
     """-2 log L and the model at which the fit of a candidate starts: a likelier model than the base, which is further
@@ -281,7 +297,7 @@ def _begun(
 
 def _noisy(model: BodyModel) -> BodyModel:
     """The model with enough unexplained noise for a search: with almost no noise, the likelihood is flat."""
-    return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, PLANE)))
+    return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, MIN_PROCESS_NOISE)))
 
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
@@ -314,8 +330,8 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
     reference, or nearer to it."""
     fit = fit_body(body, model, free, POLISH, ENOUGH)
     numbers = [name for name in free if name not in NOISE and "." not in name]
-    for _ in range(LEAPS if numbers else 0):
-        there = [_leapt(fit.model, was.model, numbers, factor) for factor in FURTHER]
+    for _ in range(MAX_RESCALES if numbers else 0):
+        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
         minus2 = [body.innovations(m).minus2 for m in there]
         least = int(np.argmin(minus2))
         if minus2[least] > fit.minus2 - ENOUGH:
@@ -324,7 +340,7 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
     return fit
 
 
-def _leapt(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
+def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
     """The model with its numbers `factor` times as far from the reference, within their bounds."""
     values = {}
     for name in names:

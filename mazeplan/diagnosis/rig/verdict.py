@@ -24,9 +24,9 @@ from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
-from mazeplan.diagnosis.rig.record import body_filter, filter_of, left_over
+from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary
 from mazeplan.diagnosis.rig.reference import RigReference
-from mazeplan.diagnosis.rig.registry import in_registry
+from mazeplan.diagnosis.rig.registry import registry_entry
 from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
 from mazeplan.diagnosis.rig.search import (
@@ -77,7 +77,7 @@ def verdict_on(
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
     old = body if sensor is not None else _as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
-    found = searched.found if held.likelier > BETTER and held.nearer else ()
+    found = searched.found if held.z_score > BETTER and held.ball_effects_not_worse else ()
     radii = _radii(maze, searched.fit.filtered)
     effects = _of_the_stage(stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
@@ -86,12 +86,12 @@ def verdict_on(
     for e in effects:
         if e["name"] == "friction_drift":
             e["until_s"] = round(float(table["t"][-1] - table["t"][0]), 3)
-    memory, remaining = left_over(body, searched.fit)
+    memory, remaining = residual_summary(body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
-    if unknown is None and not effects and not (stage is not None and stage.hurried):
+    if unknown is None and not effects and not (stage is not None and stage.servos_overtaxed):
         unknown = _worse_than_before(held, was)
     # if commands overtax the servos, the ball is predicted from measured tilt. Only `_gain` judges the servos then
-    by_tilt = ("servo_gain",) if stage is not None and stage.hurried else ()
+    by_tilt = ("servo_gain",) if stage is not None and stage.servos_overtaxed else ()
     judged = [e for e in effects if e["name"] not in by_tilt]
     if judged and not held.better:
         names = ", ".join(e["name"].replace("_", " ") for e in judged)
@@ -145,14 +145,14 @@ def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
 def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
     """The filter with the plate moved by the old model's stage; `body` if one of the stages cannot be used."""
     known = was.stage.axes()
-    if known is None or stage is None or stage.hurried:
+    if known is None or stage is None or stage.servos_overtaxed:
         return body
     return filter_of(table, record_of(table), maze, stage.offsets_on(known))
 
 
 def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     """Predictions of a further record, by the old model and by the new one."""
-    stage = None if done.stage is None or done.stage.hurried else StageModel(*done.stage.axes)
+    stage = None if done.stage is None or done.stage.servos_overtaxed else StageModel(*done.stage.axes)
     new = filter_of(test, record_of(test), maze, stage)
     old = _as_it_was(test, maze, done.was, done.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
@@ -163,7 +163,7 @@ def _notes(stage: Stage | None, was: RigReference) -> list[str]:
     notes = []
     if stage is None:
         notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
-    if stage is not None and stage.hurried:
+    if stage is not None and stage.servos_overtaxed:
         notes.append(
             "commands changed faster than the servos can follow, as in navigation: lag, delay and play of the "
             "servos were not compared; mazeplan collect makes a record that shows them"
@@ -185,7 +185,7 @@ def _gain(
     servo, sensor = changed_gain(stage, was.stage)
     if stage is None or servo is None or sensor is None:
         return None, None
-    if stage.hurried:
+    if stage.servos_overtaxed:
         had = servo["known_before"]
         clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
         sure = clear and nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) > BETTER
@@ -209,7 +209,7 @@ def _of_the_stage(
     found: Sequence[Candidate],
 ) -> list[Entry]:  # fmt: skip
     """Effects of stage and tilt sensor, the same in all rings."""
-    effects = stage_effects(None if stage is not None and stage.hurried else stage, was.stage)
+    effects = stage_effects(None if stage is not None and stage.servos_overtaxed else stage, was.stage)
     if sensor is not None:
         effects.append(sensor)
     elif servo is not None and not any(c.effect == "tilt_gain" for c in found):
@@ -227,7 +227,7 @@ def _of_the_ball(
     for c, rivals in zip(searched.found, searched.rivals, strict=True):
         if c not in found or not c.effect or c.effect in others or (c.effect == "tilt_gain" and sensor is not None):
             continue
-        effects.append(in_registry(c, searched.fit, was.body, radii))
+        effects.append(registry_entry(c, searched.fit, was.body, radii))
         names = tuple(r.effect for r in rivals if r.effect)
         if names:
             alike.append((c.effect, *names))
@@ -264,7 +264,7 @@ def _of_open_numbers(
     if was.body.start is not None:
         some = [c for c in CANDIDATES if c.effect and set(c.free) <= set(was.body.open)]
         sure = [c for c in some if surely_differs(fit.model, fit.stderr, was.body, c.free)]
-        return [in_registry(c, fit, was.body, radii) for c in sure]
+        return [registry_entry(c, fit, was.body, radii) for c in sure]
     if was.friction is None:
         return []
     value, (low, high) = value_of(fit.model, "rolling"), was.friction
@@ -275,7 +275,7 @@ def _of_open_numbers(
     if fit_body(body, nearest, rest or NOISE, POLISH, ENOUGH).minus2 - fit.minus2 < NEEDED:
         return []
     (friction,) = [c for c in CANDIDATES if c.effect == "dry_friction"]
-    return [in_registry(friction, fit, was.body, radii)]
+    return [registry_entry(friction, fit, was.body, radii)]
 
 
 def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:

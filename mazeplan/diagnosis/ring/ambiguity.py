@@ -50,7 +50,7 @@ SAME = 0.03  # relative difference up to which two scales count as equal; their 
 ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")
 
 
-def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
+def confounded_effects(values: Values, stderr: Values) -> list[tuple[str, ...]]:
     """Groups of effects that look nearly the same at the sizes that were found.
 
     A sensor with the same large scale on both axes looks like a ball that accelerates less because it rolls. Only the

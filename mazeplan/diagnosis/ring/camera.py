@@ -91,27 +91,27 @@ def _together(left: Array) -> float:
     return float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
 
 
-def straightened(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
+def true_angle_at_radius(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
     """Angle about the true centre, on the same turn as theta."""
     x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
     turn = np.arctan2(y, x) - theta
     return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def unbent(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+def true_angle(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
     """Angle about the true centre, for a ball on a circle (radius, m) that a camera with an offset sees at theta."""
     return theta + np.arcsin(_sine(theta, radius, offset))
 
 
-def as_seen(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
-    """Inverse of `unbent`: the seen angle theta from the angle about the true centre, on the same turn."""
+def seen_angle(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Inverse of `true_angle`: the seen angle theta from the angle about the true centre, on the same turn."""
     x, y = offset
     c, s = np.cos(phi), np.sin(phi)
     return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
 
 
-def bending(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
-    """Derivative of `unbent` by theta."""
+def true_angle_slope(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Derivative of `true_angle` by theta."""
     x, y = offset
     sine = _sine(theta, radius, offset)
     return 1.0 + (x * np.cos(theta) + y * np.sin(theta)) / (radius * np.sqrt(1.0 - sine**2))

@@ -19,8 +19,8 @@ from mazeplan.diagnosis.coordinate.search import Finding, search
 from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, runs
-from mazeplan.diagnosis.ring.ambiguity import experiment_for, twins
-from mazeplan.diagnosis.ring.camera import Circle, fit_circle, straightened
+from mazeplan.diagnosis.ring.ambiguity import confounded_effects, experiment_for
+from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS, ring_library, stage_errors
 from mazeplan.diagnosis.ring.holdout import INNER, inner_folds, seen_and_held
 from mazeplan.diagnosis.ring.remainder import Remainder, remainder
@@ -124,9 +124,9 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
     if circle is not None and circle.shifted:
         effects.append(circle.entry())
-    along = [] if stage is None else [stage_errors(stage.directions)]
+    nuisance = [] if stage is None else [stage_errors(stage.directions)]
     library, closely, finer = _libraries(declared, record.r is not None, openings or Openings(), more, without)
-    everything = [*library, *closely, *finer, *along]
+    everything = [*library, *closely, *finer, *nuisance]
     whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
     record = _straight(record, circle)
     straight = _likelihood(record, tilt, radius, declared, everything, rows)
@@ -141,10 +141,10 @@ def diagnose(
         folds = list(inner_folds(record, rows, range(INNER)))
         finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
     else:
-        finding, judge = search(straight, library, tell, along=along), straight
+        finding, judge = search(straight, library, tell, nuisance=nuisance), straight
     alike = (*finding.alike, *((either,) if either else ()))
     if "rolling_inertia" not in without:
-        alike += tuple(twins(finding.final.values, finding.final.stderr))
+        alike += tuple(confounded_effects(finding.final.values, finding.final.stderr))
     finding = replace(finding, alike=alike)
     tell("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
@@ -189,7 +189,7 @@ def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
     """The record with angles about the ring's centre, if the camera is off."""
     if circle is None or not circle.shifted or record.r is None:
         return record
-    return replace(record, theta=straightened(record.theta, record.r, circle.offset))
+    return replace(record, theta=true_angle_at_radius(record.theta, record.r, circle.offset))
 
 
 def _likelihood(
@@ -210,8 +210,8 @@ def _as_it_was(
     rows, held, _ = seen_and_held(record, fold)
     record, (rows, held) = _with_ball(record, rows, held)
     plain = _likelihood(record, tilt, radius, declared, library, rows)
-    along = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
-    base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
+    nuisance = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
+    base = fit(plain, nuisance, {c.name: dict.fromkeys(c.parameters, 0.0) for c in nuisance})
     return plain, base, score(plain, base, held)
 
 

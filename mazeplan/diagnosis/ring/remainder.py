@@ -63,7 +63,7 @@ class Remainder:
 
 
 @dataclass(frozen=True)
-class _Left:
+class _Residual:
     """The residual of the named effects in n rows, about the true centre.
 
     samples: states
@@ -74,7 +74,7 @@ class _Left:
 
     samples: RingSamples
     expected: Array
-    left: Array
+    residual: Array
     slope: Array
     good: np.ndarray
 
@@ -82,16 +82,21 @@ class _Left:
         """Indices of the good samples in these rows (N,) of the record."""
         return np.flatnonzero(self.good & rows[self.samples.row])
 
-    def learned(
-        self, train: IntArray, test: IntArray, knows: bool, training: TrainingOptions, tell: Callable[[str], None]
+    def predict_residual(
+        self,
+        train: IntArray,
+        test: IntArray,
+        use_prediction: bool,
+        training: TrainingOptions,
+        tell: Callable[[str], None],
     ) -> Array:
         """Prediction (K,) of the residual in the test rows, by a Gaussian process trained on the train rows.
 
         knows: whether the prediction of the effects is an input"""
         options = FitOptions(most=MOST, inputs="local", training=training)
-        odd = self.expected[:, None] if knows else np.empty((len(self.expected), 0))
+        odd = self.expected[:, None] if use_prediction else np.empty((len(self.expected), 0))
         process, _ = fit_process(
-            self.samples.at(train), self.left[train], "", options, lambda text: tell(f"what is left: {text}"),
+            self.samples.at(train), self.residual[train], "", options, lambda text: tell(f"what is left: {text}"),
             odd=odd[train],
         )  # fmt: skip
         return process.mean(np.hstack([INPUT_SETS["local"](self.samples.at(test)), odd[test]]))
@@ -109,21 +114,23 @@ def remainder(
 
     fits: fits of the named effects; the first of them is the reported fit"""
     target, reported = acceleration_pairs(likelihood, fits[0])
-    what = _left(likelihood, fits[0], record, target, reported)
+    what = _residual(likelihood, fits[0], record, target, reported)
     train, test = what.among(seen), what.among(held)
     if min(len(train), len(test)) < FEWEST:
         return None
     tell("what is left, by a Gaussian process")
     predictions = []
     try:
-        knows = _better_informed(what, list(inner_folds(record, seen)), tell)
+        use_prediction = _better_informed(what, list(inner_folds(record, seen)), tell)
         for fitted in fits:
             _, predicted = acceleration_pairs(likelihood, fitted)
-            what = _left(likelihood, fitted, record, target, predicted)
+            what = _residual(likelihood, fitted, record, target, predicted)
             train, test = what.among(seen), what.among(held)
             better = np.full(len(target), np.nan)
             rows = what.samples.row[test]
-            better[rows] = predicted[rows] + what.learned(train, test, knows, TRAINING, tell) / what.slope[test]
+            better[rows] = (
+                predicted[rows] + what.predict_residual(train, test, use_prediction, TRAINING, tell) / what.slope[test]
+            )
             predictions.append(better)
     except InputError:  # torch is an extra
         return None
@@ -133,27 +140,31 @@ def remainder(
     return Remainder(before, after, min(len(train), MOST)) if math.isfinite(after) else None
 
 
-def _left(likelihood: Likelihood, fitted: Fit, record: RingRecord, target: Array, predicted: Array) -> _Left:
+def _residual(likelihood: Likelihood, fitted: Fit, record: RingRecord, target: Array, predicted: Array) -> _Residual:
     """The residual: target (N,) minus the accelerations (N,) that the named effects predict."""
     system, values = ring_of(likelihood), fitted.values
     samples = _samples(replace(record, theta=system.position(values)), system.radius)
     slope = system.slope(values)[samples.row]
     expected = predicted[samples.row] * slope
-    left = target[samples.row] * slope - expected
-    return _Left(samples, expected, left, slope, samples.good & np.isfinite(left))
+    residual = target[samples.row] * slope - expected
+    return _Residual(samples, expected, residual, slope, samples.good & np.isfinite(residual))
 
 
-def _better_informed(what: _Left, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]) -> bool:
+def _better_informed(
+    what: _Residual, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]
+) -> bool:
     """Whether the prediction of the named effects, as an input, lowers the error on blocks of the seen rows."""
     pairs = [(what.among(learn), what.among(tried)) for learn, tried in folds]
     if min(len(rows) for pair in pairs for rows in pair) < FEWEST:
         return False
     without, with_it = (
         sum(
-            float(np.sum((what.left[tried] - what.learned(learn, tried, knows, QUICK, tell)) ** 2))
+            float(
+                np.sum((what.residual[tried] - what.predict_residual(learn, tried, use_prediction, QUICK, tell)) ** 2)
+            )
             for learn, tried in pairs
         )
-        for knows in (False, True)
+        for use_prediction in (False, True)
     )
     return with_it < without
 

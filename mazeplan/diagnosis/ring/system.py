@@ -26,7 +26,7 @@ from mazeplan.core.maths.compiled import pointer_to
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.coordinate.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.coordinate.system import Values
-from mazeplan.diagnosis.ring.camera import as_seen, bending, unbent
+from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS
 from mazeplan.diagnosis.stage.plate_motion import Tilt
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect
@@ -105,7 +105,7 @@ class _Assembled:
     places: places of the terms
     holds: (address, place) of each dry friction
     openings: (address of the angle, address of the loss, place) of each opening
-    beside: angle that is added to that of each opening, rad
+    opening_offsets: angle that is added to that of each opening, rad
     p: all parameters"""
 
     terms: list[int]
@@ -113,7 +113,7 @@ class _Assembled:
     places: list[int]
     holds: list[tuple[int, int]] = field(default_factory=list)
     openings: list[tuple[int, int, int]] = field(default_factory=list)
-    beside: list[float] = field(default_factory=list)
+    opening_offsets: list[float] = field(default_factory=list)
     p: list[float] = field(default_factory=list)
 
 
@@ -225,7 +225,7 @@ class RingSystem:
             self.position(values), np.isfinite(self.theta), self.begins, self.t, self.dt, self.inputs(values),
             np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64), 2.0 * math.pi,
             np.array(built.holds, dtype=np.int64).reshape(-1, 2),
-            np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.beside, dtype=np.float64),
+            np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.opening_offsets, dtype=np.float64),
         )  # fmt: skip
         return problem, np.array(built.p)
 
@@ -243,7 +243,7 @@ class RingSystem:
             if effect.acts == OPENING:
                 for i, angle in enumerate(effect.pattern):
                     out.openings.append((address["angle"], address["loss"], len(out.p)))
-                    out.beside.append(angle)
+                    out.opening_offsets.append(angle)
                     out.p.extend(effect.of_opening(numbers, i))
                 continue
             if effect.acts in (DRY, WALL):
@@ -290,17 +290,17 @@ class RingSystem:
     def position(self, values: Values) -> Array:
         """Angles (N,) about the true centre."""
         offset = self.offset(values)
-        return self.theta if offset is None else unbent(self.theta, self.radius, offset)
+        return self.theta if offset is None else true_angle(self.theta, self.radius, offset)
 
     def seen_at(self, values: Values, angle: Array) -> Array:
         """Angles that the camera sees, from angles about the true centre; any shape."""
         offset = self.offset(values)
-        return angle if offset is None else as_seen(angle, self.radius, offset)
+        return angle if offset is None else seen_angle(angle, self.radius, offset)
 
     def slope(self, values: Values) -> Array:
         """Derivative (N,) of `position` by the measured angle."""
         offset = self.offset(values)
-        return np.ones(len(self.t)) if offset is None else bending(self.theta, self.radius, offset)
+        return np.ones(len(self.t)) if offset is None else true_angle_slope(self.theta, self.radius, offset)
 
     def volume(self, values: Values, rows: np.ndarray) -> float:
         """-2 log of the determinant of the change of variables from measured angles to `position`, of some rows."""

@@ -33,7 +33,7 @@ from scipy.signal import savgol_coeffs
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
-from mazeplan.diagnosis.coordinate.kalman import accelerations, coasts
+from mazeplan.diagnosis.coordinate.kalman import accelerations, midpoint_roll_outs
 from mazeplan.diagnosis.coordinate.screening import ACCEPT, price
 from mazeplan.diagnosis.coordinate.search import Finding, search
 from mazeplan.diagnosis.coordinate.system import Values
@@ -86,7 +86,7 @@ class WindowLikelihood(Likelihood):
                 del self._kept[next(iter(self._kept))]
             problem, p = self.system.build(self.library, values)
             out = np.empty((len(self.windows), MATCHED.window))
-            coasts(problem, p, self.windows - MATCHED.window // 2, out)
+            midpoint_roll_outs(problem, p, self.windows - MATCHED.window // 2, out)
             self._kept[key] = self.target - self.ring.seen_at(values, out) @ self.weights
         return self._kept[key]
 

@@ -30,7 +30,7 @@ LOOKED_AT = 4  # coarse dead bands that are refined
 SURE = 15.0  # of -2 log L
 
 
-def fit_with_gears(u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray) -> StageFit:
+def fit_with_play_or_deadband(u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray) -> StageFit:
     """The axis with the play or the dead band that its record shows, if any. Raises ValueError as `fit_axis`.
 
     u, angle: commands and measured angles (N,), rad

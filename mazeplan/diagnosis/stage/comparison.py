@@ -25,8 +25,8 @@ ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts onl
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
-GEARS = (rig.backlash, rig.deadband)
-LIKE = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *GEARS)
+PLAY_AND_DEADBAND = (rig.backlash, rig.deadband)
+COMPARED_EFFECTS = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *PLAY_AND_DEADBAND)
 
 
 @dataclass(frozen=True)
@@ -96,9 +96,9 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
     """Effects of the stage that differ from the known ones, except the gain."""
     if stage is None:
         return []
-    like = [effect for effect in LIKE if effect not in GEARS or _looser(stage, known)]
+    like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or _looser(stage, known)]
     found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
-    names = {effect.name for effect in GEARS}
+    names = {effect.name for effect in PLAY_AND_DEADBAND}
     gears = {made["name"]: _largest_change(made) for made in found if made["name"] in names}
     return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
 
@@ -112,7 +112,7 @@ def _looser(stage: Stage, known: Known) -> bool:
 
     They count together, because a little play looks like a little dead band."""
     for axis, seen in zip(AXES, stage.axes, strict=True):
-        was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in GEARS)
+        was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in PLAY_AND_DEADBAND)
         if abs(seen.backlash + seen.deadband - was) > rig.backlash.parameters[axis].smallest:
             return True
     return False

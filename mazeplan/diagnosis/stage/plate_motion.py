@@ -12,7 +12,7 @@ from numba import njit
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
-from mazeplan.diagnosis.stage.backlash import fit_with_gears
+from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.dynamics.ring_parameters import stage_transition
@@ -24,7 +24,9 @@ KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives: three relative ones, s, rad
 BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
-HURRIED = 3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
+OVERTAXED_RESIDUAL = (
+    3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
+)
 FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # maximum of one standard error, so that the motion stays linear in it
 
 
@@ -84,10 +86,10 @@ class Stage:
     directions: dict[str, tuple[int, Array]]
 
     @property
-    def hurried(self) -> bool:
+    def servos_overtaxed(self) -> bool:
         """Whether commands overtax the servos. Then no linear lag describes the servos, and the tilt sensor knows the
         motion of the plate better than the commands."""
-        return max(self.beta.rms, self.gamma.rms) > HURRIED
+        return max(self.beta.rms, self.gamma.rms) > OVERTAXED_RESIDUAL
 
     @property
     def axes(self) -> tuple[StageAxis, StageAxis]:
@@ -106,7 +108,7 @@ def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
     try:
-        alone = [fit_with_gears(u[i], angles[i], record.dt, record.begins & rows, rows) for i in (0, 1)]
+        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, record.begins & rows, rows) for i in (0, 1)]
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
@@ -137,7 +139,7 @@ def _with_coupling(
     if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
-    again = fit_with_gears(own, angle - axis.gain * share * follows, record.dt, record.begins & rows, rows)
+    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, record.begins & rows, rows)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 

@@ -30,7 +30,7 @@ LIGHT = 100.0  # a floor with a median above this, 0 to 255, is brighter than th
 SLOW = 8  # the light is compared in a picture this many times smaller
 
 
-class Why(StrEnum):
+class DetectionOutcome(StrEnum):
     """Result of the search in a picture."""
 
     FOUND = "found"
@@ -55,7 +55,7 @@ class Sighting:
     x: float | None
     y: float | None
     confidence: float
-    why: Why
+    why: DetectionOutcome
     beta: float | None = None
     gamma: float | None = None
     error: float | None = None
@@ -159,11 +159,11 @@ class BallDetector:
             apart = [np.hypot(fit.x - other.x, fit.y - other.y) for other in found]
             if len(found) < most and min(apart, default=np.inf) > self.maze.ball.radius:
                 found.append(fit)
-        return [Sighting(fit.x, fit.y, fit.confidence, Why.FOUND, beta, gamma, fit.error) for fit in found]
+        return [Sighting(fit.x, fit.y, fit.confidence, DetectionOutcome.FOUND, beta, gamma, fit.error) for fit in found]
 
     def _tilted(
         self, image: np.ndarray, tilt: tuple[float, float] | None
-    ) -> tuple[Why, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:
+    ) -> tuple[DetectionOutcome, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:
         """(reason, (tilt to use, tilt by the markers)). The tilt by the markers is (None, None) without markers.
 
         If there is no tilt to use, (reason, None)."""
@@ -171,21 +171,21 @@ class BallDetector:
             raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
         by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         if by_markers is not None and by_markers[2] > self.settings.moved_px:
-            return Why.MOVED, None
+            return DetectionOutcome.MOVED, None
         used = tilt if by_markers is None else by_markers[:2]
         if used is None:
             dark = float(np.median(image[::8, ::8])) < 12.0
-            return (Why.DARK if dark else Why.NO_MARKERS), None
-        return Why.FOUND, (used, (None, None) if by_markers is None else by_markers[:2])
+            return (DetectionOutcome.DARK if dark else DetectionOutcome.NO_MARKERS), None
+        return DetectionOutcome.FOUND, (used, (None, None) if by_markers is None else by_markers[:2])
 
-    def _fits(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, list[OutlineFit]]:
+    def _fits(self, image: np.ndarray, beta: float, gamma: float) -> tuple[DetectionOutcome, list[OutlineFit]]:
         """Fitted outlines of spheres at places where a ball has room, and a reason in case none of them is good."""
         settings, eye = self.settings, self.camera.centre(beta, gamma)
         seen = self.floor.straighten(image, self.camera, beta, gamma)
         clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
         empty, light = _relit(self.background.picture, seen, clear)
         if light < settings.darkest:
-            return Why.DARK, []
+            return DetectionOutcome.DARK, []
         differs = self._differs(seen, empty, clear)
         fits = []
         least = settings.edge * self._light * light
@@ -193,20 +193,20 @@ class BallDetector:
             fit = self._outline.fit(seen, empty, clear, eye, np.array([x, y]))
             if fit is not None and fit.strength >= least and self._possible(fit):
                 fits.append(fit)
-        return Why.NO_BALL, fits
+        return DetectionOutcome.NO_BALL, fits
 
-    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, OutlineFit | None]:
+    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[DetectionOutcome, OutlineFit | None]:
         why, fits = self._fits(image, beta, gamma)
-        if why is Why.DARK:
+        if why is DetectionOutcome.DARK:
             return why, None
         good = [fit for fit in fits if self._good(fit)]
         if not good:
-            return (Why.UNSURE if fits else Why.NO_BALL), None
+            return (DetectionOutcome.UNSURE if fits else DetectionOutcome.NO_BALL), None
         best = max(good, key=lambda fit: fit.strength * fit.confidence)
         rivals = [fit for fit in fits if self._rivals(fit, best)]
         if rivals:
-            return (Why.TWO if any(self._good(fit) for fit in rivals) else Why.UNSURE), None
-        return Why.FOUND, best
+            return (DetectionOutcome.TWO if any(self._good(fit) for fit in rivals) else DetectionOutcome.UNSURE), None
+        return DetectionOutcome.FOUND, best
 
     def _rivals(self, fit: OutlineFit, best: OutlineFit) -> bool:
         """Whether a fit may be a second ball: at another place, and nearly as clear. A shadow has a soft edge."""

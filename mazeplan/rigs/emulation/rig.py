@@ -53,7 +53,7 @@ class EmulatedRig(HardwareRig):
         """The error that caused `problem`. If the emulated table ends or hangs, board and camera fall silent."""
         if self.table is None or not isinstance(problem, RigError):
             return problem
-        if self.table.going(GRACE_S):
+        if self.table.ends_within(GRACE_S):
             return RigError(self.table.why)
         return RigError(f"the emulated table hangs, or this machine is too slow for it: {problem}")
 

@@ -116,7 +116,7 @@ class EmulatedTable:
             self._gone = self._ended or "problem" in self._said
         return self._gone
 
-    def going(self, seconds: float) -> bool:
+    def ends_within(self, seconds: float) -> bool:
         """Whether the world has ended by itself, or does so within some seconds."""
         with self._news:
             return bool(self._news.wait_for(lambda: self.gone, seconds))

@@ -20,7 +20,7 @@ from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.rigs.faults.kinds import KINDS, Drawn, Passage
+from mazeplan.rigs.faults.kinds import KINDS, Drawn, FaultContext
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 from mazeplan.rigs.sim.settings import Fault
 
@@ -29,14 +29,14 @@ TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 LASTING_S = 1e6  # s, duration of a fault for good
 
 
-def impossible(rig: object) -> set[str]:
+def unsupported_faults(rig: object) -> set[str]:
     """Names of the faults that the rig's `inject` refuses."""
     cannot = traits(rig).cannot
     return {kind.name for kind in KINDS.values() if kind.machine in cannot}
 
 
 @dataclass
-class Orders:
+class DriverHooks:
     """Links to the program that drives the rig: `aimed_at` gives the next opening, `close` closes an opening."""
 
     aimed_at: Callable[[], str | None] = field(default=lambda: None)
@@ -54,14 +54,14 @@ class FaultyRig(RigWrapper):
 
     Raises SettingsError for a fault of the machine that the rig inside cannot have."""
 
-    def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
+    def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: DriverHooks | None = None) -> None:
         super().__init__(rig)
-        self._maze, self._faults, self.orders = maze, tuple(faults), orders or Orders()
+        self._maze, self._faults, self.orders = maze, tuple(faults), orders or DriverHooks()
         self._inject = traits(rig).inject
         for fault in faults:
             if fault.kind.machine and self._inject is None:
                 raise SettingsError(f"{fault.kind.name}: this rig has no `inject`; a simulated rig has")
-            if fault.kind.name in impossible(rig):
+            if fault.kind.name in unsupported_faults(rig):
                 raise SettingsError(f"{fault.kind.name}: this rig cannot do that; a rig of the program's own can")
         self._chance: dict[int, np.random.Generator] = {}
         self._closed = threading.Event()
@@ -117,7 +117,7 @@ class FaultyRig(RigWrapper):
             if fault.kind.name == "observe_raises":
                 raise RigError("the camera does not answer (injected)")
             if fault.kind.change is not None:
-                passage = Passage(fault, self._past, sample, self._chance[id(fault)], self._maze)
+                passage = FaultContext(fault, self._past, sample, self._chance[id(fault)], self._maze)
                 sample = fault.kind.change(passage)
         self._true.setdefault(sample.t, self._now)
         return sample

@@ -53,7 +53,7 @@ class FaultKind:
     allowed: Range = (0.0, 1e3)
     because: str = ""
     ends: tuple[str, ...] = GAVE_UP
-    change: Callable[[Passage], Observation] | None = None
+    change: Callable[[FaultContext], Observation] | None = None
     machine: str = ""
     machine_size: str = ""
 
@@ -99,7 +99,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Passage:
+class FaultContext:
     """A sample on its way from the rig to the program, for a fault to change.
 
     past: unchanged samples of the rig until now.
@@ -132,42 +132,42 @@ class Passage:
         return replace(self.sample, beta=beta, gamma=gamma)
 
 
-def _lost(p: Passage) -> Observation:
+def _lost(p: FaultContext) -> Observation:
     return p.with_ball(None, None)
 
 
-def _false_ball(p: Passage) -> Observation:
+def _false_ball(p: FaultContext) -> Observation:
     rng = np.random.default_rng(p.fault.seed)  # the same place in all samples
     radius = p.maze.track_radius(1 + int(rng.integers(len(p.maze.rings) - 1)))
     angle = float(rng.uniform(-math.pi, math.pi))
     return p.with_ball(radius * math.cos(angle), radius * math.sin(angle))
 
 
-def _drift(p: Passage) -> Observation:
+def _drift(p: FaultContext) -> Observation:
     fault, sign = p.fault, 1.0 if p.fault.seed % 2 else -1.0
     lasting = fault.until_s - fault.at_s
     share = (p.sample.t - fault.at_s) / lasting if math.isfinite(lasting) else min(1.0, p.sample.t - fault.at_s)
     return p.with_tilt(lambda angle: angle + sign * share * math.radians(fault.size))
 
 
-def _spikes(p: Passage) -> Observation:
+def _spikes(p: FaultContext) -> Observation:
     chance, side = p.rng.random(2)
     off = math.copysign(math.radians(p.fault.size), side - 0.5) if chance < SPIKES else 0.0
     return p.with_tilt(lambda angle: angle + off)
 
 
-def _tilt_frozen(p: Passage) -> Observation:
+def _tilt_frozen(p: FaultContext) -> Observation:
     then, axes = p.at(p.fault.at_s), p.fault.axes
     return replace(
         p.sample, beta=then.beta if 0 in axes else p.sample.beta, gamma=then.gamma if 1 in axes else p.sample.gamma
     )
 
 
-def _tilt_nan(p: Passage) -> Observation:
+def _tilt_nan(p: FaultContext) -> Observation:
     return p.with_tilt(lambda angle: math.nan)
 
 
-def _duplicated(p: Passage) -> Observation:
+def _duplicated(p: FaultContext) -> Observation:
     return p.past[-2] if len(p.past) > 1 and p.rng.random() < p.fault.size else p.sample
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from mazeplan.core.errors import MazeplanError, RigError
 from mazeplan.rigs.conformance import CheckResult
-from mazeplan.rigs.hardware.latency import MeasuredDelay, age, dead_time, swing
+from mazeplan.rigs.hardware.latency import MeasuredDelay, dead_time, picture_delay, swing
 from mazeplan.rigs.hardware.rig import SILENT_S, HardwareRig, NotSeen
-from mazeplan.rigs.hardware.tiltreadings import held
+from mazeplan.rigs.hardware.tiltreadings import hold_pulses
 from mazeplan.rigs.link.port import ports_found
 
 LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
@@ -117,10 +117,10 @@ class HardwareCheck:
         one = servo.beta if axis == "beta" else servo.gamma
         level = (servo.beta.level_us, servo.gamma.level_us)
         pulse = one.pulse(math.radians(TILT_DEG))
-        with held(board, level):
+        with hold_pulses(board, level):
             sleep(SETTLE_S)
             before = self._volts()
-        with held(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
+        with hold_pulses(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
             sleep(SETTLE_S)
             change = np.round(self._volts() - before, 2) + 0.0  # no -0.00
             text = f"{one.level_us:.0f} to {pulse:.0f} us: channel 0 {change[0]:+.2f} V, channel 1 {change[1]:+.2f} V"
@@ -283,5 +283,5 @@ def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
         raise NotSeen(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
     track = np.array(measured)
     command = dead_time(np.array(sent), np.array(u), track[:, 0], track[:, 1:])
-    camera = age(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])
+    camera = picture_delay(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])
     return Latencies(command, camera, float(np.median(host)))

@@ -3,8 +3,8 @@
     command to tilt    The plate follows gain times u through a second-order lag, after a dead time and, on average,
                        half a period of the servo pulses. An output-error fit finds these parameters from the tilt in
                        the board's reports. This model serves the measurement alone; it is not the planner's model.
-    tilt to pixels     The tilt in the pictures (by markers) equals the board's tilt `age` seconds earlier. The age is
-                       the shift with the smallest squared difference.
+    tilt to pixels     The tilt in the pictures (by markers) equals the board's tilt `picture_delay` seconds earlier. The
+                       delay is the shift with the smallest squared difference.
 
 The command of each axis is a sine plus small steps; the two axes step at different times. The steps separate a dead
 time from a slow servo. They are small, because a servo at its top speed would look late.
@@ -77,7 +77,11 @@ def dead_time(sent: Array, u: Array, measured: Array, tilt: Array) -> MeasuredDe
         out = []
         for axis in (0, 1):
             gain, wn, zeta, offset = p[1 + 4 * axis : 5 + 4 * axis]
-            out.append(np.interp(times - dead, grid, _answer(smooth[:, axis], wn, zeta)) * gain + offset - y[:, axis])
+            out.append(
+                np.interp(times - dead, grid, _second_order_response(smooth[:, axis], wn, zeta)) * gain
+                + offset
+                - y[:, axis]
+            )
         return np.concatenate(out)
 
     low = [0.0, *2 * (0.3, 4.0, 0.2, -0.2)]
@@ -89,13 +93,13 @@ def dead_time(sent: Array, u: Array, measured: Array, tilt: Array) -> MeasuredDe
     return MeasuredDelay(float(best.x[0]) + 0.5 * PULSE_S, math.sqrt(float(covariance[0, 0])), rms)
 
 
-def _answer(u: Array, wn: float, zeta: float) -> Array:
+def _second_order_response(u: Array, wn: float, zeta: float) -> Array:
     """Response of a second-order lag to u, which is constant within each step of the grid. It starts at rest, at 0."""
     discrete: Any = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
     return np.asarray(lfilter(np.ravel(discrete[0]), discrete[1], u))
 
 
-def age(seen_at: Array, seen: Array, measured: Array, tilt: Array) -> MeasuredDelay:
+def picture_delay(seen_at: Array, seen: Array, measured: Array, tilt: Array) -> MeasuredDelay:
     """Age of the pictures. Both times are by the same clock.
 
     seen_at (M,): times of the pictures, s.

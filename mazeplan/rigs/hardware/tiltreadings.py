@@ -34,11 +34,11 @@ def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]
     return [(b, g) for i, b in enumerate(beta) for g in (gamma if i % 2 == 0 else gamma[::-1])]
 
 
-class Enough(Exception):  # noqa: N818
+class StopReadings(Exception):  # noqa: N818
     """`ask` raises this to end the readings."""
 
 
-class Held:
+class PulseHolder:
     """Sends the same pulses again and again, until `end`."""
 
     def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
@@ -63,9 +63,9 @@ class Held:
 
 
 @contextmanager
-def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
+def hold_pulses(board: Board, pulses: tuple[float, float]) -> Iterator[PulseHolder]:
     """Hold the pulses inside the `with` block; at its end level the plate."""
-    holding = Held(board, pulses)
+    holding = PulseHolder(board, pulses)
     try:
         yield holding
     finally:
@@ -82,7 +82,7 @@ def take_readings(
       Enough.
     keep: called after each reading, with all readings so far."""
     readings: list[Reading] = []
-    with held(board, pulses[0]) as holding:
+    with hold_pulses(board, pulses[0]) as holding:
         for number, pair in enumerate(pulses, start=1):
             holding.pulses = pair
             sleep(SETTLE_S + AVERAGE_S)
@@ -92,7 +92,7 @@ def take_readings(
             latest = [r.volts for r in reports if r.received_s > reports[-1].received_s - AVERAGE_S]
             try:
                 tilt = ask(number, pair)
-            except Enough:
+            except StopReadings:
                 break
             if tilt is not None:
                 first, second = np.mean(latest, axis=0)

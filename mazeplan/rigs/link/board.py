@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from mazeplan.core.errors import RigError
 from mazeplan.rigs.link import messages
 from mazeplan.rigs.link.frames import Frame, FrameReader
-from mazeplan.rigs.link.handshake import Patience, connect
+from mazeplan.rigs.link.handshake import Timeouts, connect
 from mazeplan.rigs.link.messages import BoardClock, BoardEvent, Flag, Identity, ServoLimits, TiltReport
 
 if TYPE_CHECKING:
@@ -55,9 +55,9 @@ class Counts:
 class Board:
     """The board; see the module's docstring. Several threads may call its methods."""
 
-    def __init__(self, port: str, limits: ServoLimits, patience: Patience | None = None) -> None:
+    def __init__(self, port: str, limits: ServoLimits, timeouts: Timeouts | None = None) -> None:
         """Keeps the arguments, and opens nothing yet."""
-        self.port, self.limits, self.patience = port, limits, patience or Patience()
+        self.port, self.limits, self.timeouts = port, limits, timeouts or Timeouts()
         self.identity: Identity | None = None
         self.events: deque[BoardEvent] = deque(maxlen=EVENTS)
         self.counts = Counts()
@@ -81,11 +81,11 @@ class Board:
             raise RigError(f"{self.port}: is open already")
         self._closing.clear()
         self._failure = None
-        until = monotonic() + self.patience.answer_s
-        self._serial, self.identity = connect(self.port, self.limits, self.patience, until, self._closing)
+        until = monotonic() + self.timeouts.answer_s
+        self._serial, self.identity = connect(self.port, self.limits, self.timeouts, until, self._closing)
         self._thread = threading.Thread(target=self._read, name=f"board {self.port}", daemon=True)
         self._thread.start()
-        if self.wait_newer(None, self.patience.silence_s) is None:
+        if self.wait_newer(None, self.timeouts.silence_s) is None:
             self.close()
             raise RigError(f"{self.port}: the board answers, but sends no reports; unplug it and plug it in again")
         return self.identity
@@ -201,8 +201,8 @@ class Board:
             reports = [self._take(frame) for frame in frames]
             if any(reports):
                 heard = monotonic()
-            elif monotonic() - heard > self.patience.silence_s:
-                trouble = trouble or f"gave no report for {self.patience.silence_s:g} s"
+            elif monotonic() - heard > self.timeouts.silence_s:
+                trouble = trouble or f"gave no report for {self.timeouts.silence_s:g} s"
             if trouble is None:
                 continue
             if not self._reconnect(trouble):
@@ -256,10 +256,10 @@ class Board:
         """Open the port again within `reconnect_s`. Returns False if the board is lost."""
         self._drop_port()
         self.counts.lost += 1
-        until, last = monotonic() + self.patience.reconnect_s, ""
+        until, last = monotonic() + self.timeouts.reconnect_s, ""
         while monotonic() < until and not self._closing.is_set():
             try:
-                serial, self.identity = connect(self.port, self.limits, self.patience, until, self._closing)
+                serial, self.identity = connect(self.port, self.limits, self.timeouts, until, self._closing)
             except RigError as problem:
                 last = str(problem).removeprefix(f"{self.port}: ")
                 self._closing.wait(RETRY_S)
@@ -268,7 +268,7 @@ class Board:
                 self._serial = serial
             return True
         with self._news:
-            self._failure = f"{self.port}: {trouble} and did not come back in {self.patience.reconnect_s:g} s: {last}"
+            self._failure = f"{self.port}: {trouble} and did not come back in {self.timeouts.reconnect_s:g} s: {last}"
             self._news.notify_all()
         return False
 

@@ -25,7 +25,7 @@ FLASH = "`make firmware` builds build/firmware/mazeplan.hex, tools/firmware/Make
 
 
 @dataclass(frozen=True)
-class Patience:
+class Timeouts:
     """Time limits, s.
 
     answer_s: for the whole handshake when the board is opened.
@@ -42,7 +42,7 @@ class Patience:
 
 
 def connect(
-    name: str, limits: ServoLimits, patience: Patience, until: float, stop: threading.Event
+    name: str, limits: ServoLimits, timeouts: Timeouts, until: float, stop: threading.Event
 ) -> tuple[serial.Serial, Identity]:
     """Open the port, check the identity, send the limits. Raises RigError with the port and advice.
 
@@ -50,8 +50,8 @@ def connect(
     stop: when set, ends the attempt earlier."""
     port = open_port(name)
     try:
-        talk = _Talk(name, port, patience.again_s, until, stop)
-        talk.listen(patience.listen_s)
+        talk = _Talk(name, port, timeouts.again_s, until, stop)
+        talk.listen(timeouts.listen_s)
         identity = talk.identify()
         for axis, one in enumerate(limits.axes()):
             talk.set_limits(axis, one, identity)

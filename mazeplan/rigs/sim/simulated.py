@@ -19,7 +19,7 @@ from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForce
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
-from mazeplan.rigs.sim.surprise import answer, surprised
+from mazeplan.rigs.sim.surprise import drawn_surprise, surprised
 
 if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
@@ -54,7 +54,7 @@ class SimulatedRig:
     ) -> None:
         self.maze = maze
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
-        self.surprise = answer(given, maze)
+        self.surprise = drawn_surprise(given, maze)
         self.settings = self._at_first = surprised(given, maze)
         self.rate_hz, self.balls = self.settings.rate_hz, maze.balls
         if maze.balls > 1:

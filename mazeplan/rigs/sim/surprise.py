@@ -2,8 +2,8 @@
 
 `KINDS` lists the kinds, each with the name of the effect and the settings that it changes. With `surprise: drawn` the
 seed draws one of the first seven kinds. Seeds 0 to 6 draw each of the seven once, in random order; so do seeds 7 to 13.
-`surprise: KIND` names a kind; then the seed draws only direction and ring. `answer` gives the drawn effect with its
-true values.
+`surprise: KIND` names a kind; then the seed draws only direction and ring. `drawn_surprise` gives the drawn effect with
+its true values.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ KINDS: dict[str, SurpriseKind] = {
 
 
 @dataclass(frozen=True)
-class Answer:
+class SurpriseTruth:
     """A drawn surprise.
 
     kind: key of `KINDS`.
@@ -189,7 +189,7 @@ class Answer:
         return {"effect": self.effect, "parameters": self.parameters if ring is None else self.by_ring.get(ring, {})}
 
 
-def answer(settings: SimulatedSettings, maze: Maze) -> Answer | None:
+def drawn_surprise(settings: SimulatedSettings, maze: Maze) -> SurpriseTruth | None:
     """The surprise of the settings, or None."""
     if settings.surprise is None:
         return None
@@ -204,10 +204,10 @@ def answer(settings: SimulatedSettings, maze: Maze) -> Answer | None:
     changes = kind.changes(Draw(settings, maze, angle, ring)) if callable(kind.changes) else kind.changes
     after = true_by_ring(kind.effect, settings.model_copy(update=changes), maze)
     before = true_by_ring(kind.effect, settings, maze)
-    return Answer(name, kind.effect, changes, after, {n: values for n, values in before.items() if n in after})
+    return SurpriseTruth(name, kind.effect, changes, after, {n: values for n, values in before.items() if n in after})
 
 
 def surprised(settings: SimulatedSettings, maze: Maze) -> SimulatedSettings:
     """The settings with the changes of their surprise applied."""
-    drawn = answer(settings, maze)
+    drawn = drawn_surprise(settings, maze)
     return settings if drawn is None else settings.model_copy(update={**drawn.changes, "surprise": None})

@@ -25,10 +25,13 @@ from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.sim.gimbal import Gimbal
 
-NUDGE = 1e-3  # rad; a turn of a joint by this angle shows what the joint does to the plate
-AWRY = 0.02  # share of a nudge; a larger error is no rounding error
+PROBE_ANGLE = 1e-3  # rad; a turn of a joint by this angle shows what the joint does to the plate
+MAX_PROBE_ERROR = 0.02  # share of a nudge; a larger error is no rounding error
 ALIKE = 0.02  # relative difference allowed between the ball's radius in the model and in the map
-LYING_S, SUNK = 0.2, 0.5  # test of the floor: duration, s; share of its radius by which the ball may rise or sink
+LYING_S, MAX_DROP_SHARE = (
+    0.2,
+    0.5,
+)  # test of the floor: duration, s; share of its radius by which the ball may rise or sink
 FAST, SHARE = 0.6, 0.25  # speed that gravity alone gives a ball, m/s; share of its radius that it may go in a step
 OFF = 1e-6  # m, largest distance of the ball's sphere from the origin of its body
 WHOLE = 1e-6  # relative difference allowed between a number of steps and a whole number
@@ -143,16 +146,16 @@ class UserGimbal(Gimbal):
         axis = (self._names.beta, self._names.gamma)[i]
         self._pose((0.0, 0.0))
         level = self.drawn()
-        self._pose((NUDGE, 0.0) if i == 0 else (0.0, NUDGE))
+        self._pose((PROBE_ANGLE, 0.0) if i == 0 else (0.0, PROBE_ANGLE))
         turn = level.T @ self.drawn()
-        got = (-turn[2, 0] / NUDGE, turn[2, 1] / NUDGE)  # how far +x went down, +y up
-        joint, alone = shown(axis.joint), abs(got[1 - i]) < AWRY
-        if abs(got[i] - 1.0) < AWRY and alone:
+        got = (-turn[2, 0] / PROBE_ANGLE, turn[2, 1] / PROBE_ANGLE)  # how far +x went down, +y up
+        joint, alone = shown(axis.joint), abs(got[1 - i]) < MAX_PROBE_ERROR
+        if abs(got[i] - 1.0) < MAX_PROBE_ERROR and alone:
             return
-        if abs(got[i] + 1.0) < AWRY and alone:
+        if abs(got[i] + 1.0) < MAX_PROBE_ERROR and alone:
             does = "lifts the +x side" if i == 0 else "lowers the +y side"
             raise SettingsError(f"with this sign joint {joint} {does}; expected {-axis.sign}", key=f"{name}.sign")
-        if abs(abs(got[1 - i]) - 1.0) < AWRY and abs(got[i]) < AWRY:
+        if abs(abs(got[1 - i]) - 1.0) < MAX_PROBE_ERROR and abs(got[i]) < MAX_PROBE_ERROR:
             what = f"joint {joint} tilts the plate as {other} does; expected the other joint, or a turned frame"
             raise SettingsError(what, key=f"{name}.joint")
         about = "beta about y, " if i == 0 else "gamma about x, "
@@ -171,7 +174,7 @@ class UserGimbal(Gimbal):
                 return
             self.settle()
             above = float(self.drawn()[:, 2] @ self.place()) - radius
-            if not abs(above) < SUNK * radius:
+            if not abs(above) < MAX_DROP_SHARE * radius:
                 where = f"{1e3 * abs(above):.1f} mm {'above' if above > 0.0 else 'below'} it after {LYING_S:g} s"
                 what = f"a ball that is put on the floor in the middle of ring {ring.number} is {where}"
                 raise SettingsError(f"{what}; expected a floor at {self._names.floor_mm:g} mm", key="floor_mm")

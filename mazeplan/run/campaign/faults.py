@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import FailureKind, NavigationResult
-from mazeplan.rigs.faults.faulty import FaultyRig, Orders
+from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig
@@ -91,7 +91,7 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
     maze = campaign.maze()
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     goals = Goals(maze)
-    orders = Orders(close=goals.close)
+    orders = DriverHooks(close=goals.close)
     faulty = FaultyRig(make_rig(campaign.rig, maze, campaign.sense), maze, trial.draw(job.seed), orders)
     if any(kind.name == "observe_hangs" for kind in trial.kinds):
         rig: Rig = WatchedRig(faulty, BUSY_S)

@@ -34,7 +34,7 @@ from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.plugins import RIGS, Plugin, plugin
 from mazeplan.core.records import NavigationResult
-from mazeplan.core.user_modules import desks, user_module
+from mazeplan.core.user_modules import user_module, user_module_folders
 from mazeplan.learning.modelfile import is_packaged_model
 from mazeplan.maze.mapfile import find_map
 from mazeplan.rigs.files import read_rig_file
@@ -247,7 +247,7 @@ def _is_user_module(name: str) -> bool:
     installed = [Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "stdlib")]
     if path is None or any(path.is_relative_to(place) for place in (*installed, resources.PACKAGE)):
         return False
-    return any(path.is_relative_to(place) for place in desks())
+    return any(path.is_relative_to(place) for place in user_module_folders())
 
 
 def _imports(source: bytes, package: str) -> list[str]:

@@ -13,7 +13,7 @@ import pytest
 from scenes import MAZE, STANDARD, R, orange, overlooking, place, usual
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings, Why
+from mazeplan.rigs.camera.detector import BallDetector, DetectionOutcome, DetectorSettings
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.outline import Outline
@@ -29,7 +29,7 @@ def errors_mm(finder, shots):
     out = []
     for picture, ball, _, _ in shots:
         seen = finder.locate(picture)
-        assert seen.why is Why.FOUND, seen
+        assert seen.why is DetectionOutcome.FOUND, seen
         assert seen.x is not None
         assert seen.y is not None
         out.append(1000.0 * math.hypot(seen.x - ball[0], seen.y - ball[1]))
@@ -99,7 +99,7 @@ def test_no_ball():
     for _, beta, gamma in STANDARD[::2]:
         seen = finder.locate(eye.render(None, beta, gamma, rng))
         assert (seen.x, seen.y) == (None, None)
-        assert seen.why in (Why.NO_BALL, Why.UNSURE)
+        assert seen.why in (DetectionOutcome.NO_BALL, DetectionOutcome.UNSURE)
         assert seen.confidence == 0.0
         assert seen.beta is not None
 
@@ -111,7 +111,7 @@ def test_two_balls_are_none():
         seen = finder.locate(picture)
         assert seen.x is None
         words[seen.why] += 1
-    assert words[Why.TWO] >= 6
+    assert words[DetectionOutcome.TWO] >= 6
 
 
 def test_dark():
@@ -121,7 +121,7 @@ def test_dark():
             place(1, 20.0), 0.0, 0.0, np.random.default_rng(0)
         )
         seen = finder.locate(picture)
-        assert (seen.x, seen.why) == (None, Why.DARK)
+        assert (seen.x, seen.why) == (None, DetectionOutcome.DARK)
 
 
 def veiled(picture, at, radius=12.0, strength=0.9):
@@ -182,7 +182,7 @@ def test_without_markers_the_tilt_is_taken_as_told():
     blind = BallDetector(MAZE, FOUND, finder.background, None)
     ball, beta, gamma = STANDARD[1]
     picture = eye.render(ball, beta, gamma, np.random.default_rng(0))
-    assert blind.locate(picture).why is Why.NO_MARKERS
+    assert blind.locate(picture).why is DetectionOutcome.NO_MARKERS
     seen = blind.locate(picture, (beta, gamma))
     assert seen.beta is None
     assert seen.x is not None
@@ -194,7 +194,7 @@ def test_a_camera_that_was_pushed_says_so():
     pushed = overlooking(Look()).render(place(2, 30.0), 0.0, 0.0, np.random.default_rng(0))
     pushed = np.roll(pushed, 6, axis=1)
     pushed = cv2.warpAffine(pushed, cv2.getRotationMatrix2D((320, 240), 1.5, 1.0), (640, 480))
-    assert finder.locate(pushed).why is Why.MOVED
+    assert finder.locate(pushed).why is DetectionOutcome.MOVED
 
 
 def test_half_of_the_markers_are_enough():
@@ -235,7 +235,7 @@ def test_confidence_falls_with_what_is_hidden():
     assert clear.error is not None
     assert clear.error < 0.0001
     strict = BallDetector(MAZE, FOUND, finder.background, corner_markers(MAZE), DetectorSettings(clear=1.1))
-    assert strict.locate(eye.render(ball, 0.0, 0.0, rng)).why is Why.UNSURE
+    assert strict.locate(eye.render(ball, 0.0, 0.0, rng)).why is DetectionOutcome.UNSURE
 
 
 def spotted(picture, ball, beta, gamma, change):
@@ -266,8 +266,8 @@ def test_a_sharp_spot_of_a_balls_outline_is_none_unless_it_is_as_dark_as_a_ball(
     for ball, beta, gamma in STANDARD:
         picture = spotted(eye.render(None, beta, gamma, rng), ball, beta, gamma, change)
         seen = finder.locate(picture)
-        assert (seen.x, seen.why) == (None, Why.NO_BALL)
-        taken += careless.locate(picture).why is Why.FOUND
+        assert (seen.x, seen.why) == (None, DetectionOutcome.NO_BALL)
+        taken += careless.locate(picture).why is DetectionOutcome.FOUND
     assert taken >= 4
 
 
@@ -298,5 +298,5 @@ def test_a_larger_maze_is_seen_whole_too():
             ball = maze.track_radius(ring) * np.array([math.cos(angle), math.sin(angle), 0.0]) + [0.0, 0.0, R]
             picture = eye.render(ball, most * math.cos(angle), most * math.sin(angle), rng)
             seen = finder.locate(picture)
-            assert seen.why is Why.FOUND, (ring, k)
+            assert seen.why is DetectionOutcome.FOUND, (ring, k)
             assert math.hypot(seen.x - ball[0], seen.y - ball[1]) < 0.0006

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import Why
+from mazeplan.rigs.camera.detector import DetectionOutcome
 from mazeplan.rigs.camera.sensing import overhead
 from mazeplan.rigs.camera.tracks import MEMORY, REACH, Tracks
 from mazeplan.rigs.sim.simulated import SimulatedRig
@@ -37,7 +37,7 @@ def test_both_are_found_in_one_picture(eye, places):
     assert len(found) == 2
     for ball in balls:
         assert min(math.dist((seen.x, seen.y), ball[:2]) for seen in found) < 0.0004
-    assert finder.locate(picture).why is Why.TWO  # for one ball they are no result, as before
+    assert finder.locate(picture).why is DetectionOutcome.TWO  # for one ball they are no result, as before
 
 
 def test_no_more_are_found_than_there_are(eye):

@@ -21,7 +21,7 @@ from mazeplan.core.errors import RigError
 from mazeplan.rigs.emulation.chip import EmulatedChip, built
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import FrameReader, encode
-from mazeplan.rigs.link.handshake import Patience
+from mazeplan.rigs.link.handshake import Timeouts
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 
 __all__ = ["chip"]
@@ -29,7 +29,7 @@ __all__ = ["chip"]
 BETA, GAMMA = AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)
 LIMITS = ServoLimits(BETA, GAMMA)
 LEVEL = (BETA.level_us, GAMMA.level_us)
-QUICK = Patience(silence_s=0.4, reconnect_s=2.0)
+QUICK = Timeouts(silence_s=0.4, reconnect_s=2.0)
 HARD = (800.0, 2200.0)
 
 COMMANDER = """
@@ -244,7 +244,7 @@ def test_unplugged_and_plugged_in_again(chip):
 
 
 def test_unplugged_for_good_is_a_rig_error_with_the_port(chip):
-    board = Board(chip.port, LIMITS, Patience(silence_s=0.3, reconnect_s=0.5))
+    board = Board(chip.port, LIMITS, Timeouts(silence_s=0.3, reconnect_s=0.5))
     board.open()
     chip.order("unplug")
     with pytest.raises(RigError, match=f"^{chip.port}: was lost .*no such port; plug the board in"):
@@ -253,7 +253,7 @@ def test_unplugged_for_good_is_a_rig_error_with_the_port(chip):
 
 
 def test_a_port_that_is_there_but_dead_is_a_rig_error(chip):
-    board = Board(chip.port, LIMITS, Patience(silence_s=0.3, reconnect_s=0.5))
+    board = Board(chip.port, LIMITS, Timeouts(silence_s=0.3, reconnect_s=0.5))
     board.open()
     chip.order("hold")
     with pytest.raises(RigError, match=r"gave no report for 0.3 s and did not come back in 0.5 s"):
@@ -285,7 +285,7 @@ def test_a_board_that_restarts_into_its_boot_loader_is_left_alone_until_it_is_ba
 
 def test_a_boot_loader_that_stays_while_it_is_spoken_to_is_left_alone(chip):
     chip.order("reset 700")
-    with Board(chip.port, LIMITS, Patience(again_s=0.1)) as board:
+    with Board(chip.port, LIMITS, Timeouts(again_s=0.1)) as board:
         reach(chip, board, 1650, 1350)
         assert board.connected
 

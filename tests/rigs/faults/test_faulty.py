@@ -13,7 +13,7 @@ import pytest
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.faults.faulty import FaultyRig, Orders
+from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import Drawn, Entry, FaultTrial, every_kind
 from mazeplan.rigs.interface import Rig
@@ -273,7 +273,7 @@ def test_a_rig_that_cannot_be_broken_is_refused():
 
 def test_openings_are_closed_by_order_and_the_one_that_is_next_is_meant():
     closed = []
-    orders = Orders(lambda: "2-3@180", closed.append)
+    orders = DriverHooks(lambda: "2-3@180", closed.append)
     rig = outer(drawn("opening_closed"), orders=orders)
     for _ in range(30):
         rig.observe()

@@ -13,7 +13,7 @@ import pytest
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import Sighting, Why
+from mazeplan.rigs.camera.detector import DetectionOutcome, Sighting
 from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack
@@ -91,8 +91,8 @@ class Detector:
     def locate(self, image, tilt=None):
         self.tilt = tilt
         if self.ball is None:
-            return Sighting(None, None, 0.0, Why.NO_BALL)
-        return Sighting(*self.ball, 1.0, Why.FOUND)
+            return Sighting(None, None, 0.0, DetectionOutcome.NO_BALL)
+        return Sighting(*self.ball, 1.0, DetectionOutcome.FOUND)
 
 
 def made(**camera):
@@ -182,7 +182,7 @@ def test_reset_waits_for_a_ball_at_rest_in_the_ring(table, ball):
         parts.track = TiltTrack(DiodeSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
     if ball == "rolling":
         places = ((RING1 * math.cos(0.05 * k), RING1 * math.sin(0.05 * k)) for k in itertools.count())
-        parts.detector.locate = lambda image, tilt=None: Sighting(*next(places), 1.0, Why.FOUND)
+        parts.detector.locate = lambda image, tilt=None: Sighting(*next(places), 1.0, DetectionOutcome.FOUND)
     elif not isinstance(ball, str):
         parts.detector.ball = ball
     what = r"[1-9]\d* pictures 0 showed one, \d+ no ball" if ball is None else r"[1-9]\d* pictures [1-9]\d* showed one"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.hardware.latency import age, dead_time, swing
+from mazeplan.rigs.hardware.latency import dead_time, picture_delay, swing
 
 LIMIT = load_map("cme").tilt_limit
 
@@ -62,7 +62,7 @@ def test_the_age_of_pictures_though_some_markers_are_read_wrong(late):
         seen_at.append(t)
         there = [np.interp(t - late, told, tilt[:, axis]) for axis in (0, 1)]
         seen.append(1.02 * np.array(there) + 0.003 + rng.normal(0.0, 1e-3, 2) + (0.1 if k % 40 == 0 else 0.0))
-    found = age(np.array(seen_at), np.array(seen), told, tilt)
+    found = picture_delay(np.array(seen_at), np.array(seen), told, tilt)
     assert found.seconds == pytest.approx(late, abs=2e-3)
     assert found.stderr < 1e-3
 

@@ -15,11 +15,11 @@ from test_frames import damaged_stream
 from mazeplan.core.errors import RigError
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import encode
-from mazeplan.rigs.link.handshake import Patience
+from mazeplan.rigs.link.handshake import Timeouts
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 from mazeplan.rigs.link.port import open_port
 
-SHORT = Patience(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+SHORT = Timeouts(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
 
 
 def refused(port, limits=LIMITS):
@@ -137,7 +137,7 @@ def test_answers_that_were_lost_are_asked_for_again():
 
 def test_a_flood_of_noise_between_frames_is_no_trouble():
     noise = bytes(np.random.default_rng(1).integers(0, 256, 2000).tolist())
-    with FakeBoard(noise=noise) as fake, Board(fake.port, LIMITS, Patience(silence_s=0.5)) as board:
+    with FakeBoard(noise=noise) as fake, Board(fake.port, LIMITS, Timeouts(silence_s=0.5)) as board:
         for _ in range(5):
             assert board.wait_confirmed(board.command(1500, 1500), 2.0) is not None
         assert board.counts.bad_frames > 0
@@ -145,7 +145,7 @@ def test_a_flood_of_noise_between_frames_is_no_trouble():
 
 def test_damaged_frames_raise_nothing_in_the_thread_that_reads():
     stream = damaged_stream(np.random.default_rng(2), 3000)
-    with FakeBoard() as fake, Board(fake.port, LIMITS, Patience(silence_s=0.5)) as board:
+    with FakeBoard() as fake, Board(fake.port, LIMITS, Timeouts(silence_s=0.5)) as board:
         for at in range(0, len(stream), 3000):
             fake.noise = stream[at : at + 3000]
             board.wait_newer(board.latest(), 1.0)

@@ -19,7 +19,7 @@ from mazeplan.rigs.sim.fleet import fits
 from mazeplan.rigs.sim.mjcf import mjcf
 from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
-from mazeplan.rigs.sim.surprise import DRAWN, KINDS, answer
+from mazeplan.rigs.sim.surprise import DRAWN, KINDS, drawn_surprise
 
 NO_KIND = dict.fromkeys(
     ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
@@ -43,7 +43,7 @@ def test_every_effect_of_the_package_is_in_a_kind_or_has_a_reason():
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_is_told_in_parameters_of_its_effect_and_within_their_bounds(name):
     for seed in range(5):
-        found = answer(settings_from({"surprise": name, "surprise_seed": seed}), MAZE)
+        found = drawn_surprise(settings_from({"surprise": name, "surprise_seed": seed}), MAZE)
         assert found is not None
         assert (found.kind, found.effect) == (name, KINDS[name].effect)
         assert found.by_ring
@@ -77,7 +77,7 @@ def test_the_page_about_rigs_has_every_kind_with_its_effect_and_keys_that_exist(
     assert told == {name: kind.effect for name, kind in KINDS.items()}
     keys = {key for row in rows for key in re.findall(r"`(\w+)", row[2])}
     assert keys <= SimulatedSettings.model_fields.keys()
-    changed = {key for name in KINDS for key in answer(settings_from({"surprise": name}), MAZE).changes}  # pyright: ignore
+    changed = {key for name in KINDS for key in drawn_surprise(settings_from({"surprise": name}), MAZE).changes}  # pyright: ignore
     assert changed <= keys
 
 

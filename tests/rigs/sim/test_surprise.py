@@ -12,7 +12,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig, rig_label, with_seed
 from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
-from mazeplan.rigs.sim.surprise import DRAWN, answer
+from mazeplan.rigs.sim.surprise import DRAWN, drawn_surprise
 
 MAZE = load_map("cme")
 
@@ -60,7 +60,7 @@ def test_a_kind_is_asked_for_by_name():
 def test_a_rig_without_a_surprise_takes_no_seed():
     with pytest.raises(SettingsError, match=r"got rig 'toy@3', but toy has no surprise; expected toy$"):
         make_rig("toy@3", MAZE)
-    assert answer(settings_from({}), MAZE) is None
+    assert drawn_surprise(settings_from({}), MAZE) is None
 
 
 def test_a_hollow_ball_rolls_slower():

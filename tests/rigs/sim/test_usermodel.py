@@ -14,7 +14,7 @@ from pages import ROOT
 from mazeplan import check_rig, navigate
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.faults.faulty import FaultyRig, impossible
+from mazeplan.rigs.faults.faulty import FaultyRig, unsupported_faults
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import Drawn
 from mazeplan.rigs.registry import make_rig
@@ -186,8 +186,8 @@ def test_an_opening_that_nothing_can_fill_is_refused(made):
     for name in ("gate_blocked", "gates_blocked"):
         with pytest.raises(SettingsError, match=f"{name}: this rig cannot do that"):
             FaultyRig(rig, MAZE, [Drawn(KINDS[name], 1.0, 2.0, 0.0, (0,), 3)])
-    assert impossible(rig) == {"gate_blocked", "gates_blocked"}
-    assert impossible(make_rig("toy", MAZE)) == set()
+    assert unsupported_faults(rig) == {"gate_blocked", "gates_blocked"}
+    assert unsupported_faults(make_rig("toy", MAZE)) == set()
 
 
 def test_a_model_that_goes_wild_is_a_failure_of_the_rig(made, tmp_path, monkeypatch):
