@@ -3,8 +3,8 @@
     command to tilt    The plate follows gain times u through a second-order lag, after a dead time and, on average,
                        half a period of the servo pulses. An output-error fit finds these parameters from the tilt in
                        the board's reports. This model serves the measurement alone; it is not the planner's model.
-    tilt to pixels     The tilt in the pictures (by markers) equals the board's tilt `picture_delay` seconds earlier. The
-                       delay is the shift with the smallest squared difference.
+    tilt to pixels     The tilt in the pictures (by markers) equals the board's tilt `picture_delay` seconds earlier.
+                       The delay is the shift with the smallest squared difference.
 
 The command of each axis is a sine plus small steps; the two axes step at different times. The steps separate a dead
 time from a slow servo. They are small, because a servo at its top speed would look late.
