@@ -39,9 +39,8 @@ SEARCH_STEP = {"offset_x": 1e-3, "offset_y": 1e-3, "scale": 1e-2, "distortion": 
 GRID, SPARSE = (-5.0, -3.0, -1.5, 0.0, 1.5, 3.0, 5.0), 4  # start values, in steps; every fourth sample judges them
 TRIED = 3  # points of the grid at which a search starts
 LEAST = 0.05  # minimum share of samples in a ring, and at each of its walls
-MIN_GAIN_PER_SAMPLE = (
-    0.05  # minimum gain of log likelihood a sample, for a camera with more numbers or far from the known one
-)
+# minimum gain of log likelihood a sample, for a camera with more numbers or far from the known one
+MIN_GAIN_PER_SAMPLE = 0.05
 BLOCK_S, SURE = 2.0, 5.0  # s, block of correlated samples; minimum change, in standard errors
 SHIFT = ("offset_x", "offset_y")
 EFFECTS = (rig.camera_offset, rig.camera_scale, rig.lens_distortion)

@@ -47,16 +47,9 @@ PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD = 6000  # pictures
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
-RESCALE_FACTORS = (
-    0.8,
-    0.9,
-    0.95,
-    1.05,
-    1.12,
-    1.25,
-    1.5,
-)  # factors by which a leap moves all numbers away from the reference
-MAX_RESCALES = 3  # maximum number of leaps
+# a rescale moves all numbers away from the reference by one of these factors
+RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
+MAX_RESCALES = 3
 
 
 @dataclass(frozen=True)
