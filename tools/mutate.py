@@ -125,8 +125,8 @@ def _code(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def files_for(file: str) -> list[str]:
-    """Files of tests for a module: those that import it, then those that import what imports it, and so on; among
-    equals those of its room first, then those that name most of what it defines."""
+    """Files of tests for a module: the one of its name and those that import it, then those that import what imports
+    it, and so on; among equals those of its room first, then those that name most of what it defines."""
     module, room = _module(ROOT / file), file.split("/")[1]
     body = ast.parse((ROOT / file).read_text(encoding="utf-8")).body
     names = [n.name for n in body if isinstance(n, ast.ClassDef | ast.FunctionDef) and not n.name.startswith("_")]
@@ -137,7 +137,8 @@ def files_for(file: str) -> list[str]:
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         if path.name in LEFT_OUT:
             continue
-        far = min((steps[name] for name in _imports(path) if name in steps), default=None)
+        own = path.stem == f"test_{module.rpartition('.')[2]}"
+        far = 0 if own else min((steps[name] for name in _imports(path) if name in steps), default=None)
         if far is not None:
             near = any(folder in path.parents for folder in rooms)
             found[path] = (far, not near, -len(words.findall(path.read_text(encoding="utf-8"))))

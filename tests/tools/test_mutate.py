@@ -78,11 +78,13 @@ def test_files_of_tests_are_sorted_by_the_imports_between_them_and_the_module(mo
         "test_far": "from mazeplan.core.far import g\n",
         "run/test_itself": "import mazeplan.core.small\n",
         "test_near": "from mazeplan.core.near import f\n",
+        "test_small": "from helpers import bench\n",
         "test_of_something_else": "from mazeplan.core.records import State\n",
     }.items():
         (tests / f"{name}.py").write_text(text)
     assert files_for("mazeplan/core/small.py") == [
         "tests/run/test_itself.py",
+        "tests/test_small.py",
         "tests/test_near.py",
         "tests/test_far.py",
     ]
