@@ -176,7 +176,7 @@ def draw_model(
     """theta_dd (B,) of `count` draws of a model, for B states in as many groups, one after the other.
 
     centre:             its mean is the mean of the draws of a Gaussian process
-    repeats:            scales the covariance of a linear fit, see `fitting.repetition`
+    repeats:            scales the covariance of a linear fit, see `fitting.correlation_time`
     device, precision:  for the sum over rows
 
     Models of other kinds have no uncertainty."""

@@ -198,7 +198,7 @@ class RingScores:
     confidence:        `Confidence.document` by kind
     blocks:            number of blocks of time with test rows, and with windows
     best:              None with fewer than two kinds of roll-outs
-    carried:           see `comparison.carried_over`"""
+    carried:           see `comparison.drift_scores`"""
 
     ring: int
     n_train: int

@@ -104,7 +104,7 @@ class RunRecorder:
 
         status: of the tree
         ms: duration of the tick without this recording
-        cut_off: searches that a deadline ended, as `Stopwatch.taken` gives them
+        cut_off: searches that a deadline ended, as `Stopwatch.pop_cuts` gives them
         doubts: words of `records.Doubt` for this sample
         """
         self._tick_ms.append(ms)

@@ -127,7 +127,7 @@ class BodyEstimator(Estimator):
         self._roll(z, self._motions, start, end)
 
     def predict_queued(self, z: Array, start: float, end: float) -> None:
-        """See `Estimator.foresee`."""
+        """See `Estimator.predict_queued`."""
         if end <= start + 1e-9:
             return
         plate = [z[4:6], z[6:8]]

@@ -5,9 +5,9 @@
     number = board.command(1510.0, 1490.0)  # us; again at least every 200 ms, or the board levels the plate
     board.wait_newer(board.latest(), 0.1)   # the next TiltReport
 
-A thread reads from the port. If the port is lost, or silent for `Patience.silence_s`, the thread opens the port again,
+A thread reads from the port. If the port is lost, or silent for `Timeouts.silence_s`, the thread opens the port again,
 checks the board's identity and sends the limits. Commands during this time are lost, and the board levels the plate.
-After `Patience.reconnect_s` without success the board counts as lost: every call raises RigError, with the port and
+After `Timeouts.reconnect_s` without success the board counts as lost: every call raises RigError, with the port and
 advice.
 """
 
