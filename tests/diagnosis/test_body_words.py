@@ -46,7 +46,7 @@ def test_it_says_what_differs_how_sure_that_is_and_what_it_does():
     assert where == sorted(where)
 
 
-@pytest.mark.parametrize(("likelier", "word"), [(9.0, "certain"), (5.0, "sure"), (3.0, "likely")])
+@pytest.mark.parametrize(("z_score", "word"), [(9.0, "certain"), (5.0, "sure"), (3.0, "likely")])
 def test_a_word_stands_for_how_sure_it_is(z_score, word):
     assert f"The finding is {word}:" in sentence(done(FRICTION, z_score=z_score))
 

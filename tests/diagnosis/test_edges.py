@@ -164,6 +164,6 @@ def test_an_opening_stands_at_its_place_in_the_map_and_is_turned_with_it():
     (same, edges) = closer_library(Openings(inner=(1.0, 2.5)))
     for c, values in ((same, (0.2, 0.5, 0.03)), (edges, (0.2, 0.5, 0.1, 0.4))):
         problem, p = system.build([c], {c.name: dict(zip(c.parameters, values, strict=True))})
-        assert problem.beside.tolist() == [1.0, 2.5]
+        assert problem.opening_offsets.tolist() == [1.0, 2.5]
         for _, _, place in problem.openings:
             assert p[place : place + len(values)].tolist() == list(values)

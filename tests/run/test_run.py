@@ -117,7 +117,7 @@ def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
     class Counting:
         asked: ClassVar[list[float]] = []
 
-        def better(self, state, opening, towards):
+        def improved_command(self, state, opening, towards):
             self.asked.append(run.context.now)
 
     rig.mishap, run.context.rollout = plug, Counting()
