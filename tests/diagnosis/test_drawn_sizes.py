@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 DRAWN = settings(deadline=None, derandomize=True, database=None)
 
 
-@settings(DRAWN, max_examples=6)
+@settings(DRAWN, max_examples=4)
 @given(
     name=st.sampled_from(bench_plant.NAMES),
     size=st.floats(1.0, 10.0),
@@ -29,7 +29,7 @@ def test_an_effect_of_any_size_is_named(name: str, size: float, ring: str, seed:
     assert not far, (far, found.sentence)
 
 
-@settings(DRAWN, max_examples=3)
+@settings(DRAWN, max_examples=2)
 @given(
     ring=st.sampled_from(sorted(bench_plant.RADII)),
     seed=st.integers(1000, 2000),
