@@ -73,6 +73,7 @@ def test_pages_load_nothing_from_elsewhere(site):
         assert not loaded, script.name
 
 
+@pytest.mark.slow
 def test_the_reference_has_all_public_names(site):
     text = (site / "reference.html").read_text(encoding="utf-8")
     missing = [name for name in mazeplan.__all__ if not re.search(rf'id="mazeplan\.[\w.]*\b{name}"', text)]

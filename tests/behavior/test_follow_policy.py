@@ -125,6 +125,7 @@ def test_without_a_policy_it_is_a_mistake_of_the_tree():
 # -- the packaged tree ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_tree_goes_by_the_policy_all_the_way_and_never_plans():
     record = run_tree("policy", policy=hand_made()).reaches(within=20.0).visits("FollowPolicy", "Settle")
     record.never("Track", "Recover")

@@ -58,6 +58,7 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     assert "theta" not in page
 
 
+@pytest.mark.slow
 def test_the_sentence(diagnose, log):
     code, out, err = diagnose(log, *FRICTION)
     assert (code, err) == (0, "")

@@ -61,6 +61,7 @@ def test_the_errors_of_a_whole_rig_on_a_test_record_are_told_in_degrees():
     assert lines_of_test(words_on_test(done)) == []
 
 
+@pytest.mark.slow
 def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagnose, log, tmp_path):
     further = tmp_path / "further.csv"
     further.write_text(log.read_text().rpartition("\n")[0])

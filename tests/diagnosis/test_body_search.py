@@ -96,6 +96,7 @@ def test_names_of_the_registry_have_its_units():
     assert told["rings"]["2"]["after"]["coefficient"] == pytest.approx(2.0 * c["value"])
 
 
+@pytest.mark.slow
 def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     model = RigModel.nominal(MAZE)
     found = searched(plainball.Toy(c=0.18), lost=0.2)

@@ -66,6 +66,7 @@ def test_a_wrong_body_leaves_a_memory_behind(seen):
     assert max(autocorrelation(seen.body.run(wrong))) > 2.0 * WHITE
 
 
+@pytest.mark.slow
 def test_innovations_are_remembered_for_the_same_numbers_alone(seen):
     body = BodyFilter(seen.body.pictures, seen.body.plate, seen.body.walls)
     model, rounded = seen.fit.model, math.exp(math.log(seen.fit.value("noise")))

@@ -93,6 +93,7 @@ def test_the_delay_is_found_although_the_track_here_has_no_play(fitted):
     assert 0.0 < fitted.model.camera_delay_stderr < 0.02
 
 
+@pytest.mark.slow
 def test_the_stage_is_found(fitted):
     for axis in (fitted.model.stage.beta, fitted.model.stage.gamma):
         assert axis.gain == pytest.approx(1.0, abs=0.01)

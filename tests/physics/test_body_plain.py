@@ -62,6 +62,7 @@ def test_a_second_of_impacts_in_a_channel(wall, k):
     np.testing.assert_allclose(body[:, 4], plain[:, 4], atol=4e-3)
 
 
+@pytest.mark.slow
 def test_steps_as_long_as_the_filters_go_the_same_way():
     """1/150 s, from forty starts: after a third of a second most are within a fraction of the camera's noise."""
     off, rng = [], np.random.default_rng(2)

@@ -96,6 +96,7 @@ def test_a_tour_places_the_ball_once_and_logs_all_in_one_segment(tour):
     assert np.array_equal(np.stack([table["u_beta"], table["u_gamma"]], axis=1), np.array(rig.commands))
 
 
+@pytest.mark.slow
 def test_a_tour_gives_each_ring_its_share(tour):
     _, done, _, table = tour
     channels = [done.ring_s[ring] for ring in RINGS[:-1]]
