@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 LEAST = 0.6  # minimum similarity of a guess: difflib's ratio, 1 for the same name
 MOST = 200  # maximum number of names for a guess; with more, a guess takes too long
@@ -30,3 +31,10 @@ def one_of(names: Iterable[str], got: object = None, more: str = "") -> str:
     more: what else is allowed, such as ", or a file"; it comes before the guess."""
     known = list(names)
     return f"one of {', '.join(known) or 'none'}{more}{guess(got, known)}"
+
+
+def unknown_keys_first(errors: Sequence[Any]) -> list[Any]:
+    """The errors of a pydantic ValidationError, in another order: unknown keys come first where the same section lacks
+    a key. A misspelled key causes both errors; only its name shows the mistake."""
+    lacking = {error["loc"][:-1] for error in errors if error["type"] == "missing"}
+    return sorted(errors, key=lambda e: not (e["type"] == "extra_forbidden" and e["loc"][:-1] in lacking))

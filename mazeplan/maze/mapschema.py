@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from mazeplan.core.field_checks import unit_hint, unit_of
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.name_hints import one_of, unknown_keys_first
 from mazeplan.maze.yamltree import Key, shown
 
 NAME_PATTERN = r"^[A-Za-z0-9_.@+-][A-Za-z0-9_.@+ -]{0,39}$"
@@ -100,7 +100,7 @@ _TYPES = {
 
 def complaints(error: ValidationError) -> list[tuple[Key, str]]:
     """The errors that pydantic found, as (key path, "got X, expected Y") pairs."""
-    return [(tuple(item["loc"]), _sentence(item)) for item in error.errors(include_url=False)]
+    return [(tuple(item["loc"]), _sentence(item)) for item in unknown_keys_first(error.errors(include_url=False))]
 
 
 def _sentence(item: Any) -> str:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import unit_hint, unit_of
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.name_hints import one_of, unknown_keys_first
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1  # also the format of a file without the key `format`
@@ -80,7 +80,9 @@ def validated(
     try:
         return kind.model_validate(as_tuples(data))
     except ValidationError as problem:
-        raise placed(mistake(kind, problem.errors()[0], within), data if source is None else source) from None
+        raise placed(
+            mistake(kind, unknown_keys_first(problem.errors())[0], within), data if source is None else source
+        ) from None
 
 
 def mistake(kind: type[BaseModel], error: Any, within: Key = ()) -> SettingsError:

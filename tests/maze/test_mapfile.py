@@ -106,6 +106,7 @@ OPENING = "  - {rings: [1, 2], angle_deg: 45, width_mm: 15.3}"
         (ANGLE, "angle_deg: 45, width_mm: 12.7", "openings[0].width_mm", "got 12.7, expected more than the ball's"),
         (ANGLE, "angle_deg: 45, width_mm: 155", "openings[0].width_mm", "got 155, expected less than 152.98"),
         (ANGLE, "angle_deg: 45", "openings[0].width_mm", "missing, expected 2 <= width_mm <= 1000"),
+        (ANGLE, "angel_deg: 45, width_mm: 15", "openings[0].angel_deg", "unknown key, expected one of"),
         (ANGLE, ANGLE + ", colour: red", "openings[0].colour", "unknown key, expected one of rings, angle_deg"),
         (ANGLE, ANGLE + ", closed: yes", "openings[0].closed", "got 'yes', expected true or false"),
         (ANGLE, ANGLE + ", name: 5", "openings[0].name", "got 5, expected text"),

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.name_hints import one_of, unknown_keys_first
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
 from mazeplan.rigs.files import RigSection
@@ -158,7 +158,7 @@ class _Reader:
         try:
             return kind.model_validate(values)
         except ValidationError as problem:
-            first = problem.errors()[0]
+            first = unknown_keys_first(problem.errors())[0]
             at: Key = (*key, *first["loc"])
             if first["type"] == "extra_forbidden":
                 raise self.error(f"unknown key, expected {one_of(kind.model_fields, at[-1])}", at) from None
