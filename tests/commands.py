@@ -18,7 +18,6 @@ def call(
 ) -> tuple[int, str, str]:
     """Exit status, stdout and stderr of `mazeplan` with these arguments; terminal: stderr is taken for one."""
     monkeypatch.setattr("mazeplan.apps.cli.progress.is_terminal", lambda stream: terminal)
-    monkeypatch.setattr("mazeplan.apps.cli.progress.COMPILING_S", 1e6)  # s; any test may be the first to compile
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
     try:

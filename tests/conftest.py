@@ -56,6 +56,12 @@ def recorded(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
+def _compiling_is_not_reported(monkeypatch):
+    """Any test may be the first to compile, also before its command begins."""
+    monkeypatch.setattr("mazeplan.apps.cli.progress.COMPILING_S", 1e6)  # s
+
+
+@pytest.fixture(autouse=True)
 def _effects_of_this_test_alone():
     """Effects that a test registers are forgotten behind it."""
     from mazeplan.physics import registry
