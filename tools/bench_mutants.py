@@ -7,12 +7,13 @@ from collections import Counter
 from mutate import LIMIT_S, OUTPUT, described, results
 
 SEED = 1
+WORKERS = 2
 
 
 def mutants_section(quick: bool) -> list[str]:
     """Rows in Markdown: what became of the faults, then each one that no test noticed."""
     count = 3 if quick else 100
-    found, _ = results(count, SEED, [], OUTPUT, slow=True)
+    found, _ = results(count, SEED, [], OUTPUT, slow=True, workers=WORKERS)
     became = Counter(what for _, what in found)
     rows = [
         "## Faults put into the code on purpose",

@@ -1,11 +1,12 @@
 """Faults put into the core on purpose: which of them does no test notice?
 
-    python tools/mutate.py --count 100 --seed 1 [--slow] [--only mazeplan/behavior] [-o build/mutants.jsonl]
+    python tools/mutate.py --count 100 --seed 1 [--slow] [--workers 2] [--only mazeplan/behavior]
 
-Each fault is one small change of the code: < for <=, + for -, and for or, another number. The tests of the changed
-module run on a copy of the repository: those of `make test`, in the files nearest to it by imports. With --slow, the
-slow tests of these files then try what has survived. A fault that no test notices is a survivor: a test is missing, or
-the change means nothing. The file has one line for each fault; a second call goes on where the first one stopped.
+Each fault is one small change of the code: < for <=, + for -, and for or, another number. The tests of `make test` that
+run the changed line try to notice it, on a copy of the repository; `python tools/reached.py` finds these tests first.
+Where no test is known to run the line, those in the files nearest to the module by imports do. With --slow, slow tests
+then try what has survived. A fault that no test notices is a survivor: a test is missing, or the change means nothing.
+The file has one line for each fault; a second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -22,10 +23,15 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from queue import SimpleQueue
+
+import reached
+from reached import FAST, SLOW, Reached, statement
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ("behavior", "control", "core", "diagnosis", "learning", "maze", "physics", "run")
@@ -35,7 +41,6 @@ TESTS = {
     "run": ("run",),
 }  # rooms of other names
 OUTPUT = ROOT / "build" / "mutants.jsonl"
-FAST, SLOW = "not slow and not realtime", "slow and not realtime"  # tests, by marker
 LIMIT_S = 420.0  # of the tests of one fault
 TOO_LONG = ["a test that took too long"]
 MOST_FILES = 12  # files of tests for one fault
@@ -177,10 +182,17 @@ def _imports(path: Path) -> frozenset[str]:
     return frozenset(name for name in found if name.split(".")[0] == "mazeplan")
 
 
+def chosen_tests(fault: Fault, stage: str) -> list[str]:
+    """Tests that may notice a fault: those that run its line, where this is known, else files near to the module."""
+    path = reached.OUTPUT if stage == FAST else reached.OUTPUT_SLOW
+    lines = statement((ROOT / fault.file).read_text(encoding="utf-8"), fault.line)
+    return (Reached.of(path).tests(fault.file, *lines) if path.exists() else []) or files_for(fault.file)
+
+
 def noticed(fault: Fault, copy: Path, broken: set[str], stage: str = FAST) -> str:
     """What became of a fault in a copy of the repository: noticed, survived, out of time, or no tests. broken: tests
     that fail without any fault too; they are left out, and those that are found are added."""
-    tests = files_for(fault.file)
+    tests = chosen_tests(fault, stage)
     if not tests:
         return "no tests"
     with tempfile.TemporaryDirectory() as compiled:
@@ -245,30 +257,35 @@ def drawn(count: int, seed: int, only: list[str]) -> list[Fault]:
 
 
 def results(
-    count: int, seed: int, only: list[str], output: Path, slow: bool = False
+    count: int, seed: int, only: list[str], output: Path, slow: bool = False, workers: int = 1
 ) -> tuple[list[tuple[Fault, str]], set[str]]:
     """What became of each fault that is drawn, and the tests that fail without a fault. Each result is a line of
     `output`. slow: the slow tests try what the others let survive"""
     output.parent.mkdir(parents=True, exist_ok=True)
     lines = output.read_text().splitlines() if output.exists() else []
     known = {(d["file"], d["start"], d["after"], d["stage"]): d["became"] for d in map(json.loads, lines)}
-    found, broken = list[tuple[Fault, str]](), set[str]()
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "copy"
-        ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
-        shutil.copytree(ROOT, copy, ignore=ignored)
-        for fault in drawn(count, seed, only):
-            became = "survived"
-            for stage in (FAST, SLOW) if slow else (FAST,):
-                key = (fault.file, fault.start, fault.after, stage)
-                if became == "survived" and key not in known:
-                    known[key] = noticed(fault, copy, broken, stage)
-                    with output.open("a") as stream:
-                        stream.write(json.dumps({**asdict(fault), "stage": stage, "became": known[key]}) + "\n")
-                became = known.get(key, became)
-            found.append((fault, became))
-            if became != "noticed":
-                print(f"{became}: {described(fault)}", file=sys.stderr)
+    faults, broken, copies = drawn(count, seed, only), set[str](), SimpleQueue[Path]()
+
+    def became(fault: Fault) -> str:
+        what, copy = "survived", copies.get()
+        for stage in (FAST, SLOW) if slow else (FAST,):
+            key = (fault.file, fault.start, fault.after, stage)
+            if what == "survived" and key not in known:
+                known[key] = noticed(fault, copy, broken, stage)
+                with output.open("a") as stream:
+                    stream.write(json.dumps({**asdict(fault), "stage": stage, "became": known[key]}) + "\n")
+            what = known.get(key, what)
+        copies.put(copy)
+        if what != "noticed":
+            print(f"{what}: {described(fault)}", file=sys.stderr)
+        return what
+
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
+        for n in range(workers):
+            ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
+            shutil.copytree(ROOT, Path(folder) / str(n), ignore=ignored)
+            copies.put(Path(folder) / str(n))
+        found = list(zip(faults, pool.map(became, faults), strict=True))
     return found, broken
 
 
@@ -283,9 +300,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw (default 1)")
     parser.add_argument("--slow", action="store_true", help="let slow tests try what has survived, too")
     parser.add_argument("--only", nargs="+", default=[], help="folders or files to change (default: the core)")
+    parser.add_argument("--workers", type=int, default=1, help="faults at a time (default 1)")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
-    found, broken = results(options.count, options.seed, options.only, options.output, options.slow)
+    found, broken = results(options.count, options.seed, options.only, options.output, options.slow, options.workers)
     for fault, became in found:
         if became != "noticed":
             print(f"{became}: {described(fault)}")

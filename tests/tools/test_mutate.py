@@ -6,7 +6,9 @@ import ast
 
 import mutate
 import pytest
-from mutate import Fault, drawn, faults_in, files_for, main
+import reached
+from mutate import Fault, chosen_tests, drawn, faults_in, files_for, main
+from reached import FAST, SLOW, record
 
 SOURCE = """
 LIMIT: int = 3
@@ -22,6 +24,8 @@ def f(a, b):
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     monkeypatch.setattr(mutate, "ROOT", tmp_path)
+    monkeypatch.setattr(reached, "OUTPUT", tmp_path / "build" / "reached")
+    monkeypatch.setattr(reached, "OUTPUT_SLOW", tmp_path / "build" / "reached-slow")
     path = tmp_path / "mazeplan" / "core" / "small.py"
     path.parent.mkdir(parents=True)
     path.write_text(SOURCE)
@@ -106,3 +110,22 @@ def test_a_test_that_fails_without_a_fault_too_hides_none(module, monkeypatch, c
     assert "noticed 1" in told
     assert "survived 1" in told
     assert told.endswith("fail without a fault, too: tests/core/test_small.py::test_of_another_machine\n")
+
+
+@pytest.mark.slow
+def test_tests_that_run_the_changed_line_look_for_a_fault_and_no_others(module):
+    module.write_text("def f():\n    return (\n        1 + 2\n    )\n\n\ndef g():\n    return 3 * 4\n\n\nLIMIT = 5\n")
+    tests = module.parents[2] / "tests"
+    tests.mkdir()
+    (tests / "test_long.py").write_text(
+        "import time\nfrom mazeplan.core.small import f\n\n\ndef test_f():\n    time.sleep(0.3)\n    assert f() == 3\n"
+    )
+    (tests / "test_short.py").write_text(
+        "from mazeplan.core.small import f, g\ndef test_f():\n    assert f()\ndef test_g():\n    assert g() == 12\n"
+    )
+    record(FAST, reached.OUTPUT, module.parents[2], workers=1)
+    plus, times, limit = (next(f for f in faults_in(module) if f.before == before) for before in ("+", "*", "5"))
+    assert chosen_tests(plus, FAST) == ["tests/test_short.py::test_f", "tests/test_long.py::test_f"]
+    assert chosen_tests(times, FAST) == ["tests/test_short.py::test_g"]
+    assert chosen_tests(limit, FAST) == ["tests/test_short.py", "tests/test_long.py"]  # both import it
+    assert chosen_tests(plus, SLOW) == ["tests/test_short.py", "tests/test_long.py"]  # not recorded
