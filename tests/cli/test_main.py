@@ -124,7 +124,12 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
             "--kind: got 'magic', expected one of p, pi, np, sp, nn, spnn\n",
         ),
         (["calibrate", "tilt", "--grid", "99"], "--grid: got '99', expected a number <= 15\n"),
-        (["navigat"], "No such command 'navigat'"),
+        (["navigat"], "No such command 'navigat'. Did you mean 'navigate'?"),
+        (["log", "summary"], "No such command 'summary'; mazeplan log has info, export, replay\n"),
+        (["learn"], "Missing argument 'LOG'; for example: mazeplan learn runs/toy.mcap -o runs/model\n"),
+        (["navigate", "--time-limit", "0,5"], "--time-limit: got '0,5', expected a finite number > 0; write 0.5\n"),
+        (["navigate", "--start-angle=-1,25"], "expected a finite number of degrees; write -1.25\n"),
+        (["evaluate", "--runs", "3,5"], "--runs: got '3,5', expected a whole number\n"),
     ],
 )
 def test_an_error_names_the_option_and_its_value(refused, words, message):

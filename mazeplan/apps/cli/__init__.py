@@ -156,6 +156,11 @@ def _usage_message(error: Any, words: Sequence[str]) -> str:
         name = error.option_name.lstrip("-").upper()
         if name in (argument.metavar for argument in error.ctx.command.params if argument.opts[0][0] != "-"):
             return f"{text}: give the {name.lower()} without it: {error.ctx.info_name} {name}"
+    if text.startswith("No such command") and error.ctx is not None and "?" not in text:
+        names = ", ".join(error.ctx.command.list_commands(error.ctx))
+        return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
+    if text.startswith("Missing argument") and error.ctx is not None and error.ctx.command.epilog:
+        return f"{text.rstrip('.')}; for example: {error.ctx.command.epilog.splitlines()[0]}"
     shut = re.fullmatch(r"Invalid value for '(.*?)': \w+ '(.*)' is not readable\.", text)
     if shut is not None:
         option = f"{shut[1]}: " if shut[1].startswith("-") else ""
@@ -171,6 +176,12 @@ def _usage_message(error: Any, words: Sequence[str]) -> str:
         begins = next((kind for kind in EXPECTED if found[2].startswith(kind)), "")
         expected = EXPECTED.get(begins, "") + found[2].removeprefix(begins).partition(",")[0]
     return f"{found[1]}: got {value!r}, expected {expected}"
+
+
+def with_decimal_point(message: str) -> str:
+    """The message, and the number as it must be written if it has a decimal comma."""
+    comma = re.search(r"got '([-+]?\d*),(\d+)', expected a (?:finite )?number", message)
+    return f"{message}; write {comma[1]}.{comma[2]}" if comma else message
 
 
 def _option_values(words: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -199,15 +210,17 @@ def _run(received: list[int]) -> int:
     """Run the command and return its exit status. received: number of the signal that ended it, if any"""
     try:
         with short_warnings():
-            status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
+            # in standalone mode typer prints usage errors itself, over several lines
+            status = app(prog_name="mazeplan", standalone_mode=False)
     except MazeplanError as error:
         others = error.others if isinstance(error, InputError) else ()
-        return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
+        message = with_decimal_point(with_option(error, sys.argv[1:]))
+        return _fail(message, error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command; the message is the help
             print(error.format_message(), file=sys.stderr)
             return InputError.exit_status
-        return _fail(_usage_message(error, sys.argv[1:]), InputError.exit_status)
+        return _fail(with_decimal_point(_usage_message(error, sys.argv[1:])), InputError.exit_status)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
     except typer.Exit as end:  # typer also turns Ctrl-C into Exit
