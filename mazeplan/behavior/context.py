@@ -40,6 +40,7 @@ class TravelOptions:
     fastest_m_s: highest speed on arrival, used if the delay is short (`arrival_speed`)
     blind_rad: angle by which the ball may turn during the delay, before the plate answers to what the camera sees
     deadline_ms: time that a plan may take
+    horizon: length of a plan, ticks
     planned_choices: number of openings to which plans are made before one is chosen; they share the deadline
     """
 
@@ -48,10 +49,12 @@ class TravelOptions:
     fastest_m_s: float = 0.075
     blind_rad: float = 0.0
     deadline_ms: float = 15.0
+    horizon: int = 40
     planned_choices: int = 3
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("planned_choices",), most={"planned_choices": 50, "deadline_ms": 1e9})
+        most = {"planned_choices": 50, "deadline_ms": 1e9, "horizon": 1000}
+        check_numbers(self, positive=("planned_choices", "horizon"), most=most)
 
 
 @dataclass(frozen=True)

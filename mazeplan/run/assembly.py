@@ -6,6 +6,7 @@ from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
@@ -34,17 +35,20 @@ def planners_of(
     watch: Stopwatch | None = None,
     *,
     late_s: float | None = None,
+    horizon: int = IlqgOptions.horizon,
 ) -> dict[int, RingPlanner]:
     """A planner for each channel, by ring number.
 
     watch: stopwatch for the planners' deadlines
     late_s: time from a sample until the command computed from it acts, s; None: the model's
+    horizon: length of a plan, ticks
     """
     cost = cost.seen_late(model.late_s if late_s is None else late_s)
     return {
         ring.number: RingPlanner(
             RingParameters.from_model(model, ring.number, ring.track_radius),
             maze.tilt_limit,
+            IlqgOptions(horizon=horizon),
             cost=cost,
             process=model.processes.get(ring.number),
             watch=watch,

@@ -93,8 +93,10 @@ class Run:
         # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._stopwatch = watch or Live()
-        cost = setup.settings.leaves.cost
-        self._planners = planners_of(setup.maze, model, cost, self._stopwatch, late_s=self._late_s)
+        leaves, watch = setup.settings.leaves, self._stopwatch
+        self._planners = planners_of(
+            setup.maze, model, leaves.cost, watch, late_s=self._late_s, horizon=leaves.travel.horizon
+        )
         self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
         self._keeper = safety_filter_of(setup.maze, model)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory

@@ -52,6 +52,14 @@ def test_between_rings(start, goal):
     assert rig.levelled
 
 
+@pytest.mark.parametrize("horizon", [20, 60])
+def test_the_settings_say_how_long_a_plan_is(tmp_path, horizon):
+    settings = PATIENT.with_values({"travel": {"horizon": horizon}})
+    setup, log = Setup(MAZE, known(MAZE), rig_name="planar", settings=settings), tmp_path / "a.mcap"
+    assert run_job(PlanarRig(MAZE), setup, Job(3, 5, 0.3, 0, 20.0), log=log).success
+    assert {len(plan.controls) for plan in read_log(log).plans} == {horizon}
+
+
 def test_second_map_with_nothing_else_changed():
     maze = load_map("lopsided")
     for start, goal in ((1, 3), (3, 1)):

@@ -49,6 +49,8 @@ def test_a_file_says_only_what_it_wants_otherwise(tmp_path):
         ("tracking: {replan_every: 1.5}", r"tracking.replan_every: got 1.5, expected a whole number"),
         ("rollout: {grid: 1000}", r"rollout.grid: got 1000, expected a number <= 25"),
         ("travel: {planned_choices: 100000}", r"travel.planned_choices: got 100000, expected a number <= 50"),
+        ("travel: {horizon: 0}", r"travel.horizon: got 0, expected a number > 0"),
+        ("travel: {horizon: 40.5}", r"travel.horizon: got 40.5, expected a whole number"),
         ("gate: {lead_s: 8000}", r"gate.lead_s: got 8000, expected a number <= 1000; the unit is s: did you mean 8\?"),
         ("gate: {kp: 1.0e+300}", r"gate.kp: got 1e\+300, expected a number <= 1e\+06"),
         ("gate: 3", r"mine.yaml:1: gate: got 3, expected `key: value` lines"),
