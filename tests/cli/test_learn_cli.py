@@ -13,6 +13,7 @@ from commands import plain
 from planar_rig import PlanarRig
 from ring_record import write_csv
 
+from mazeplan.apps.cli.learn import rows_line
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.resources import to_install
 from mazeplan.learning import gp_training
@@ -51,12 +52,19 @@ STATES = RingKinematics(
 )
 
 
+def test_rows_without_the_ball_are_counted():
+    theta = np.array([0.1, np.nan, 0.2, np.nan])
+    table = Table({"t": np.arange(4.0), "theta": theta})
+    assert rows_line(table) == "log          4 rows, 2 of them without the ball: gaps"
+    assert rows_line(Table({"t": np.arange(1.0), "theta": theta[:1]})) == "log          1 row"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["p", "pi"])
 def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     code, out, _ = learn(log, "--kind", kind)
     assert code == 0
-    for begin in ("stage beta", "stage gamma", "camera", "ring 1", "ring 5", "wrote "):
+    for begin in ("log          1800 rows", "stage beta", "stage gamma", "camera", "ring 1", "ring 5", "wrote "):
         assert any(line.startswith(begin) for line in out.splitlines())
     assert "Gaussian process" not in out
     model = load_model(tmp_path / "model")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.output import plural, print_json
 from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
@@ -88,7 +89,14 @@ def learn(
         written = {"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows}
         print_json(written | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        print("\n".join([*model_lines(fit, model), *lines, f"wrote {path}", *verdict_lines(verdict)]))
+        print("\n".join([rows_line(table), *model_lines(fit, model), *lines, f"wrote {path}", *verdict_lines(verdict)]))
+
+
+def rows_line(table: Table) -> str:
+    """How many rows the logs have, and in how many of them the ball was not seen."""
+    unseen = sum(not math.isfinite(theta) for theta in table["theta"])
+    gaps = f", {unseen} of them without the ball: gaps" if unseen else ""
+    return f"log          {plural(len(table), 'row')}{gaps}"
 
 
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> dict[str, Any]:
