@@ -18,9 +18,9 @@ def mutants_section(quick: bool) -> list[str]:
     rows = [
         "## Faults put into the code on purpose",
         "",
-        f"`python tools/reached.py`, then `python tools/mutate.py --count {count} --seed {SEED}`: {count} small changes of",
-        "the code, drawn at random. The tests of `make test` that run the changed line try to notice it; the slow tests of",
-        "`make test-all` do not.",
+        f"`python tools/reached.py`, then `python tools/mutate.py --count {count} --seed {SEED}`: {count} small",
+        "changes of the code, drawn at random. The tests of `make test` that run the changed line try to notice",
+        "it; the slow tests of `make test-all` do not.",
         "",
     ]
     rows += [f"| faults | noticed by a test | not noticed | tests over {LIMIT_S:g} s | no test imports the file |"]

@@ -229,7 +229,7 @@ def _failed(copy: Path, tests: list[str], stage: str, broken: set[str], compiled
     where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     where |= {"NUMBA_CACHE_DIR": compiled} if compiled else {}
     without = [f"--deselect={name}" for name in sorted(broken)]
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "--rootdir=.", "-m", stage]
+    command = [sys.executable, "-m", "pytest", "-x", "-vv", "-n0", "-p", "no:cacheprovider", "--rootdir=.", "-m", stage]
     try:
         ran = subprocess.run(
             [*command, *without, *tests], cwd=copy, env=where, capture_output=True, text=True, timeout=LIMIT_S,
@@ -237,7 +237,7 @@ def _failed(copy: Path, tests: list[str], stage: str, broken: set[str], compiled
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return TOO_LONG
-    names = re.findall(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.MULTILINE)
+    names = re.findall(r"^(\S+::.*) (?:FAILED|ERROR) +\[", ran.stdout, re.MULTILINE)  # a name may have spaces
     nothing_ran = 5  # pytest's status
     return [] if ran.returncode in (0, nothing_ran) else names[:1] or tests[:1]
 

@@ -129,6 +129,8 @@ def test_two_trees_in_one_process_do_not_see_each_other(tmp_path):
             "ID: got 'Repeat', which is the name of a node",
         ),
         ("<BehaviorTree ID='Else'><Say word='a'/></BehaviorTree>", 1, "got 'Main', expected one of Else"),
+        ("<include/>", 2, "include: got no attribute, expected path alone"),
+        ("<include path='navigate.xml' ros_pkg='x'/>", 2, "include: got path, ros_pkg, expected path alone"),
         ("<include path='other.xml'/>", 2, "include: got 'other.xml', expected an XML file, seen from"),
         (f"<include path='{'x' * 5000}.xml'/>", 2, "include: got 'xxx"),
         (main("<Say word='{my key}'/>"), 3, "got '{my key}', expected {key} of letters"),

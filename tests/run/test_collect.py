@@ -45,6 +45,12 @@ def test_each_placing_is_a_segment_and_time_goes_on(tmp_path):
     assert np.allclose(table["u_beta"], np.array(rig.commands)[:, 0])
 
 
+def test_in_one_ring_the_ball_is_placed_once(tmp_path):
+    log = tmp_path / "log.mcap"
+    run_collection(PlanarRig(MAZE), MAZE, Collection(1.5 * STRETCH_S, (2,), seed=2), log)
+    assert set(read_table(log).segment) == {0.0}
+
+
 def test_an_interrupted_collection_levels_closes_and_keeps_what_it_has(tmp_path):
     def fail(rig):
         if rig.t > 1.0:

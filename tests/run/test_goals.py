@@ -11,6 +11,7 @@ from planar_rig import PATIENT, PlanarRig, known
 from talking import FIRST, MAZE, SETUP, go, said
 
 from mazeplan.core.display import NullDisplay
+from mazeplan.core.events import GoalChanged
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
@@ -152,6 +153,19 @@ def test_goals_before_the_run_begins_are_read_at_its_first_tick():
     assert rig.ring == 2
     assert [(g.ring, g.t) for g in result.goals] == [(5, 0.0), (2, 0.0)]
     assert result.rings[0].opening not in FIRST[:1]
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_only_before_the_first_tick_the_last_of_several_goals_is_the_only_one(early):
+    goals = Goals(MAZE)
+    goals.begin(MAZE)
+    for number in (4, 2) if early else ():
+        goals.aim(number)
+    assert list(goals.take(0.0)) == [GoalChanged(2)] * early
+    goals.aim(3)
+    goals.aim(4)
+    assert list(goals.take(1 / 30)) == [GoalChanged(3), GoalChanged(4)]
+    assert not goals.take(2 / 30)
 
 
 def test_the_tree_file_may_be_gone_when_another_goal_comes(tmp_path):

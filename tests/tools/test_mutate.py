@@ -99,8 +99,9 @@ def test_a_test_that_fails_without_a_fault_too_hides_none(module, monkeypatch, c
     tests = module.parents[2] / "tests" / "core"
     tests.mkdir(parents=True)
     (tests / "test_small.py").write_text(
-        "from mazeplan.core.small import f\n\n\ndef test_of_another_machine():\n    assert f is None\n\n\n"
-        "def test_f():\n    assert f(1, 4) == 4\n"
+        "import pytest\nfrom mazeplan.core.small import f\n\n\n"
+        "def test_of_another_machine():\n    assert f is None\n\n\n"
+        "@pytest.mark.parametrize('b', [4], ids=['two words - and a dash'])\ndef test_f(b):\n    assert f(1, b) == 4\n"
     )
     faults = [f for f in faults_in(module) if (f.line, f.before) in ((8, "*"), (8, "<="))]
     monkeypatch.setattr(mutate, "drawn", lambda *arguments: faults)
