@@ -23,15 +23,15 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long tests go first, so that no worker is at one when the others have done. Lines are counted by the tests of the
     rooms and of the command line: counting makes the long runs of the whole program half as long again, and there is
-    little that they alone reach."""
+    little that they alone reach. With --cov-context (tools/reached.py), all tests count."""
     first = [TESTS / name for name in LONG]
     assert all(path.is_file() for path in first), "a file of long tests has another name now"
     items.sort(key=lambda item: first.index(item.path) if item.path in first else len(first))
     for item in items:
-        if item.path.parent in WHOLE:
+        if item.path.parent in WHOLE and not config.getoption("cov_context", None):
             item.add_marker("no_cover")
         try_again(item)
 
