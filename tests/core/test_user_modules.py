@@ -29,7 +29,7 @@ def test_a_module_or_package_beside_the_file_that_names_it(tmp_path, file):
     folder = tmp_path / "there"
     (folder / file).parent.mkdir(parents=True)
     (folder / file).write_text("ANSWER = 42\n")
-    with pytest.raises(InputError, match="cannot be imported: there is none of that name in .* or installed"):
+    with pytest.raises(InputError, match=r"cannot be imported: there is none of that name in .* or installed"):
         user_module("beside_a_file", "--system")
     assert user_module("beside_a_file", "--system", folder).ANSWER == 42
     assert folder.resolve() in user_module_folders()
