@@ -1,15 +1,18 @@
 """The loop closed effect by effect: `mazeplan improve` on a simulated rig that has each effect there is a name for.
 
 Usage: python tools/bench_effects.py [--quick] [KIND ...]. Used by tools/bench.py.
+
+Outcomes go to build/effects.jsonl, one a line, and what is there already is not done again: an interrupted run goes on.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from mazeplan.rigs.sim.surprise import KINDS, SurpriseTruth
 from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.campaign.improve import Options, improve
 
+KEPT = Path(__file__).resolve().parent.parent / "build" / "effects.jsonl"
 AT_ONCE = 2
 HEALTHY, HEALTHY_RUNS = 10, 4  # rigs without a change, and runs of each before and after
 NEAR = 1.1  # times the healthy rig's time, within which navigation is as good as without the effect
@@ -31,7 +35,7 @@ NEAR = 1.1  # times the healthy rig's time, within which navigation is as good a
 @dataclass(frozen=True)
 class Row:
     """One kind: its line; whether its own name was found, and no other; whether error and navigation became better;
-    whether it can be planned with; whether all runs arrived then, as soon as on the healthy rig."""
+    whether it can be planned with; mean time of the runs afterwards, s, None unless all arrived."""
 
     line: str
     named: bool
@@ -39,11 +43,11 @@ class Row:
     closer: bool
     faster: bool
     planned: bool
-    well: bool
+    mean_s: float | None
 
 
-def row(kind: str, options: Options, healthy: float) -> Row:
-    """What became of one kind. healthy: s, mean time on the rig without a change."""
+def row(kind: str, options: Options) -> Row:
+    """What became of one kind."""
     rig = f"surprise@{kind}"
     truth: SurpriseTruth = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
@@ -69,9 +73,10 @@ def row(kind: str, options: Options, healthy: float) -> Row:
     closer = done["after"]["rollout40"] < done["before"]["rollout40"]
     faster = better(navigation["before"], navigation["after"])
     after = navigation["after"]
-    well = after["success"] == after["runs"] and after["time_s"]["mean"] <= NEAR * healthy
+    mean = after["time_s"]["mean"] if after["success"] == after["runs"] else None
     line = f"| {' | '.join(cells)} |"
-    return Row(line, truth.effect in names, names == [truth.effect], closer, faster, planned, well)
+    print(line, file=sys.stderr, flush=True)
+    return Row(line, truth.effect in names, names == [truth.effect], closer, faster, planned, mean)
 
 
 def left_alone(seed: int, options: Options) -> bool:
@@ -100,21 +105,31 @@ def _found(effect: dict[str, Any], ring: int, model: RigModel | None) -> str:
     return f"{name}{where} ({numbers})"
 
 
+def _all(name: str, what: Callable[..., Any], cases: Sequence[Any], *more: Any) -> list[Any]:
+    """What each case gives, (case, *more) being the arguments; a line of KEPT each. name: of this kind of outcome"""
+    lines = KEPT.read_text().splitlines() if KEPT.exists() else []
+    known = {d["case"]: d["outcome"] for d in map(json.loads, lines) if [d["name"], d["more"]] == [name, repr(more)]}
+    left = [case for case in cases if case not in known]
+    KEPT.parent.mkdir(exist_ok=True)
+    with ProcessPoolExecutor(AT_ONCE) as pool, KEPT.open("a") as file:
+        for case, outcome in zip(left, pool.map(what, left, *([one] * len(left) for one in more)), strict=True):
+            known[case] = asdict(outcome) if isinstance(outcome, Row) else outcome
+            line = {"name": name, "case": case, "more": repr(more), "outcome": known[case]}
+            print(json.dumps(line), file=file, flush=True)
+    return [known[case] for case in cases]
+
+
 def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
     """Everything, as lines of Markdown."""
     options = Options(runs=2 if quick else 16, seconds=100.0 if quick else 400.0)
     chosen = kinds or list(KINDS)[: 2 if quick else None]
-    rows = []
     toy = summary(evaluate(Campaign(options.runs)))
     healthy = float(toy["time_s"]["mean"])
     count = 0 if kinds else 1 if quick else HEALTHY
-    with ProcessPoolExecutor(AT_ONCE) as pool:
-        quiet = pool.map(left_alone, range(1, count + 1), [options] * count)
-        for done in pool.map(row, chosen, [options] * len(chosen), [healthy] * len(chosen)):
-            rows.append(done)
-            print(done.line, file=sys.stderr, flush=True)
-        silent = sum(quiet)
+    rows = [Row(**done) for done in _all("kind", row, chosen, options)]
+    silent = sum(_all("healthy", left_alone, range(1, count + 1), options))
     planned = [r for r in rows if r.planned]
+    well = sum(r.mean_s is not None and r.mean_s <= NEAR * healthy for r in planned)
     head = "| kind | effect | planned | true | found | 40-step error, rad | navigation before | after |"
     return [
         "## Closing the loop, effect by effect (simulated)",
@@ -133,7 +148,7 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
         "",
         f"Without a change (`--rig toy`, seeds 1 to {count}) nothing was found in {silent} of {count}. On that rig "
         f"{toy['success']} of {toy['runs']} runs arrive, after {healthy:.2f} s. Of the {len(planned)} kinds that "
-        f"can be planned with, {sum(r.well for r in planned)} arrive every time afterwards and take at most "
+        f"can be planned with, {well} arrive every time afterwards and take at most "
         f"{NEAR:.1f} times as long.",
     ]  # fmt: skip
 
