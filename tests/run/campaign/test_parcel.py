@@ -21,7 +21,7 @@ from mazeplan.run.campaign.evaluate import Campaign
 from mazeplan.run.campaign.identity import difference, digest_of, identity
 from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked
 from mazeplan.run.campaign.versions import program, program_mismatch
-from mazeplan.run.campaign.worker import run_packed
+from mazeplan.run.campaign.worker import measured, run_packed
 
 RIG = """\
 from parcel_helper import light
@@ -208,3 +208,10 @@ def test_another_program_is_told_by_what_differs():
     assert program_mismatch(ours, ours) == ""
     assert program_mismatch(ours, {**ours, "numpy": "1.0", "sources": "x"}) == f"numpy 1.0 instead of {ours['numpy']}"
     assert program_mismatch(ours, {**ours, "sources": "x"}) == f"mazeplan {ours['mazeplan']} of other sources"
+
+
+def test_what_a_run_cost_is_a_span_of_time():
+    result, wall_s, cpu_s = measured(lambda: sum(range(100_000)))
+    assert result == 4999950000
+    assert 0.0 < wall_s < 60.0
+    assert 0.0 <= cpu_s < 60.0
