@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from numpy.typing import NDArray
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
 from mazeplan.learning.gp_training import require_device
+
+if TYPE_CHECKING:
+    import torch
 
 BEYOND = 0.05  # share that counts of the part of a command beyond the limits
 WIDTH = 0.1  # of the limit; smaller errors count by their square
@@ -37,6 +41,17 @@ class Fit:
     mean: NDArray[np.float32]
     scale: NDArray[np.float32]
     error: float
+
+
+def _drawn(sizes: tuple[int, ...], generator: torch.Generator, device: str) -> list[torch.Tensor]:
+    """First weights and biases of each layer. sizes: numbers of units, from the inputs to the outputs"""
+    import torch
+
+    parameters = []
+    for i, o in pairwise(sizes):
+        weights = torch.randn(o, i, generator=generator) / i**0.5
+        parameters += [weights.to(device), torch.zeros(o, device=device)]
+    return [p.requires_grad_(True) for p in parameters]
 
 
 def fit_network(
@@ -67,13 +82,7 @@ def fit_network(
         torch.tensor(np.asarray(a), dtype=torch.float32, device=device)
         for a in ((inputs - mean) / scale, commands / limit, turned, np.asarray(offset) / limit)
     )
-    sizes = (inputs.shape[1], *hidden, 2)
-    parameters = []
-    for i, o in pairwise(sizes):
-        first = torch.randn(o, i, generator=generator) / i**0.5
-        parameters += [first.to(device), torch.zeros(o, device=device)]
-    for p in parameters:
-        p.requires_grad_(True)
+    parameters = _drawn((inputs.shape[1], *hidden, 2), generator, device)
 
     def predicted(rows: torch.Tensor) -> torch.Tensor:
         h = x[rows]

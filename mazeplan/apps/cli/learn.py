@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mazeplan.learning.ball_models import BallModel
     from mazeplan.learning.identification import RigFit
     from mazeplan.learning.modelfile import RigModel
+    from mazeplan.learning.rig_gp import RingLearning
     from mazeplan.maze.geometry import Maze
 
 TABLE = "tilt_offset"  # an effect of the table, the same for all rings
@@ -66,19 +67,13 @@ def learn(
             fit = fit_rig(table, maze, tuple(table.source for table in tables), progress=bar.show)
         except ValueError as problem:
             raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
-        model, lines = fit.model, []
+        model, learned = fit.model, {}
         if kind == "p":
             model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
         if learns:
             model, learned = learn_processes(
                 table, maze, model, kind, options, smoothing=chosen, progress=bar.show, advance=bar.advance
             )
-            part = "networks" if kind in NETWORKS else "Gaussian process"
-            lines = [
-                f"ring {ring} {part}: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by "
-                f"effects alone, {x.after:.3f} with it"
-                for ring, x in learned.items()
-            ]
         path = save_model(model, output)
         bar.show("judging")
         verdict = _verdict(model, tables, maze, output)
@@ -89,7 +84,20 @@ def learn(
         written = {"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows}
         print_json(written | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        print("\n".join([rows_line(table), *model_lines(fit, model), *lines, f"wrote {path}", *verdict_lines(verdict)]))
+        lines = [rows_line(table), *model_lines(fit, model), *_learned_lines(learned, kind), f"wrote {path}"]
+        print("\n".join([*lines, *verdict_lines(verdict)]))
+
+
+def _learned_lines(learned: dict[int, RingLearning], kind: str) -> list[str]:
+    """What was learned beside the effects, ring by ring."""
+    from mazeplan.learning.fitting import NETWORKS
+
+    part = "networks" if kind in NETWORKS else "Gaussian process"
+    return [
+        f"ring {ring} {part}: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by effects alone, "
+        f"{x.after:.3f} with it"
+        for ring, x in learned.items()
+    ]
 
 
 def rows_line(table: Table) -> str:
