@@ -50,8 +50,7 @@ class CameraView(NamedTuple):
 
     offset_x, offset_y:  m
     angle, scale:        rotation, rad, and scale
-    delay:               s
-    noise:               one sigma, m
+    delay, noise:        s; one sigma, m
     bend:                distortion of the lens, 1/m^2"""
 
     offset_x: float = 0.0
@@ -158,8 +157,8 @@ Lens = FilterCore  # Numba's caches of earlier versions name it
 def filter_core(view: CameraView, wander: ProcessNoise) -> FilterCore:
     """The numbers of camera and unexplained motion for compiled code."""
     cos, sin = math.cos(view.angle), math.sin(view.angle)
-    variance, bend = view.noise**2, float(view.bend)
-    return FilterCore(view.offset_x, view.offset_y, cos, sin, view.scale, variance, bend, *map(float, wander))
+    lens = cos, sin, view.scale, view.noise**2, float(view.bend)
+    return FilterCore(view.offset_x, view.offset_y, *lens, *map(float, wander))
 
 
 @njit(cache=True, error_model="numpy")
@@ -351,15 +350,13 @@ class BodyFilter:
 
     def run(self, model: BodyModel) -> Filtered:
         """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
-        n, view = len(self.pictures), model.view
+        n, view, kf = len(self.pictures), model.view, filter_core(model.view, model.wander)
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
-        kf = filter_core(view, model.wander)
         rows = self.rows(model.tilting, view.delay)
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
-        numbers = Ball(*map(float, model.ball))
         found = _run(
-            numbers, self.walls, effects_of(model.terms), kf, self._y, self._begins, rows, self.pictures.dt,
-            self.substeps, late, nu, S, state, cov,
+            Ball(*map(float, model.ball)), self.walls, effects_of(model.terms), kf, self._y, self._begins, rows,
+            self.pictures.dt, self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
