@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.main
 from in_real_time import judge, try_again
 
 TESTS = Path(__file__).resolve().parent
@@ -14,6 +16,8 @@ LONG = (  # a quarter of a minute or more in one test
     "test_pages.py", "diagnosis/test_walls.py", "rigs/sim/test_simulated.py", "diagnosis/test_drawn_sizes.py",
     "run/test_improve.py",
 )  # fmt: skip
+# Typer builds all commands anew for each call, which takes longer than most calls of a test
+typer.main.get_command = cache(typer.main.get_command)
 
 
 def pytest_configure() -> None:

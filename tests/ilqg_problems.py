@@ -15,101 +15,127 @@ LIMIT = math.radians(5.0)
 T, N = 15, 4  # horizon and states of the linear problem
 
 
-# A linear system and a quadratic cost whose weight grows with k. p: A, B; q: Q, R, Q_final, all flat.
-@njit
+# A linear system and a quadratic cost whose weight grows with k. p: A, B; q: Q, R, Q_final, all flat. In loops: of
+# products and assignments of whole arrays, Numba compiles also their errors, which takes ten seconds.
+@njit(cache=True)
 def linear_step(s, u, p, out):
     n = s.shape[0]
-    out[:] = p[: n * n].reshape(n, n) @ s + p[n * n :].reshape(n, 2) @ u
+    for i in range(n):
+        out[i] = p[n * n + 2 * i] * u[0] + p[n * n + 2 * i + 1] * u[1]
+        for j in range(n):
+            out[i] += p[n * i + j] * s[j]
 
 
-@njit
+@njit(cache=True)
 def linear_linearise(s, u, p, out, A, B):
     linear_step(s, u, p, out)
     n = s.shape[0]
-    A[:] = p[: n * n].reshape(n, n)
-    B[:] = p[n * n :].reshape(n, 2)
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = p[n * i + j]
+        for j in range(2):
+            B[i, j] = p[n * n + 2 * i + j]
 
 
-@njit
+@njit(cache=True)
 def growing(k):
     return 1.0 + 0.1 * k
 
 
-@njit
+@njit(cache=True)
+def bowl(M, at, x):
+    """0.5 x' M x of the matrix that begins at M[at]."""
+    total, n = 0.0, x.shape[0]
+    for i in range(n):
+        for j in range(n):
+            total += 0.5 * x[i] * M[at + n * i + j] * x[j]
+    return total
+
+
+@njit(cache=True)
+def bowl_derivatives(M, at, factor, x, slope, bend):
+    """Those of factor * bowl, into slope and bend."""
+    n = x.shape[0]
+    for i in range(n):
+        slope[i] = 0.0
+        for j in range(n):
+            bend[i, j] = factor * M[at + n * i + j]
+            slope[i] += bend[i, j] * x[j]
+
+
+@njit(cache=True)
 def quadratic_running(k, s, u, q):
     n = s.shape[0]
-    Q, R = q[: n * n].reshape(n, n), q[n * n : n * n + 4].reshape(2, 2)
-    return growing(k) * (0.5 * s @ (Q @ s) + 0.5 * u @ (R @ u))
+    return growing(k) * (bowl(q, 0, s) + bowl(q, n * n, u))
 
 
-@njit
+@njit(cache=True)
 def quadratic_running_derivatives(k, s, u, q, lx, lu, lxx, luu):
     n = s.shape[0]
-    Q, R = q[: n * n].reshape(n, n), q[n * n : n * n + 4].reshape(2, 2)
-    lxx[:] = growing(k) * Q
-    luu[:] = growing(k) * R
-    lx[:] = lxx @ s
-    lu[:] = luu @ u
+    bowl_derivatives(q, 0, growing(k), s, lx, lxx)
+    bowl_derivatives(q, n * n, growing(k), u, lu, luu)
 
 
-@njit
+@njit(cache=True)
 def quadratic_final(s, q):
     n = s.shape[0]
-    return 0.5 * s @ (q[n * n + 4 :].reshape(n, n) @ s)
+    return bowl(q, n * n + 4, s)
 
 
-@njit
+@njit(cache=True)
 def quadratic_final_derivatives(s, q, lx, lxx):
     n = s.shape[0]
-    lxx[:] = q[n * n + 4 :].reshape(n, n)
-    lx[:] = lxx @ s
+    bowl_derivatives(q, n * n + 4, 1.0, s, lx, lxx)
 
 
 # Bad functions, each for one way in which a solver can fail.
-@njit
+@njit(cache=True)
 def nan_step(s, u, p, out):
     out[:] = np.nan
 
 
-@njit
+@njit(cache=True)
 def cliff_step(s, u, p, out):
     linear_step(s, u, p, out)
     if u[0] > 0.5:
         out[:] = np.inf
 
 
-@njit
+@njit(cache=True)
 def nan_both(s, u, p, out, A, B):
     out[:] = np.nan
 
 
-@njit
+@njit(cache=True)
 def cliff_linearise(s, u, p, out, A, B):
     linear_linearise(s, u, p, out, A, B)
     cliff_step(s, u, p, out)
 
 
-@njit
+@njit(cache=True)
 def nan_linearise(s, u, p, out, A, B):
     linear_step(s, u, p, out)
     A[:] = np.nan
     B[:] = 1.0
 
 
-@njit
+@njit(cache=True)
 def lying_derivatives(k, s, u, q, lx, lu, lxx, luu):
     quadratic_running_derivatives(k, s, u, q, lx, lu, lxx, luu)
-    lu[:] = -10.0 * lu - 10.0
-    lx[:] = -10.0 * lx
+    for i in range(lu.shape[0]):
+        lu[i] = -10.0 * lu[i] - 10.0
+    for i in range(lx.shape[0]):
+        lx[i] = -10.0 * lx[i]
 
 
-@njit
+@njit(cache=True)
 def concave_derivatives(k, s, u, q, lx, lu, lxx, luu):
     quadratic_running_derivatives(k, s, u, q, lx, lu, lxx, luu)
-    luu[:] = -1e12 * np.eye(2)
+    luu[0, 0] = luu[1, 1] = -1e12
+    luu[0, 1] = luu[1, 0] = 0.0
 
 
-@njit
+@njit(cache=True)
 def nan_hessian(k, s, u, q, lx, lu, lxx, luu):
     quadratic_running_derivatives(k, s, u, q, lx, lu, lxx, luu)
     luu[0, 0] = np.nan

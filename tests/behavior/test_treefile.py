@@ -243,16 +243,22 @@ def test_missing_file_and_directory(tmp_path):
             load_tree(wrong, LEAVES, Run())
 
 
-def test_packaged_trees_load_and_can_be_shown(tmp_path):
+def test_packaged_trees_load_and_can_be_shown():
     assert "navigate" in tree_names()
     for name in tree_names():
         tree = load_tree(name, REGISTRY, Run())
         text = tree_text(tree, whole=True)
         assert "PassOpening opening={opening}" in text
         assert len(text.splitlines()) == len(list(tree.nodes()))
-        picture = tmp_path / f"{name}.png"
-        save_tree_picture(tree, picture)
-        assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name == "policy" else pytest.param(name, marks=pytest.mark.slow) for name in tree_names()]
+)
+def test_packaged_trees_can_be_drawn(tmp_path, name):
+    picture = tmp_path / f"{name}.png"
+    save_tree_picture(load_tree(name, REGISTRY, Run()), picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_active_path_and_halt(tmp_path):

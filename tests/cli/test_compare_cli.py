@@ -32,10 +32,11 @@ BANDS = "share of measured angles within the 90 % band"
 def quick(monkeypatch):
     """One thread, short training, and few draws of a bootstrap."""
     import mazeplan.learning.ring_scores as module
-    from mazeplan.learning import gp_training
 
     pytest.importorskip("torch").set_num_threads(1)
-    monkeypatch.setattr(gp_training, "TrainingOptions", partial(gp_training.TrainingOptions, iterations=10))
+    short = replace(module.THOROUGH, starts=1, iterations=10, refinement=4)
+    monkeypatch.setattr(module, "THOROUGH", short)
+    monkeypatch.setattr("mazeplan.learning.discrete_map.TrainingOptions", lambda **more: replace(short, **more))
     whole = module.block_bootstrap
     monkeypatch.setattr(module, "block_bootstrap", lambda *a: whole(*a, draws=100))
 

@@ -29,16 +29,31 @@ DELAY = 2.0 / 30.0 - 0.5 / 600.0  # s, of the toy; half a step of MuJoCo, by whi
 LATE = 2.5e-3  # s; six records of 180 s with other noise: 1.4 ms too short on average, and scatter by 1.0 ms
 
 
+def collected(path, seconds):
+    """A log of the toy."""
+    run_collection(make_rig("toy", MAZE), MAZE, Collection(seconds, (1, 2, 3, 4), 3, None, 1.5), path, rig_name="toy")
+    return path
+
+
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("toy") / "toy.mcap"
-    run_collection(make_rig("toy", MAZE), MAZE, Collection(180.0, (1, 2, 3, 4), 3, None, 1.5), path, rig_name="toy")
-    return path
+    return collected(tmp_path_factory.mktemp("toy") / "toy.mcap", 180.0)
 
 
 @pytest.fixture(scope="module")
 def seen(log):
     return rig_record(read_table(log), MAZE, load_model("toy"))
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A record of 45 s: too short to tell small values, long enough for a filter."""
+    return read_table(collected(tmp_path_factory.mktemp("short") / "toy.mcap", 45.0))
+
+
+@pytest.fixture(scope="module")
+def briefly(short):
+    return rig_record(short, MAZE, load_model("toy"))
 
 
 def near(seen, name, true, least):
@@ -77,21 +92,21 @@ def test_innovations_are_remembered_for_the_same_numbers_alone(seen):
         assert body.innovations(other).minus2 == body.run(other).minus2 != first.minus2, name
 
 
-def test_lost_pictures_are_bridged(seen):
-    body, rng = seen.body, np.random.default_rng(1)
+def test_lost_pictures_are_bridged(briefly):
+    body, rng = briefly.body, np.random.default_rng(1)
     y = body.pictures.y.copy()
     y[rng.random(len(y)) < 0.2] = math.nan
-    poor = BodyFilter(replace(body.pictures, y=y), body.plate, body.walls).run(seen.fit.model)
-    whole = body.run(seen.fit.model)
+    poor = BodyFilter(replace(body.pictures, y=y), body.plate, body.walls).run(briefly.fit.model)
+    whole = body.run(briefly.fit.model)
     assert poor.starts <= whole.starts + 2
     counted, before = (int(np.isfinite(f.nu[:, 0]).sum()) for f in (poor, whole))
     assert counted > 0.75 * before
     assert np.mean(poor.whitened() ** 2) == pytest.approx(1.0, abs=0.1), "as sure as it says"
 
 
-def test_it_goes_on_by_itself_as_the_ball_does(seen):
+def test_it_goes_on_by_itself_as_the_ball_does(briefly):
     """A second ahead: most windows end within 15 mm of where the camera sees the ball."""
-    model, body = seen.fit.model, seen.body
+    model, body = briefly.fit.model, briefly.body
     state = body.run(model).state
     starts = np.arange(300, len(body.pictures) - 40, 25)
     rolled, y = body.rolled_out(model, state, starts, 30), body.pictures.y
@@ -110,11 +125,10 @@ def test_a_model_of_beads_is_where_the_fit_begins():
     assert first_guess(None, MAZE).view.delay == 0.06
 
 
-def test_records_that_tell_nothing_are_refused(log):
-    table = read_table(log)
+def test_records_that_tell_nothing_are_refused(short):
     with pytest.raises(TableError, match="got a table without x and y"):
-        body_filter(Table({name: table[name] for name in ("t", "theta", "beta", "gamma")}), MAZE)
-    few = Table({name: table[name][:600] for name in ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")})
+        body_filter(Table({name: short[name] for name in ("t", "theta", "beta", "gamma")}), MAZE)
+    few = Table({name: short[name][:600] for name in ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")})
     with pytest.raises(TableError, match="pictures of the ball, expected 900 at least"):
         body_filter(few, MAZE)
 

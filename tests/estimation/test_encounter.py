@@ -46,7 +46,7 @@ def test_balls_that_part_are_separated_only_and_others_left_alone():
     assert (first[0], second[0]) == (0.0, 2.01 * R)
 
 
-def followed(model, ticks=450):
+def followed(model, ticks=300):
     """Rms errors, m, of the predicted places of both balls in the centre of the toy: predicted together, and alone; in
     the ticks in which they touch, and the ones behind those. A law keeps them there, beside random commands."""
     rig, rng = make_rig("toy", TWO), np.random.default_rng(5)

@@ -31,7 +31,7 @@ def lagrange():
     force = force.subs(rate, theta.diff(t))
     unknown = sp.Symbol("theta_dd")
     equation = (momentum.diff(t) - force).subs(theta.diff(t, 2), unknown)
-    solution = sp.solve(equation, unknown)[0]
+    solution = -equation.subs(unknown, 0) / equation.diff(unknown)  # linear in it; sp.solve takes seconds
     symbols = sp.symbols("th thd b bd bdd c cd cdd")
     values = {}
     for function, (x, xd, xdd) in ((beta, symbols[2:5]), (gamma, symbols[5:8])):

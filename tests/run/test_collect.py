@@ -72,13 +72,22 @@ class CountingRig(PlanarRig):
         super().reset(**more)
 
 
+def toured(path, seconds):
+    """Rig, what the tour counted, log and table of a tour through all rings."""
+    rig = CountingRig(MAZE)
+    done = run_tour(rig, SETUP, Collection(seconds, RINGS, seed=3), path)
+    return rig, done, read_log(path), read_table(path)
+
+
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory):
-    """Rig, what the tour counted, log and table of a tour through all rings."""
-    path = tmp_path_factory.mktemp("tour") / "log.mcap"
-    rig = CountingRig(MAZE)
-    done = run_tour(rig, SETUP, Collection(240.0, RINGS, seed=3), path)
-    return rig, done, read_log(path), read_table(path)
+    return toured(tmp_path_factory.mktemp("tour") / "log.mcap", 240.0)
+
+
+@pytest.fixture(scope="module")
+def short_tour(tmp_path_factory):
+    """Too short for the rings to have their shares."""
+    return toured(tmp_path_factory.mktemp("short") / "log.mcap", 120.0)
 
 
 def stretches(log):
@@ -117,8 +126,8 @@ def test_a_tour_gives_each_ring_its_share(tour):
     assert done.failed == 0
 
 
-def test_a_tour_drives_by_the_tree_and_excites_by_sines(tour):
-    _, done, log, table = tour
+def test_a_tour_drives_by_the_tree_and_excites_by_sines(short_tour):
+    _, done, log, table = short_tour
     leaf, t = log.ticks["leaf"], log.ticks["t"]
     kinds = stretches(log)
     assert sum(kind == "drive" for kind, *_ in kinds) == done.drives >= 5
@@ -138,17 +147,17 @@ def test_a_tour_drives_by_the_tree_and_excites_by_sines(tour):
     assert any(end - begin < 15.0 for kind, _, begin, end in kinds if kind == "excite")  # some ended early
 
 
-def test_a_tour_never_commands_jumps(tour):
+def test_a_tour_never_commands_jumps(short_tour):
     """Else the slew limit of a servo would show in what its linear model is fitted to."""
-    _, _, log, table = tour
+    _, _, log, table = short_tour
     steps = np.abs(np.diff(np.stack([table["u_beta"], table["u_gamma"]]), axis=1)).max(axis=0)
     driven = log.ticks["leaf"][1:] != EXCITE
     assert steps[driven].max() <= DRIVE_SLEW * MAZE.tilt_limit / 30.0 + 1e-9
     assert steps.max() < (DRIVE_SLEW + 2.0 / BLEND_S + 2.0) * MAZE.tilt_limit / 30.0
 
 
-def test_openings_passed_by_the_sines_are_told_in_the_log(tour):
-    _, done, log, _ = tour
+def test_openings_passed_by_the_sines_are_told_in_the_log(short_tour):
+    _, done, log, _ = short_tour
     named = [e.detail["opening"] for e in log.events if e.kind == "passed"]
     assert set(named) <= set(done.passed)
     assert 0.7 * done.changes < len(named) <= 1.2 * done.changes

@@ -43,6 +43,14 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def short_training_of_the_map():
+    """The discrete map is trained as shortly as the others."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mazeplan.learning.discrete_map.TrainingOptions", lambda **more: replace(TRAINING, **more))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch):
     """100 draws of a bootstrap are enough for tests."""
