@@ -81,7 +81,7 @@ def test_one_effect_is_named_with_its_size(what, name, parameter, true):
 
 @pytest.mark.slow
 def test_two_effects_at_once():
-    done = found(seed=4, dry=0.3, offset=(0.004, -0.003))
+    done = found(seed=4, seconds=60.0, dry=0.3, offset=(0.004, -0.003))
     assert names(done) == ["dry_friction", "tilt_offset"]
 
 
