@@ -5,7 +5,8 @@ before it names in backticks, with its ending, as the last one; Python without s
 before a block, which readers do not see:
 
     <!-- not run: WHY -->        cannot be run here (a board, a camera, an installation): its words are checked only
-    <!-- tested with: WORDS -->  added to each command of the block, to make it shorter
+    <!-- tested with: WORDS -->  added to each command of the block, to make it shorter; where the first word is no
+                                 option, to `mazeplan` with that word alone (`evaluate --runs 1`); there may be several
     <!-- exit status: 0 or 1 --> what it ends with, if that is not 0
     <!-- after: tour.md -->      goes on where that page's commands ended
     <!-- same as: tour.md -->    is run there, in the same words
@@ -44,7 +45,13 @@ class Block:
 
     def tried(self, command: str) -> list[str]:
         """The words with which a command is run here."""
-        return shlex.split(command, comments=True) + shlex.split(self.marks.get("tested with", ""))
+        words = shlex.split(command, comments=True)
+        for more in map(shlex.split, self.marks.get("tested with", "").splitlines()):
+            if more[0].startswith("-"):
+                words += more
+            elif words[:2] == ["mazeplan", more[0]]:
+                words += more[1:]
+        return words
 
     @property
     def statuses(self) -> set[int]:
@@ -73,7 +80,7 @@ def blocks(page: str, text: str | None = None) -> list[Block]:
             name, _, value = comment.partition(": ")
             assert name in MARKS, f"{page}: <!-- {comment} -->: expected one of {', '.join(MARKS)}"
             assert value, f"{page}: <!-- {comment} --> says nothing"
-            marks[name] = value
+            marks[name] = f"{marks[name]}\n{value}" if name in marks else value
         last = re.sub(r"<!--.*?-->", "", before, flags=re.DOTALL).rstrip().split("\n\n")[-1]
         names = [name for name in FILE.findall(last) if name.endswith(ENDINGS.get(kind, ()) or "no such")]
         line = text.count("\n", 0, match.start()) + 1

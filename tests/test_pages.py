@@ -97,6 +97,19 @@ def test_no_command_is_lost():
                 assert set(block.commands) <= everywhere[f"docs/{block.marks['same as']}"], f"{page}:{block.line}"
 
 
+def test_words_to_test_with_go_to_the_command_that_they_name():
+    marks = "<!-- tested with: fly --runs 1 -->\n<!-- tested with: --low -->\n"
+    (block,) = pages.blocks("x", f"{marks}```console\n$ mazeplan fly\n$ mazeplan land\n```")
+    assert [block.tried(command)[1:] for command in block.commands] == [
+        ["fly", "--runs", "1", "--low"],
+        ["land", "--low"],
+    ]
+    for block in (b for of in BLOCKS.values() for b in of):
+        for first in (row.split()[0] for row in block.marks.get("tested with", "").splitlines()):
+            named = [command for command in block.commands if command.startswith(f"mazeplan {first} ")]
+            assert first.startswith("-") or named, f"{block.page}:{block.line}: tested with {first}, which is not there"
+
+
 PROGRAM_BLOCKS = [
     b for page, of in BLOCKS.items() if page not in OWN_TESTS for b in of if b.kind == "python" and not b.file
 ]

@@ -15,6 +15,12 @@ def call(monkeypatch, capsys):
 
 
 @pytest.fixture
+def no_reference(monkeypatch):
+    """`learn` keeps no reference for later diagnoses, which takes longer than the model."""
+    monkeypatch.setattr("mazeplan.diagnosis.rig.record.why_not_whole", lambda tables: "it was not looked at")
+
+
+@pytest.fixture
 def refused(call):
     """Run a command that must be refused as bad input; returns its one line."""
 

@@ -16,6 +16,7 @@ from ring_record import write_csv
 from mazeplan.apps.cli.learn import rows_line
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.resources import to_install
+from mazeplan.diagnosis.rig.reference_file import load_reference
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, load_model
@@ -60,6 +61,7 @@ def test_rows_without_the_ball_are_counted():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["p", "pi"])
 def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     code, out, _ = learn(log, "--kind", kind)
@@ -76,6 +78,7 @@ def test_models_of_effects_are_written(learn, log, tmp_path, kind):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["np", "sp"])
 def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
     code, out, err = learn(log, "--kind", kind, "--most", "300", "--smoothing", "savgol", "--seed", "1")
@@ -103,6 +106,8 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path):
     assert document["kind"] == "sp"
     assert document["scores"]["smoothing"] == {"method": "rts", "model": "snap"}  # the default
     assert document["model"] == str(tmp_path / "model" / "model.yaml")
+    assert document["reference"] == str(tmp_path / "model" / "reference.yaml")
+    assert load_reference(tmp_path / "model", load_model(tmp_path / "model")) is not None
     assert document["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
     assert "ring2" in document["scores"]["nrmse_test_sp"]
     for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d? %  left 0:00:\d\d"):
@@ -112,6 +117,7 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_reference")
 def test_several_logs_are_learned_from_together(learn, log, tmp_path):
     other = tmp_path / "other.mcap"
     run_collection(PlanarRig(MAZE), MAZE, Collection(30.0, (3,), seed=5), other)
@@ -162,6 +168,7 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("missing", ["torch", "gpytorch"])
 def test_without_torch_only_models_of_effects_are_learned(learn, refused, monkeypatch, log, tmp_path, missing):
     monkeypatch.setitem(sys.modules, missing, None)

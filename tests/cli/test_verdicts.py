@@ -181,6 +181,7 @@ def test_offsets_that_differ_are_told_for_each_ring(fit, fitted):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_reference")
 def test_learn_judges_its_model(call, log, tmp_path):
     code, out, _ = call("learn", "--kind", "pi", log, "-o", tmp_path / "model", "--json")
     document = json.loads(out)

@@ -34,9 +34,9 @@ TABLE, MAZE = (0.003, -0.004), load_map("cme")
 CONTACT = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "contact" / "A"
 
 
-def filtered(toy, seed, table=TABLE, delay=2.0 / 30.0, lost=0.0):
+def filtered(toy, seed, table=TABLE, delay=2.0 / 30.0, lost=0.0, seconds=60.0):
     """The filter for a record."""
-    t, y, wave, _ = plainball.record(toy, seed=seed, seconds=60.0, table=table, noise=5e-4, delay=delay)
+    t, y, wave, _ = plainball.record(toy, seed=seed, seconds=seconds, table=table, noise=5e-4, delay=delay)
     y[np.random.default_rng(5).random(len(y)) < lost] = np.nan
     grid = np.arange(0.0, t[-1] + 0.1, 5e-3)
     plate = PlateMotion(0.0, 5e-3, np.array([plainball.plate_at(wave, at) for at in grid]))
@@ -112,7 +112,7 @@ def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
 
 @pytest.mark.slow
 def test_a_record_without_commands_tells_the_ball_and_nothing_of_the_stage():
-    t, y, wave, _ = plainball.record(plainball.Toy(), seed=2, seconds=60.0, noise=5e-4)
+    t, y, wave, _ = plainball.record(plainball.Toy(), seed=2, seconds=40.0, noise=5e-4)
     tilts = np.array([plainball.plate_at(wave, at) for at in t])
     columns = {"t": t, "x": y[:, 0], "y": y[:, 1], "beta": tilts[:, 0], "gamma": tilts[:, 3]}
     known = reference_of([Table(columns)], MAZE, None)
@@ -132,8 +132,8 @@ def shortened(name, tmp_path, rows):
 def test_from_the_command_line_a_rig_with_contact_tells_what_changed_and_gets_a_model_with_it(
     tmp_path, monkeypatch, capsys
 ):
-    was = shortened("reference", tmp_path, 4500)
-    now = shortened("drops-friction", tmp_path, 3000)
+    was = shortened("reference", tmp_path, 3000)
+    now = shortened("drops-friction", tmp_path, 2000)
     arguments = ("--model", str(CONTACT / "model"), "--reference", was, "-o", str(tmp_path / "out"), "--json")
     code, out, err = call(monkeypatch, capsys, "diagnose", now, *arguments)
     assert code == 0, err

@@ -69,7 +69,7 @@ def test_what_noise_does_not_explain_is_said_where_nothing_was_found():
     ids=lambda x: x if isinstance(x, str) else None,
 )
 def test_one_effect_is_named_with_its_size(what, name, parameter, true):
-    done = found(seed=3, **what)
+    done = found(seed=3, seconds=60.0, **what)
     assert names(done) == [name], done.sentence()
     assert done.verdict in ("effect_found", "ambiguous")
     got = parameters(done, name)[parameter]
@@ -81,7 +81,7 @@ def test_one_effect_is_named_with_its_size(what, name, parameter, true):
 
 @pytest.mark.slow
 def test_two_effects_at_once():
-    done = found(seed=4, dry=0.3, offset=(0.004, -0.003))
+    done = found(seed=4, seconds=60.0, dry=0.3, offset=(0.004, -0.003))
     assert names(done) == ["dry_friction", "tilt_offset"]
 
 
@@ -154,7 +154,7 @@ def test_a_plate_that_does_not_move_teaches_nothing():
 
 @pytest.mark.slow
 def test_a_further_record_is_scored_and_not_looked_at():
-    done = diagnose(record(seed=3, dry=0.3), 0.0925, DECLARED, test=record(seed=9, dry=0.3))
+    done = diagnose(record(seed=3, seconds=60.0, dry=0.3), 0.0925, DECLARED, test=record(seed=9, seconds=40.0, dry=0.3))
     assert done.test is not None
     before, after = done.test
     assert after.rollout40 < 0.5 * before.rollout40

@@ -33,9 +33,9 @@ def plate(u, play, rng):
 @pytest.mark.parametrize("play", [0.0, 0.006, 0.0175])
 def test_play_is_found_to_within_its_error(play):
     rng = np.random.default_rng(3)
-    u = commands(rng, 1800)[:, 0]
+    u = commands(rng, 1200)[:, 0]
     found = fit_with_play_or_deadband(
-        u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)
+        u, plate(u, play, rng), DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)
     ).axis
     if not play:
         assert found.backlash == 0.0
@@ -48,13 +48,13 @@ def test_play_is_found_to_within_its_error(play):
 @pytest.mark.parametrize("band", [0.0, 0.004, 0.01])
 def test_a_dead_band_is_found_and_is_no_play(band):
     rng = np.random.default_rng(4)
-    u = commands(rng, 1800)[:, 0]
-    at, kept = u[0], np.empty(1800)
+    u = commands(rng, 1200)[:, 0]
+    at, kept = u[0], np.empty(1200)
     for k, value in enumerate(u):
         at = value if abs(value - at) >= band else at
         kept[k] = at
     angle = plate(kept, 0.0, rng)
-    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(band, rel=0.05, abs=1e-9)
 
@@ -62,9 +62,9 @@ def test_a_dead_band_is_found_and_is_no_play(band):
 @pytest.mark.slow
 def test_play_is_no_dead_band():
     rng = np.random.default_rng(5)
-    u = commands(rng, 1800)[:, 0]
+    u = commands(rng, 1200)[:, 0]
     angle = plate(u, 0.0175, rng)
-    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)).axis
     assert found.deadband == 0.0
     assert found.backlash > 0.015
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 MAZE, NOISE = load_map("cme"), 6e-4
 
 
-def places(camera, seed=0, n=6000, sides=(0.3, 0.4, 0.3)):
+def places(camera, seed=0, n=3000, sides=(0.3, 0.4, 0.3)):
     """A record of a ball that is in each ring in turn, at either wall or between, as a camera sees it."""
     rng = np.random.default_rng(seed)
     x, y = np.empty(n), np.empty(n)
@@ -53,7 +53,7 @@ def test_what_is_off_is_named_with_its_size(camera, names):
 
 
 def test_noise_and_errors_are_those_of_the_record():
-    drawn = [fit_camera(places(Camera(), seed), MAZE, Camera()) for seed in range(6)]
+    drawn = [fit_camera(places(Camera(), seed, 2400), MAZE, Camera()) for seed in range(6)]
     assert np.mean([p.noise for p in drawn]) == pytest.approx(NOISE, rel=0.1)
     for field in ("offset_x", "scale"):
         spread = np.std([getattr(p.camera, field) for p in drawn])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from ring_records import DECLARED
 from mazeplan.apps.cli.diagnose_ring import ring_openings
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.record import record_of, turned_round
+from mazeplan.diagnosis.ring import remainder
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.ring.diagnose import diagnose
@@ -132,7 +134,7 @@ def test_records_in_pieces_hold_out_blocks_all_over():
 )
 def test_walls_gates_and_camera_are_named(what, name, parameter, true, asked):
     gates = Openings(outer=QUARTERS, inner=tuple(a + math.pi / 4 for a in QUARTERS))
-    done = diagnose(smoothed_record(150.0, **what), RADIUS, DECLARED, openings=gates)
+    done = diagnose(smoothed_record(75.0, **what), RADIUS, DECLARED, openings=gates)
     assert len(asked) == 1
     assert name in [e["name"] for e in done.effects], done.sentence()
     assert len(done.effects) <= 2, done.sentence()
@@ -171,7 +173,11 @@ DATA = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared"
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "ring4.csv").exists(), reason="the measured tables of the rig are not on this machine")
-def test_the_measured_rig_rolls_on_floor_and_wall_and_its_camera_is_off():
+def test_the_measured_rig_rolls_on_floor_and_wall_and_its_camera_is_off(monkeypatch):
+    for name in ("TRAINING", "QUICK"):  # half the rows of the real training, and one start
+        given = getattr(remainder, name)
+        shorter = replace(given, first=given.first // 2, rows=given.rows // 2, starts=1)
+        monkeypatch.setattr(remainder, name, shorter)
     maze = load_map("cme")
     table, odd = turned_round(read_table(DATA / "ring4.csv"), maze.track_radius(4))
     record = record_of(table, np.arange(len(table)) < 0.6 * len(table), odd)  # more takes minutes

@@ -116,7 +116,7 @@ MISHAPS = st.tuples(st.sampled_from(["glued", "hidden", "knocked"]), st.integers
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.tuples(st.integers(0, 150), ACTS), max_size=12),
     st.lists(MISHAPS, max_size=3),

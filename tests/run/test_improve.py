@@ -24,8 +24,8 @@ MAZE = load_map("cme")
 
 
 def table_of(rig, seed):
-    """Two minutes of a rig."""
-    columns = record(rig, 120.0, seed)
+    """Eighty seconds of a rig: twenty in each ring."""
+    columns = record(rig, 80.0, seed)
     x, y = columns["x"], columns["y"]
     return Table({**columns, "theta": np.arctan2(y, x), "r": np.hypot(x, y)})
 
@@ -40,7 +40,7 @@ def known():
 
 @cache
 def seen(name):
-    """The verdict on two minutes of a rig in which one thing changed."""
+    """The verdict on a rig in which one thing changed."""
     rig = changed(Rig(), name, 1)
     return verdict_on(table_of(rig, 2), MAZE, known()[0])
 
@@ -75,10 +75,10 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
     told, doing, far = [], [], []
     (entry,) = improve(
-        str(rig), tmp_path, Options(runs=2, seconds=60.0, seed=1),
+        str(rig), tmp_path, Options(runs=2, seconds=40.0, seed=1),
         tell=told.append, working=doing.append, advance=lambda *how: far.append(how),
     )  # fmt: skip
-    assert far == [*((s, 60) for s in range(1, 61)), (1, 2), (2, 2), (1, 2), (2, 2)]
+    assert far == [*((s, 40) for s in range(1, 41)), (1, 2), (2, 2), (1, 2), (2, 2)]
     assert {"stage", "navigating before", "navigating after"} <= set(doing)
     assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
     new = load_model(entry["diagnosis"]["model"])

@@ -99,6 +99,6 @@ def test_memory_is_flat_over_sixty_runs():
 @pytest.mark.slow
 def test_memory_of_a_campaign_is_flat_after_the_tenth_run():
     grown = []
-    evaluate(Campaign(runs=25, time_limit=0.8), progress=lambda finished: grown.append(resident_mb()))
+    evaluate(Campaign(runs=25, time_limit=0.4), progress=lambda finished: grown.append(resident_mb()))
     assert len(grown) == 25
     assert max(grown[10:]) - grown[9] < 5.0

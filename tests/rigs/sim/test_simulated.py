@@ -78,12 +78,12 @@ def test_energy_never_grows_on_a_level_plate():
 
 
 @pytest.mark.slow
-@pytest.mark.no_cover  # ten minutes are long enough as they are
-def test_no_floor_penetration_and_no_escape_in_ten_minutes_of_random_tilt():
+@pytest.mark.no_cover  # it is long enough as it is
+def test_no_floor_penetration_and_no_escape_in_three_minutes_of_random_tilt():
     machine = rig(theta=1.0, wall_segments=192)
     rng, limit = np.random.default_rng(5), MAZE.tilt_limit
     lowest, highest, farthest, rings = math.inf, -math.inf, 0.0, set()
-    for k in range(18_000):
+    for k in range(5_400):
         machine.observe()
         if k % 10 == 0:
             u = rng.uniform(-limit, limit, 2)
