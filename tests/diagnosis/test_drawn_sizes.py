@@ -11,20 +11,12 @@ from hypothesis import strategies as st
 pytestmark = pytest.mark.slow
 
 DRAWN = settings(deadline=None, derandomize=True, database=None)
-SECONDS = 120.0
-
-
-@pytest.fixture(autouse=True, scope="module")
-def shorter_records():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench_plant, "SECONDS", SECONDS)
-        yield
 
 
 @settings(DRAWN, max_examples=4)
 @given(
     name=st.sampled_from(bench_plant.NAMES),
-    size=st.floats(2.0, 10.0),  # the smallest sizes are those of records two and a half times as long
+    size=st.floats(1.0, 10.0),
     ring=st.sampled_from(sorted(bench_plant.RADII)),
     seed=st.integers(1000, 2000),
 )
