@@ -156,7 +156,7 @@ def whole() -> Any:
     """The whole tree of commands."""
     from mazeplan.apps.cli.app import app
 
-    return typer.main.get_command(app)
+    return typer.main.get_command.__wrapped__(app)  # its own: Click keeps the help options of the first context
 
 
 def parse(words: list[str]) -> None:

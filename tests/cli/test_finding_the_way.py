@@ -28,7 +28,8 @@ def said(*words, **more):
 
 
 def command_of(path):
-    command = get_command(app)
+    """A command of one's own: Click keeps the help options of the first context, here those without `-h`."""
+    command = get_command.__wrapped__(app)
     for name in path.split():
         command = command.commands[name]
     return command
