@@ -125,9 +125,10 @@ def parts(runs: int) -> list[tuple[str, str, Callable[[], list[NavigationResult]
     def with_(
         sections: dict[str, dict[str, Any]], model: RigModel | None = None, tree: str = "navigate"
     ) -> Callable[[], list[NavigationResult]]:
-        return lambda: runs_on("toy", runs, settings=base.with_values(sections), model=model, tree=tree)
+        changed = base.with_values(sections)  # here, so that a value that is refused shows before the runs
+        return lambda: runs_on("toy", runs, settings=changed, model=model, tree=tree)
 
-    once = {"tracking": {"replan_every": 10_000, "replan_theta": 1e6, "replan_speed": 1e6}}
+    once = {"tracking": {"replan_every": 1000, "replan_theta": 1e3, "replan_speed": 1e3}}
     return [
         ("everything", "-", with_({})),
         ("no prediction over the camera's delay", "camera_delay 0", with_({}, replace(model, camera_delay=0.0))),
