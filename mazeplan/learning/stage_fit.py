@@ -15,7 +15,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mazeplan.core.records import Array
-from mazeplan.physics.rig.stage import StageAxis, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import simulate_axis
 
 GRID = (  # starts: natural frequencies in rad/s, dampings, dead times in s
     (2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (0.2, 0.5, 1.0, 2.0), (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1, 0.15, 0.2, 0.3),
@@ -23,6 +24,7 @@ GRID = (  # starts: natural frequencies in rad/s, dampings, dead times in s
 LOOKED_AT = 3000  # maximum number of samples for the choice among these
 STARTS = 3  # number of starts: a fast axis with a dead time resembles a slow axis without
 FEWEST = 60  # minimum number of samples
+SHORTEST = 30  # minimum number of samples of a stretch; shorter ones are left out
 LEAST_RANGE = 1e-3  # rad; minimum range of the commands
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
@@ -54,20 +56,20 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
     if np.ptp(u) < LEAST_RANGE:
         got = f"commands within {np.ptp(u):.2g} rad"
         raise ValueError(f"got {got}, expected at least {LEAST_RANGE:g} rad: tilt the plate, as `collect` does")
-    number = np.zeros(len(u)) if breaks is None else np.cumsum(breaks).astype(np.float64)
-    edges = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(number))), len(u)]
-    pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 30]
-
-    def error(x: Array, settled: float) -> Array:
-        axis = StageAxis(x[0], math.exp(x[1]), math.exp(x[2]), x[3], x[4])
-        late = (min(round(settled / dt), max((b - a) // 3, round(SETTLE_S / dt))) for a, b in pieces)
-        simulated = ((simulate_axis(axis, u[a:b], dt) - angle[a:b])[n:] for (a, b), n in zip(pieces, late, strict=True))
-        return np.concatenate(list(simulated))
-
+    firsts = np.array([0, *(np.flatnonzero(breaks[1:]) + 1 if breaks is not None else ())], dtype=np.int64)
+    pieces = [(a, b) for a, b in itertools.pairwise([*firsts.tolist(), len(u)]) if b - a >= SHORTEST]
     starts = _on_grid(u, angle, dt, pieces) if near is None else [near]
     settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in starts[0].poles()))
+    used = np.zeros(len(u), dtype=bool)
+    for a, b in pieces:
+        used[a + min(round(settled / dt), max((b - a) // 3, round(SETTLE_S / dt))) : b] = True
+
+    def error(x: Array) -> Array:
+        axis = StageAxis(x[0], math.exp(x[1]), math.exp(x[2]), x[3], x[4])
+        return (simulate_axis(axis, u, dt, firsts) - angle)[used]
+
     bounds = (_point(StageAxis(*LOW)), _point(StageAxis(*HIGH)))
-    how: dict[str, Any] = {"bounds": bounds, "x_scale": [0.1, 0.1, 0.1, 0.01, 0.01], "args": (settled,)}
+    how: dict[str, Any] = {"bounds": bounds, "x_scale": [0.1, 0.1, 0.1, 0.01, 0.01]}
     best = min((least_squares(error, _point(start), **how) for start in starts), key=lambda found: found.cost)
     n = len(best.fun)
     variance = 2.0 * best.cost / max(n - 5, 1)
@@ -91,10 +93,13 @@ def _on_grid(u: Array, angle: Array, dt: float, pieces: list[tuple[int, int]]) -
         if left > 0:
             chosen.append((a, min(b, a + left)))
             left -= b - a
-    target = np.concatenate([angle[a:b][skip:] for a, b in chosen])
+    rows = np.concatenate([np.arange(a, b) for a, b in chosen])
+    firsts = np.flatnonzero(np.isin(rows, [a for a, _ in chosen]))
+    used = np.concatenate([np.arange(b - a) >= skip for a, b in chosen])
+    commands, target = u[rows], angle[rows][used]
     for frequency, damping, dead in itertools.product(*GRID):
         axis = StageAxis(1.0, frequency, damping, dead)
-        moved = np.concatenate([simulate_axis(axis, u[a:b], dt)[skip:] for a, b in chosen])
+        moved = simulate_axis(axis, commands, dt, firsts)[used]
         basis = np.column_stack([moved, np.ones(len(moved))])
         (gain, offset), *_ = np.linalg.lstsq(basis, target, rcond=None)
         gain, offset = float(np.clip(gain, LOW[0], HIGH[0])), float(np.clip(offset, LOW[4], HIGH[4]))

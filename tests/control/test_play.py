@@ -7,7 +7,8 @@ import pytest
 
 from mazeplan.control.backlash import BacklashCompensator
 from mazeplan.core.records import Command
-from mazeplan.physics.rig.stage import StageAxis, StageModel, apply_backlash
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage_simulation import apply_backlash
 
 LIMIT = 0.087
 

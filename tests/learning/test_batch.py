@@ -19,7 +19,8 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, surface_bump, surface_profile, tilt_offset
 from mazeplan.physics.formulas.arrays import RingKinematics
-from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage_simulation import actuator_output
 
 MANY, STEPS, LIMIT, RADIUS = 2000, 40, 0.08, 0.0689
 SPREAD = np.array([math.pi, 4.0, 0.08, 0.5, 0.08, 0.5])  # of start states: rad, rad/s

@@ -10,7 +10,8 @@ import pytest
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.identification import find_windows, fit_rig, ridge, weak_function
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.rig.stage import StageAxis, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import simulate_axis
 from mazeplan.run.excitation import multisine
 
 MAZE = load_map("cme")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mazeplan.learning.stage_fit import fit_axis
-from mazeplan.physics.rig.stage import StageAxis, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import simulate_axis
 from mazeplan.run.excitation import multisine
 
 DT = 1.0 / 30.0

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import TransferFunction
 from scipy.signal import step as unit_step
 
-from mazeplan.physics.rig.stage import StageAxis, simulate_axis, step_response
+from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import simulate_axis, step_response
 from mazeplan.run.excitation import multisine
 
 DT = 1.0 / 30.0

@@ -18,7 +18,8 @@ from scipy.optimize import minimize_scalar
 
 from mazeplan.core.records import Array
 from mazeplan.learning.stage_fit import StageFit, fit_axis
-from mazeplan.physics.rig.stage import StageAxis, apply_backlash, apply_deadband, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import apply_backlash, apply_deadband, simulate_axis
 
 TRIED = 0.005  # rad, play in the first test
 MOST = 0.08  # rad, maximum play or dead band

@@ -17,7 +17,8 @@ from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.dynamics.ring_parameters import stage_transition
 from mazeplan.physics.effects.rig import axis_coupling
-from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
