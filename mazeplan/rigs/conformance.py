@@ -82,7 +82,7 @@ class RigTrial:
 
 
 def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -> list[CheckResult]:
-    """Run all checks; then level and close the rig.
+    """Run all checks; then level and close the rig, also if Ctrl-C ends them.
 
     A rig that raises an error in a check fails that check. The other checks run as well."""
     trial = RigTrial(rig, maze, seed)
@@ -109,6 +109,9 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
             problem = str(unfit)
         except Exception as error:  # a rig may raise anything; a check reports it
             problem = f"{RAISED}{type(error).__name__}: {error}"
+        except BaseException:  # Ctrl-C or a signal: no later check levels the plate
+            _leave(rig)
+            raise
         detail = "ok" if problem is None else f"as {first[problem]}" if problem in first else problem
         if problem is not None:
             first.setdefault(problem, name)
@@ -259,7 +262,14 @@ def _repeatable(trial: RigTrial) -> str | None:
 
 
 def _close(trial: RigTrial) -> str | None:
-    trial.rig.level()
-    trial.rig.close()
+    _leave(trial.rig)
     trial.rig.close()  # the caller reports an error here
     return None
+
+
+def _leave(rig: Rig) -> None:
+    """Level the plate, and close the rig also if that fails."""
+    try:
+        rig.level()
+    finally:
+        rig.close()

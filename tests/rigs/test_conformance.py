@@ -146,6 +146,50 @@ def test_hardware_is_not_asked_to_repeat_itself():
     assert failed(Unrepeatable(MAZE, {}), repeatable=False) == set()
 
 
+class Ends(SimulatedRig):
+    """Notes how it ends; `levels` says whether `level` works."""
+
+    levels = True
+
+    def __init__(self, maze, settings):
+        super().__init__(maze, settings)
+        self.told = []
+
+    def level(self):
+        self.told.append("level")
+        if not self.levels:
+            raise OSError("no answer")
+        super().level()
+
+    def close(self):
+        self.told.append("close")
+        super().close()
+
+
+@pytest.mark.parametrize("levels", [True, False])
+def test_ctrl_c_in_a_check_leaves_the_plate_level_and_the_rig_closed(monkeypatch, levels):
+    rig, samples = Ends(MAZE, {}), itertools.count()
+
+    def observe():
+        if next(samples) == 40:
+            raise KeyboardInterrupt
+        return SimulatedRig.observe(rig)
+
+    monkeypatch.setattr(rig, "observe", observe)
+    monkeypatch.setattr(rig, "levels", levels)
+    raised = KeyboardInterrupt if levels else OSError
+    with pytest.raises(raised):
+        check_rig(rig, MAZE)
+    assert rig.told == ["level", "close"]
+
+
+def test_a_rig_that_cannot_level_is_closed_all_the_same(monkeypatch):
+    rig = Ends(MAZE, {})
+    monkeypatch.setattr(rig, "levels", False)
+    assert "close" in failed(rig, repeatable=False)
+    assert rig.told[-1] == "close"
+
+
 def command(monkeypatch, capsys, *arguments):
     monkeypatch.setattr(sys, "argv", ["mazeplan", "rig", *arguments])
     with pytest.raises(SystemExit) as stop:
