@@ -91,6 +91,7 @@ class RigRow:
         for rig in self._rigs:
             with suppress(RigError):  # a rig that fails now has raised its error before
                 rig.level()
+            with suppress(RigError):  # also a rig that cannot level gives its port back
                 rig.close()
         self._rigs = []
 
