@@ -40,16 +40,17 @@ STDLIB = os.path.dirname(os.__file__) + os.sep
 WAKE = getattr(signal, "SIGUSR2", None)  # some systems lack this signal
 
 
-def watched(rig: Rig, *, own_process: bool = False) -> Rig:
+def watched(rig: Rig, *, own_process: bool = False, wakes: bool = True) -> Rig:
     """The rig with a watchdog. A simulation (`realtime = False`) gets no watchdog.
 
-    A user's simulation gets a `CheckedRig`, which turns its errors into RigErrors. own_process: see `WatchedRig`."""
+    A user's simulation gets a `CheckedRig`, which turns its errors into RigErrors.
+    own_process, wakes: see `WatchedRig`."""
     if isinstance(rig, WatchedRig | CheckedRig):
         return rig
     if not traits(rig).realtime:
         ours = type(rig).__module__.partition(".")[0] == __name__.partition(".")[0]
         return rig if ours else CheckedRig(rig)
-    return WatchedRig(rig, own_process=own_process)
+    return WatchedRig(rig, own_process=own_process, wakes=wakes)
 
 
 class _Call:
@@ -96,33 +97,45 @@ class WatchedRig(RigWrapper):
 
     timeout_s: longest time from a sample to the command that answers it, s.
     own_process: True allows the watchdog to end the process, with exit status 3, if the loop hangs for good.
+    wakes: False if the loop is another program's code, which may pause. Then no signal interrupts it, and `reset` works
+    again after the watchdog struck.
 
     When the watchdog strikes, it levels the plate. Then observe, command and reset raise RigError. `reason` says why
-    the watchdog struck; None: it did not."""
+    the watchdog struck; None: it did not. `level` answers a sample as `command` does."""
 
     realtime = True
 
-    def __init__(self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False) -> None:
+    def __init__(
+        self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False, wakes: bool = True
+    ) -> None:
         super().__init__(rig)
-        self.timeout_s, self._own_process = timeout_s, own_process
+        self.timeout_s, self._own_process, self._wakes = timeout_s, own_process, wakes
         self.reason: str | None = None
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()  # protects reason and _listens
         self._heard = threading.Event()  # set when the loop returns after a strike
-        self._first, self._hangs, self._level_hangs = True, False, False
+        self._late: list[_Call] = []  # calls that did not return in time
+        self._first = True
         self._listens, self._handler_before = False, None
 
     # -- calls of the loop -------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside, without a time limit."""
-        self._listen()
+        if self._wakes:
+            self._listen()
+        elif self._hangs():
+            raise RigError(self.reason or f"{self._late[-1].name}() of the rig has not returned yet")
+        elif self._thread is not None:
+            self.level()  # from now on nothing waits for a command, so that the watchdog cannot strike again
+            self.reason = None
         self._first = True
         self._ask("reset", None, ring=ring, theta=theta, rng=rng)
 
     def observe(self) -> Observation:
         """As the rig inside. Raises RigError if no sample comes in time."""
+        self._heard.clear()  # an earlier `level` set it, but the loop may hang after this sample
         limit = SAMPLES / self.rate_hz + (START_S if self._first else 0.0)
         observation = self._ask("observe", limit)
         self._first = False
@@ -135,11 +148,11 @@ class WatchedRig(RigWrapper):
     def level(self) -> None:
         """As the rig inside, for at most LEVEL_S, also while another call hangs."""
         self._heard.set()
-        if self._level_hangs:  # an earlier call has reported that; another try would only take longer
+        if self._hangs("level"):  # an earlier call has reported that; another try would only take longer
             return
         call = self._give("level")
         if not call.done.wait(LEVEL_S):
-            self._level_hangs = True
+            self._late.append(call)
             raise RigError(self._after(f"level() of the rig did not return within {LEVEL_S:g} s"))
         call.outcome()
 
@@ -165,7 +178,7 @@ class WatchedRig(RigWrapper):
                     self._heard.set()
                 return call.outcome()
             self._strike(f"{name}() of the rig did not return within {limit:g} s")
-            self._hangs = True
+            self._late.append(call)
             self.level()
         self._heard.set()
         raise RigError(str(self.reason))
@@ -174,11 +187,15 @@ class WatchedRig(RigWrapper):
         """Call a method in the rig's thread; if that thread hangs, call it in a new thread, too."""
         call = _Call(self.inside, name)
         self._put(call)  # also while a call hangs: if that call ends late, this one comes after it
-        if call.begun.wait(0.0 if self._hangs else 2.0 / self.rate_hz):
+        if call.begun.wait(0.0 if self._hangs() else 2.0 / self.rate_hz):
             return call
         apart = _Call(self.inside, name)
         threading.Thread(target=self._do, args=(apart,), name=f"mazeplan rig {name}", daemon=True).start()
         return apart
+
+    def _hangs(self, *names: str) -> bool:
+        """Whether a late call (of these names, if any) still hangs."""
+        return any(not call.done.is_set() for call in self._late if not names or call.name in names)
 
     def _after(self, problem: str) -> str:
         return problem if self.reason is None else f"{self.reason}; then {problem}"

@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+
+import mazeplan.apps.environment as room
+from mazeplan.apps.environment.pair import TwoBallsEnv
 from mazeplan.apps.environment.worlds import RigRow
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Observation
@@ -14,6 +22,7 @@ class Table:
     """A rig in real time, at 100 samples a second. The ball rests in ring 1."""
 
     rate_hz = 100.0
+    seen = True
 
     def __init__(self, maze, settings):
         self.told, self.samples, self.levels = [], 0, True
@@ -24,7 +33,8 @@ class Table:
 
     def observe(self):
         self.samples += 1
-        return Observation((self.samples - 1) / self.rate_hz, MAZE.track_radius(1), 0.0, 0.0, 0.0)
+        x, y = (MAZE.track_radius(1), 0.0) if self.seen else (None, None)
+        return Observation((self.samples - 1) / self.rate_hz, x, y, 0.0, 0.0)
 
     def command(self, u_beta, u_gamma):
         self.told.append("command")
@@ -43,3 +53,82 @@ def test_a_rig_that_cannot_level_is_closed_all_the_same():
     tables[0].levels = False
     RigRow(lambda: tables).close()
     assert [table.told for table in tables] == [["level", "close"]] * 2
+
+
+class TwoBalls(Table):
+    balls = 2
+
+    def observe(self):
+        seen = super().observe()
+        return Observation(seen.t, seen.x, seen.y, 0.0, 0.0, others=(seen,))
+
+
+STILL = np.zeros(2, dtype=np.float32)
+PAUSE_S = 0.3  # s, longer than the watchdog waits for a command
+
+
+@pytest.fixture
+def played():
+    """Makes an environment that is reset, and the rig in it."""
+    made = []
+
+    def make(kind=Table, **options):
+        rig = f"{__name__}:{kind.__name__}"
+        if kind is TwoBalls:
+            made.append(TwoBallsEnv(rig=rig))
+        elif options:
+            made.append(gymnasium.make_vec(room.ID, num_envs=1, rig=rig, **options))
+        else:
+            made.append(gymnasium.make(room.ID, rig=rig))
+        made[-1].reset(seed=0)
+        inner = made[-1].unwrapped
+        world = inner._world if kind is TwoBalls else inner.episodes.world
+        return made[-1], world._rigs[0]
+
+    yield make
+    for env in made:
+        env.close()
+
+
+@pytest.mark.realtime
+def test_after_a_reset_the_first_step_may_take_its_time(played):
+    env, rig = played()
+    time.sleep(PAUSE_S)
+    env.step(STILL)
+    assert rig.told == ["reset", "level", "command"]
+    assert rig.reason is None
+
+
+@pytest.mark.realtime
+def test_a_pause_within_an_episode_levels_the_plate_and_is_told_at_the_next_step(played):
+    env, rig = played()
+    env.step(STILL)
+    time.sleep(PAUSE_S)  # nothing is raised here
+    assert rig.told[-2:] == ["command", "level"]
+    for _ in range(2):
+        with pytest.raises(RigError, match=r"no command within 0\.2 s of the sample at t = 0\.010 s$"):
+            env.step(STILL)
+    assert rig.told[-1] == "level"
+    env.reset()
+    env.step(STILL)
+    assert rig.told[-3:] == ["reset", "level", "command"]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("kind", [Table, TwoBalls])
+def test_at_the_end_of_an_episode_the_plate_goes_level_and_the_rig_waits(played, kind):
+    env, rig = played(kind)
+    rig.inside.seen, ended = False, False
+    while not ended:
+        _, _, ended, _, _ = env.step(STILL)
+    assert rig.told[-1] == "level"
+    time.sleep(PAUSE_S)
+    assert rig.reason is None
+
+
+def test_the_plate_goes_level_when_one_of_many_is_truncated(played):
+    many, rig = played(max_episode_steps=2)
+    many.step(STILL[None])
+    assert rig.told[-1] == "command"
+    many.step(STILL[None])
+    assert rig.told[-1] == "level"

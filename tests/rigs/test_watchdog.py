@@ -124,6 +124,32 @@ def busy():
         pass
 
 
+def test_a_loop_that_levelled_the_plate_before_is_woken_too(rig):
+    _, outer = rig
+    outer.observe()
+    outer.level()
+    outer.observe()
+    with pytest.raises(RigError, match="no command within"):
+        time.sleep(5.0)
+
+
+def test_the_code_of_others_is_not_woken_and_begins_again_as_soon_as_the_rig_does(rig):
+    inner, _ = rig
+    outer = WatchedRig(inner, wakes=False)
+    outer.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    inner.hang["observe"] = threading.Event()
+    for late in (outer.observe, lambda: outer.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))):
+        with pytest.raises(RigError, match=r"observe\(\) of the rig did not return within"):
+            late()
+    inner.hang.pop("observe").set()
+    until(lambda: not outer._hangs())
+    outer.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    outer.observe()
+    outer.command(0.0, 0.0)
+    outer.close()
+    assert outer.reason is None
+
+
 def test_a_loop_in_another_thread_is_told_when_it_comes_back(rig):
     inner, _ = rig
     outer, said = WatchedRig(inner), []

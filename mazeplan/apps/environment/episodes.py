@@ -130,6 +130,7 @@ class Episodes:
         self._senses.take(rows, samples, commands)
         verdict = self._judge.judge(rows)
         self._keep(rows, samples)
+        self.world.rest(rows[verdict.arrived | verdict.out])
         return self._observed(rows), verdict, self._info(rows, verdict.ring, verdict.arrived, verdict.left)
 
     def _check_open(self) -> None:

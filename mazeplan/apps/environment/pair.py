@@ -84,6 +84,8 @@ class TwoBallsEnv(gymnasium.Env):
         self._senses.take(_EACH, _both(self._world.step(_RIG, commands)), np.tile(commands, (BALLS, 1)))
         verdict = self._judge.judge(_EACH)
         arrived, out = bool(verdict.arrived.all()), bool(verdict.out.any())
+        if arrived or out:
+            self._world.rest(_RIG)
         reward = float(arrived)
         if self.task.reward == "dense":
             phi = 0.0 if arrived or out else self._potential()

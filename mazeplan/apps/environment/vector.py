@@ -82,6 +82,7 @@ class CircularMazeVectorEnv(VectorEnv):
             reward[on], terminated[on] = verdict.reward, verdict.arrived | verdict.out
             self._steps[on] += 1
         truncated = self._steps >= self._most
+        self.episodes.world.rest(np.flatnonzero(truncated & ~terminated))
         self._ended = terminated | truncated
         observations, info = _joined(parts, n)
         return observations, reward, terminated, truncated, _masked(info)

@@ -17,7 +17,7 @@ from mazeplan.rigs.interface import Rig, check_ready, traits
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.fleet import Fleet, Samples, fits
 from mazeplan.rigs.sim.simulated import SimulatedRig
-from mazeplan.rigs.watchdog import watched
+from mazeplan.rigs.watchdog import WatchedRig, watched
 
 
 class World(Protocol):
@@ -33,6 +33,10 @@ class World(Protocol):
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
         """Command tilts (len(rows), 2), rad, to the rigs `rows`, and return their next samples."""
+        ...
+
+    def rest(self, rows: IntArray) -> None:
+        """Level the real rigs of `rows`, whose episodes have ended. They may then wait for any time."""
         ...
 
     def pictured(self, row: int) -> Array:
@@ -67,6 +71,7 @@ class RigRow:
             self._rigs[row].reset(ring=ring, theta=theta, rng=rng)
             self._placed.add(row)
             seen.append(self._rigs[row].observe())
+            self._rest(row)  # nobody knows when the first step comes
         return _samples(seen)
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
@@ -78,6 +83,16 @@ class RigRow:
             self._rigs[row].command(*command)
             seen.append(self._rigs[row].observe())
         return _samples(seen)
+
+    def rest(self, rows: IntArray) -> None:
+        """See `World`. Raises RigError if a plate cannot be levelled."""
+        for row in rows.tolist():
+            self._rest(row)
+
+    def _rest(self, row: int) -> None:
+        """Answer the last sample with a level plate. A simulation waits for nobody, and keeps its tilt."""
+        if isinstance(self._rigs[row], WatchedRig):
+            self._rigs[row].level()
 
     def pictured(self, row: int) -> Array:
         """See `World`. Raises SettingsError for a rig without `pictured`."""
@@ -121,7 +136,7 @@ def rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
 
 def _ready(rigs: Sequence[Rig]) -> list[Rig]:
     """The rigs with watchdogs. Raises SettingsError for a rig that cannot be driven yet."""
-    guarded = [watched(rig) for rig in rigs]
+    guarded = [watched(rig, wakes=False) for rig in rigs]  # the loop is another program's code
     for rig in guarded:
         check_ready(rig)
     return guarded

@@ -244,6 +244,9 @@ class Fleet:
 
     # -- true state, which only a simulation has -------------------------------------------------------------------
 
+    def rest(self, rows: IntArray) -> None:
+        """Does nothing: simulated rigs stand still between two steps."""
+
     def pictured(self, row: int) -> Array:
         """See `SimulatedRig.pictured`."""
         return self._seen[0, row].copy()
