@@ -77,6 +77,7 @@ class HardwareRig:
         self._arrived = -math.inf  # when the last picture arrived, host's clock, s
         self._next, self._first = 0, 0  # number of the next picture; number of the picture at time 0
         self._stopped = False
+        self._closed = False  # a reset that goes on in another thread after `close` must open nothing again
         self.sighting: Sighting | None = None  # result of the detector for the last sample; None: no picture came
         self.due = 0.0  # when the last sample was due, host's clock, s
 
@@ -113,7 +114,8 @@ class HardwareRig:
     def board(self) -> Board:
         """The board, opened on first use. Needs no calibration.
 
-        Raises RigError if the board does not answer, SettingsError for missing limits."""
+        Raises RigError if the board does not answer, or after `close`; SettingsError for missing limits."""
+        self._check_open()
         if self._board is None:
             self._limited()
             self._board = self._open_board()
@@ -123,7 +125,9 @@ class HardwareRig:
     def parts(self) -> Parts:
         """Board, camera and detector, opened on first use.
 
-        Raises RigError if a part cannot be opened, SettingsError for missing limits or calibrations."""
+        Raises RigError if a part cannot be opened, or after `close`; SettingsError for missing limits or calibrations.
+        """
+        self._check_open()
         if self._parts is None:
             self.ready()
             try:
@@ -135,11 +139,16 @@ class HardwareRig:
             self._numbered, self._arrived = False, -math.inf
         return self._parts
 
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RigError("the rig is closed; the next reset opens it again")
+
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Level the plate, ask a person to place the ball in a ring, and wait until the ball rests.
 
         Time 0 is the time of the next picture. Raises NotSeen if no ball rests in the ring within `place_s`, RigError
         if the machine fails."""
+        self._closed = False
         parts = self.parts
         self._stopped = False
         self.level()
@@ -184,7 +193,8 @@ class HardwareRig:
         return problem
 
     def close(self) -> None:
-        """Level the plate, and release port and camera. A second call does nothing."""
+        """Level the plate, and release port and camera until the next reset. A second call does nothing."""
+        self._closed = True
         parts, self._parts = self._parts, None
         board, self._board = self._board, None
         if parts is not None:
