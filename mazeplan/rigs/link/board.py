@@ -83,7 +83,7 @@ class Board:
         self._failure = None
         until = monotonic() + self.timeouts.answer_s
         self._serial, self.identity = connect(self.port, self.limits, self.timeouts, until, self._closing)
-        self._thread = threading.Thread(target=self._read, name=f"board {self.port}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"board {self.port}", daemon=True)
         self._thread.start()
         if self.wait_newer(None, self.timeouts.silence_s) is None:
             self.close()
@@ -188,6 +188,13 @@ class Board:
 
     # ---- the thread that reads
 
+    def _work(self) -> None:
+        """Read until the end. An unexpected error makes the board count as lost: no thread may end in silence."""
+        try:
+            self._read()
+        except Exception as problem:
+            self._fail(f"reading failed: {type(problem).__name__}: {' '.join(str(problem).split())}")
+
     def _read(self) -> None:
         """Read reports and events until the board is closed or lost."""
         reader, heard = FrameReader(), monotonic()
@@ -267,10 +274,14 @@ class Board:
             with self._writing:
                 self._serial = serial
             return True
-        with self._news:
-            self._failure = f"{self.port}: {trouble} and did not come back in {self.timeouts.reconnect_s:g} s: {last}"
-            self._news.notify_all()
+        self._fail(f"{trouble} and did not come back in {self.timeouts.reconnect_s:g} s: {last}")
         return False
+
+    def _fail(self, problem: str) -> None:
+        """Let every call raise this problem from now on."""
+        with self._news:
+            self._failure = f"{self.port}: {problem}"
+            self._news.notify_all()
 
     def _drop_port(self) -> None:
         with self._writing:

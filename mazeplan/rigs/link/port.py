@@ -33,6 +33,17 @@ def open_port(name: str) -> serial.Serial:
         return serial.Serial(name, BAUD, timeout=POLL_S, write_timeout=WRITE_S, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as problem:
         raise RigError(f"{name}: {_advice(name, problem)}") from problem
+    except _terminal_errors() as problem:  # a port that vanishes while it is opened
+        raise RigError(f"{name}: {_advice(name, OSError(*problem.args))}") from problem
+
+
+def _terminal_errors() -> tuple[type[Exception], ...]:
+    """termios.error, which is no OSError; empty on Windows, which has no termios."""
+    try:
+        import termios
+    except ImportError:
+        return ()
+    return (termios.error,)
 
 
 def _advice(name: str, problem: Exception) -> str:

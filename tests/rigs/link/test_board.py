@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import termios
 import threading
 import time
 
@@ -180,6 +181,37 @@ def test_a_lost_port_ends_in_an_error_that_names_it():
     board.close()
     board.close()
     assert time.monotonic() - began < 1.0
+
+
+def test_a_port_that_vanishes_while_it_is_opened_is_told_in_one_line(monkeypatch):
+    def vanishes(*given, **more):
+        raise termios.error(5, "Input/output error")
+
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        monkeypatch.setattr("serial.Serial", vanishes)
+        with pytest.raises(RigError, match=r"cannot be opened as a serial port \(\[Errno 5\] Input/output error\)"):
+            open_port(fake.port)
+        fake.unplug()
+        with pytest.raises(RigError, match=r"did not come back in 0\.4 s: cannot be opened"):
+            board.wait_confirmed(99, 3.0)
+        board.close()
+
+
+def test_an_unexpected_error_in_the_thread_that_reads_loses_the_board(monkeypatch):
+    def breaks(*given):
+        raise RuntimeError("no such thing")
+
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        monkeypatch.setattr("mazeplan.rigs.link.board.connect", breaks)
+        fake.unplug()
+        with pytest.raises(RigError, match=r"reading failed: RuntimeError: no such thing"):
+            board.wait_confirmed(99, 3.0)
+        assert not board.connected
+        board.close()
 
 
 def test_a_board_that_falls_silent_is_asked_again_and_goes_on():
