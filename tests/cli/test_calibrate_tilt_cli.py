@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from time import monotonic
 from types import SimpleNamespace
 
 import numpy as np
@@ -143,7 +144,9 @@ def test_bad_input_is_refused_before_a_question(desk, board, refused, monkeypatc
 
 
 class Board:
-    """Its diode sees the tilt that the pulses of the moment make."""
+    """Its diode sees the tilt that the pulses of the moment make. `silent_s`: age of its newest report."""
+
+    port, silent_s = "fake", 0.0
 
     def __init__(self):
         self.pulses, self.levelled, self.closed, self.lost = (1500.0, 1500.0), 0, 0, False
@@ -155,7 +158,8 @@ class Board:
 
     def recent(self):
         tilt = math.radians((self.pulses[0] - 1500.0) / 40.0), math.radians((self.pulses[1] - 1500.0) / 40.0)
-        return [SimpleNamespace(volts=DIODE.volts(*tilt), received_s=0.01 * k) for k in range(100)]
+        newest = monotonic() - self.silent_s
+        return [SimpleNamespace(volts=DIODE.volts(*tilt), received_s=newest - 0.01 * (99 - k)) for k in range(100)]
 
     def level(self):
         self.levelled += 1
@@ -216,6 +220,22 @@ def test_a_lost_board_and_ctrl_c_leave_a_level_plate(call, desk, board, monkeypa
     assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_a_board_that_falls_silent_gives_no_reading(call, board, desk, monkeypatch, when):
+    board.silent_s = 1.0 if when == "before" else 0.0
+
+    def prompt(text, **more):
+        board.silent_s = 1.0
+        return "0.5 0.5"
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    code, _, err = call("calibrate", "tilt", "--keep", "kept.csv")
+    said = "mazeplan: fake: the board has sent no report for 0.4 s; is its cable in?"
+    assert (code, err.splitlines()[-1]) == (3, said)
+    assert len(Path("kept.csv").read_text().splitlines()) == 1  # the header
+    assert (board.levelled >= 1, board.closed) == (True, 1)
 
 
 @pytest.mark.parametrize("last", [3, 12])

@@ -13,11 +13,11 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.core.errors import MazeplanError
 from mazeplan.rigs.conformance import CheckResult
 from mazeplan.rigs.hardware.latency import MeasuredDelay, dead_time, picture_delay, swing
-from mazeplan.rigs.hardware.rig import SILENT_S, HardwareRig, NotSeen
-from mazeplan.rigs.hardware.tiltreadings import hold_pulses
+from mazeplan.rigs.hardware.rig import HardwareRig, NotSeen
+from mazeplan.rigs.hardware.tiltreadings import hold_pulses, mean_volts
 from mazeplan.rigs.link.port import ports_found
 
 LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
@@ -136,12 +136,7 @@ class HardwareCheck:
 
     def _volts(self) -> np.ndarray:
         """Mean of both channels over AVERAGE_S, V."""
-        board = self.rig.board
-        reports = board.recent()
-        if not reports or monotonic() - reports[-1].received_s > SILENT_S:
-            raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
-        latest = [report.volts for report in reports if report.received_s > reports[-1].received_s - AVERAGE_S]
-        return np.mean(latest, axis=0)
+        return mean_volts(self.rig.board, AVERAGE_S)
 
     def _calibrated(self) -> str:
         self.rig.ready()

@@ -13,6 +13,7 @@ from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
 from mazeplan.rigs.link.messages import TiltReport
 
 KEPT_S = 1.0  # s; older reports are dropped
+SILENT_S = 0.4  # s without a report of the tilt, after which the board counts as failed
 AHEAD_S = 0.03  # s, longest extrapolation of the tilt after the last report
 SLOPE_S = 0.02  # s before the last report over which the rate of the tilt is computed
 DRIFT = 6e-3  # s/s, largest drift between the clocks of host and board: the resonator of a Mega is accurate to 0.5 %

@@ -27,7 +27,7 @@ from mazeplan.rigs.camera.detector import Sighting
 from mazeplan.rigs.camera.section import camera_section, check_begun
 from mazeplan.rigs.camera.source import FrameSource, VideoSource
 from mazeplan.rigs.files import placed, validated
-from mazeplan.rigs.hardware.clocks import FrameClock
+from mazeplan.rigs.hardware.clocks import SILENT_S, FrameClock
 from mazeplan.rigs.hardware.parts import Parts, assemble, open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
@@ -35,7 +35,6 @@ from mazeplan.rigs.link.board import Board
 TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 LATE = 0.5  # periods; a picture that is later counts as missing
 BLIND_S = 2.0  # s without any picture, after which the camera counts as failed
-SILENT_S = 0.4  # s without a report of the tilt, after which the board counts as failed
 START_S = 10.0  # s, longest wait for the first picture
 LEVEL_DEG = 0.7  # largest tilt of a plate that counts as level
 REST_MM = 2.0  # a ball rests if it stays within this distance ...

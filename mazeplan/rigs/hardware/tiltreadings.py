@@ -9,11 +9,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from time import sleep
+from time import monotonic, sleep
 
 import numpy as np
 
 from mazeplan.core.errors import RigError
+from mazeplan.rigs.hardware.clocks import SILENT_S
 from mazeplan.rigs.hardware.settings import Servo
 from mazeplan.rigs.hardware.tiltcalibration import Reading
 from mazeplan.rigs.link.board import Board
@@ -73,10 +74,19 @@ def hold_pulses(board: Board, pulses: tuple[float, float]) -> Iterator[PulseHold
         board.level()
 
 
+def mean_volts(board: Board, over_s: float) -> np.ndarray:
+    """Mean of both channels over the last `over_s` seconds, V, (2,). Raises RigError if the board is silent or lost."""
+    reports = board.recent()
+    if not reports or monotonic() - reports[-1].received_s > SILENT_S:
+        raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
+    latest = [report.volts for report in reports if report.received_s > reports[-1].received_s - over_s]
+    return np.mean(latest, axis=0)
+
+
 def take_readings(
     board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
 ) -> list[Reading]:
-    """Take a reading at each pair of pulses. Raises RigError if the board is lost.
+    """Take a reading at each pair of pulses. Raises RigError if the board is silent or lost.
 
     ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip these pulses, or raises
       Enough.
@@ -86,17 +96,21 @@ def take_readings(
         for number, pair in enumerate(pulses, start=1):
             holding.pulses = pair
             sleep(SETTLE_S + AVERAGE_S)
-            if holding.problem is not None:
-                raise holding.problem
-            reports = board.recent()
-            latest = [r.volts for r in reports if r.received_s > reports[-1].received_s - AVERAGE_S]
+            first, second = _held_volts(board, holding)
             try:
                 tilt = ask(number, pair)
             except StopReadings:
                 break
             if tilt is not None:
-                first, second = np.mean(latest, axis=0)
+                _held_volts(board, holding)  # a board that fell silent meanwhile did not hold the plate
                 readings.append(Reading((float(first), float(second)), *tilt, number, pair))
                 if keep is not None:
                     keep(readings)
     return readings
+
+
+def _held_volts(board: Board, holding: PulseHolder) -> np.ndarray:
+    """Mean voltages of a plate that is held, V, (2,). Raises RigError if the board is silent or lost."""
+    if holding.problem is not None:
+        raise holding.problem
+    return mean_volts(board, AVERAGE_S)
