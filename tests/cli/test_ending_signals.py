@@ -8,12 +8,15 @@ import select
 import signal
 import sys
 import termios
+import threading
 import time
 
 import pytest
 from commands import start
 
+from mazeplan.apps.cli import emergency
 from mazeplan.apps.cli.emergency import stop_key
+from mazeplan.core.errors import RigError
 from mazeplan.core.logs.run_log import read_log
 
 RIG = """
@@ -92,6 +95,26 @@ def test_a_key_stops_the_rig_at_once_and_leaves_the_terminal_as_it_was(place):
     assert read_log(place / "run.mcap").result["reason"] == "stopped"
     assert termios.tcgetattr(master)[3] == before[3]
     os.close(master)
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_a_key_ends_the_run_also_if_the_rig_does_not_stop(monkeypatch, capsys, works):
+    class Stoppable:
+        def stop(self):
+            if not works:
+                raise RigError("fake: is not open")
+
+    master, slave = pty.openpty()
+    monkeypatch.setattr(emergency, "_foreground", lambda fd: True)
+    ended = threading.Event()
+    with stop_key(Stoppable(), ended.set, terminal=os.ttyname(slave)) as listens:
+        assert listens
+        os.write(master, b"x")
+        assert ended.wait(5.0)
+    said = "emergency stop: the plate is level" if works else "did not stop: fake: is not open; cut its power"
+    assert said in capsys.readouterr().err
+    os.close(master)
+    os.close(slave)
 
 
 def test_a_rig_without_stop_and_a_program_without_a_terminal_listen_to_no_key(tmp_path):

@@ -51,9 +51,7 @@ def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> It
                     return
                 continue
             if os.read(fd, 64):  # otherwise the terminal is gone
-                stop()
-                then()
-                say("emergency stop: the plate is level")
+                _stop(stop, then)
             return
 
     thread = threading.Thread(target=listen, name="mazeplan stop key", daemon=True)
@@ -73,6 +71,17 @@ def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> It
         signal.pthread_sigmask(signal.SIG_SETMASK, masked)
         for end in (fd, wake, waker):
             os.close(end)
+
+
+def _stop(stop: Callable[[], None], then: Callable[[], object]) -> None:
+    """Stop the rig, and call `then` also if that fails: it ends the run, which levels the plate once more."""
+    try:
+        stop()
+        say("emergency stop: the plate is level")
+    except Exception as problem:  # a rig may raise anything
+        say(f"emergency stop: the rig did not stop: {' '.join(str(problem).split())}; cut its power")
+    finally:
+        then()
 
 
 def _open_terminal(terminal: str) -> int | None:
