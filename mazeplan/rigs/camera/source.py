@@ -204,6 +204,8 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 def _files(source: str) -> list[str] | None:
     """Picture files that a source names, or None for a video or a camera. Raises InputError if none exist."""
+    if "://" in source:  # the address of a camera may end in .jpg or contain "?"
+        return None
     path = Path(source)
     if path.is_dir():
         names = sorted(str(p) for p in path.iterdir() if p.suffix.lower() in SUFFIXES)

@@ -69,6 +69,13 @@ def test_what_does_not_exist_and_what_does_not_answer_are_told_as_what_they_are(
         VideoSource("http://127.0.0.1:9/stream")
 
 
+@pytest.mark.parametrize("address", ["video?fps=30", "stream.jpg", "[1]/*.png"])
+def test_an_address_is_a_camera_whatever_signs_it_has(monkeypatch, address):
+    monkeypatch.setattr(room.cv2, "VideoCapture", lambda _: FakeCapture(2, "gone"))
+    found = pictures(f"http://10.0.0.2/{address}", 1)
+    assert [name for name, _ in found] == [f"http://10.0.0.2/{address}: picture 0"]
+
+
 class FakeCapture:
     """A camera that gives what it is told, then nothing, then hangs up."""
 
