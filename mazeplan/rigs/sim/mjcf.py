@@ -41,7 +41,7 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
     bodies: plate, ball, and ball2 if the maze has two balls
     joints: beta, gamma, and one for each ball
     actuators: beta, gamma
-    geoms: `plug:NAME`, the plug of each opening"""
+    geoms: `plug_name`, the plug of each opening"""
     geoms: list[str] = []
     for wall in maze.walls:
         geoms += _wall(wall, maze.wall_height, settings)
@@ -238,10 +238,10 @@ def _plug(maze: Maze, opening: Opening) -> str:
     near, far = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
     along = 0.5 * (near + far)
     x, y = along * math.cos(opening.angle), along * math.sin(opening.angle)
-    more = f'name="plug:{_safe(opening.name)}" contype="{PLUG_OFF}" conaffinity="{PLUG_OFF}" rgba="1 0 0 0.2"'
+    more = f'name="{plug_name(opening.name)}" contype="{PLUG_OFF}" conaffinity="{PLUG_OFF}" rgba="1 0 0 0.2"'
     return _box(x, y, opening.angle, 0.5 * (far - near), 0.5 * opening.width, maze.wall_height, more)
 
 
 def plug_name(opening: str) -> str:
-    """Name of the plug geom of an opening."""
-    return f"plug:{_safe(opening)}"
+    """Name of the plug geom of an opening: other names for other openings, without the special characters of XML."""
+    return "plug:" + "".join(c if c.isalnum() or c in "-_ " else f"%{ord(c):x};" for c in opening)

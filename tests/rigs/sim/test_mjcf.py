@@ -14,7 +14,7 @@ import pytest
 
 from mazeplan.maze.geometry import Ball, Maze, Opening, Ring
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.mjcf import CHEEK, mjcf
+from mazeplan.rigs.sim.mjcf import CHEEK, mjcf, plug_name
 from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
@@ -178,6 +178,16 @@ def test_openings_that_nearly_touch_have_a_pillar_between_them():
     for angle in np.radians(np.arange(90.0, 325.0, 1.7)):
         direction = np.array([math.cos(angle), math.sin(angle)])
         assert ray(simulation, [0.0, 0.0], direction) == pytest.approx(16.11e-3, abs=1e-4)
+
+
+def test_each_opening_has_a_plug_of_its_own_whatever_signs_are_in_its_name():
+    maze = load_map("cme")
+    names = ["gate.1", "gate+1", "gate_1", 'a<"&b', "ä 1"]
+    renamed = tuple(replace(o, name=name) for o, name in zip(maze.openings, names, strict=False))
+    model = mujoco.MjModel.from_xml_string(mjcf(replace(maze, openings=renamed), settings_from({})))
+    plugs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(o.name)) for o in renamed]
+    assert len(set(plugs)) == len(renamed) >= 4
+    assert min(plugs) > 0
 
 
 def test_one_opening_in_a_wall_and_boxes_do_not_multiply():
