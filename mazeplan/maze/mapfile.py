@@ -17,7 +17,7 @@ from mazeplan.core import resources
 from mazeplan.core.errors import MapError
 from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import guess
-from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
+from mazeplan.maze.geometry import ROOMY, Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
 from mazeplan.maze.wallrules import (
     cut_off,
@@ -166,6 +166,18 @@ def _ring_problems(spec: MapFile) -> Iterator[Problem]:
                     f"got {ring.outer_radius_mm:g}, expected at most {limit:g}: rings are listed from the outermost, "
                     f"with a wall of at least {MIN_WALL_MM:g} mm between them",
                 )
+
+    problem = crowded(spec.balls, spec.ball.radius_mm, spec.rings[-1].outer_radius_mm)
+    if problem is not None:
+        yield ("balls",), f"got {spec.balls}, expected 1: {problem}"
+
+
+def crowded(balls: int, ball_mm: float, centre_mm: float) -> str | None:
+    """A sentence if so many balls do not fit into the centre, else None. Radii in mm."""
+    if balls == 1 or centre_mm >= ROOMY * ball_mm - 1e-6:  # 2.2 times 5 is more than 11 in binary numbers
+        return None
+    least = f"at least {ROOMY * ball_mm:.4g} mm, {ROOMY:g} times the ball's"
+    return f"{balls} balls need a centre with a radius of {least}, not {centre_mm:.4g} mm"
 
 
 def _opening_problems(spec: MapFile) -> Iterator[Problem]:

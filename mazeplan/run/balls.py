@@ -12,6 +12,7 @@ from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import Command, Observation, State
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import crowded
 from mazeplan.maze.mapschema import MAX_BALLS
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.run.specification import Job, Setup
@@ -23,6 +24,9 @@ def with_balls(maze: Maze, balls: int | None) -> Maze:
         return maze
     if balls not in range(1, MAX_BALLS + 1):
         raise InputError(f"got {balls}, expected 1 to {MAX_BALLS}", key="balls")
+    problem = crowded(balls, 1e3 * maze.ball.radius, 1e3 * maze.rings[-1].outer_radius)
+    if problem is not None:
+        raise InputError(f"got {balls}, expected 1: {problem}", key="balls")
     return replace(maze, balls=balls)
 
 

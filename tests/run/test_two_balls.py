@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,8 @@ from commands import call as run_command
 from planar_rig import PATIENT, PlanarRig
 
 import mazeplan
-from mazeplan.core.errors import InputError, RigError
+from mazeplan.apps.environment.pair import TwoBallsEnv
+from mazeplan.core.errors import InputError, RigError, SettingsError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.mapfile import check_text, dump_map, load_map
@@ -100,6 +102,19 @@ def test_a_map_says_how_many_balls_there_are():
     (error,) = check_text(text.replace("balls: 2", "balls: 3")).errors
     assert error.key == "balls"
     assert "got 3" in str(error)
+
+
+def test_a_centre_without_room_for_two_balls_is_refused(call, tmp_path):
+    centre, path = CME.rings[-1], tmp_path / "narrow.yaml"
+    narrow = replace(CME, rings=(*CME.rings[:-1], replace(centre, outer_radius=0.013)))
+    path.write_text(dump_map(narrow))
+    reason = "2 balls need a centre with a radius of at least 13.97 mm, 2.2 times the ball's, not 13 mm"
+    (error,) = check_text(dump_map(replace(narrow, balls=2))).errors
+    assert (error.key, error.problem) == ("balls", f"got 2, expected 1: {reason}")
+    status, _, err = call("navigate", "--balls", "2", "--map", str(path))
+    assert (status, err) == (2, f"mazeplan: --balls: got 2, expected 1: {reason}\n")
+    with pytest.raises(SettingsError, match=re.escape(f"got cme, expected a map for 2 balls: {reason}")):
+        TwoBallsEnv(rig="ideal", map=str(path))
 
 
 @pytest.mark.parametrize(

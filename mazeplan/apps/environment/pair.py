@@ -28,7 +28,7 @@ from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.gymnasium_names import TWO_BALLS
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import IntArray
-from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.mapfile import crowded, load_map
 from mazeplan.rigs.interface import traits
 from mazeplan.rigs.sim.fleet import Samples
 
@@ -52,6 +52,9 @@ class TwoBallsEnv(gymnasium.Env):
             raise SettingsError(f"got {render_mode!r}, expected ansi", key="render_mode")
         self.render_mode, self.task = render_mode, Task.of(options)
         self.maze = replace(load_map(self.task.map), balls=BALLS)
+        problem = crowded(BALLS, 1e3 * self.maze.ball.radius, 1e3 * self.maze.rings[-1].outer_radius)
+        if problem is not None:
+            raise SettingsError(f"got {self.maze.name}, expected a map for {BALLS} balls: {problem}", key="map")
         made = rigs(self.task.rig, self.maze, 1)
         if traits(made[0]).balls < BALLS:
             raise SettingsError(f"got a rig with one ball, expected {BALLS} for {TWO_BALLS}", key="rig")
