@@ -20,11 +20,12 @@ from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.rigs.faults.kinds import KINDS, Drawn, FaultContext
+from mazeplan.rigs.faults.kinds import KINDS, Drawn, FaultContext, sample_at
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 from mazeplan.rigs.sim.settings import Fault
 
-HISTORY = 120  # samples of the rig that are kept, for late pictures
+HISTORY = 120  # samples of the rig that are kept at least: any of the last 60 may come out of order
+LATE = "frames_late"  # kind of faults that show older samples
 TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 LASTING_S = 1e6  # s, duration of a fault for good
 
@@ -76,9 +77,16 @@ class FaultyRig(RigWrapper):
         """Add a fault, also during a run. Call it in the thread of the loop."""
         self._chance[id(fault)] = np.random.default_rng(fault.seed)
         self._faults = (*self._faults, fault)
+        self._past = deque(self._past, maxlen=self._history())
+
+    def _history(self) -> int:
+        """Number of samples to keep: up to the oldest picture of all faults."""
+        latest = max((fault.size for fault in self._faults if fault.kind.name == LATE), default=0.0)
+        return max(HISTORY, math.ceil(latest * self.rate_hz) + 2)
 
     def _clear(self) -> None:
-        self._past: deque[Observation] = deque(maxlen=HISTORY)
+        self._past: deque[Observation] = deque(maxlen=self._history())
+        self._starts: dict[int, Observation] = {}  # by fault, the sample at its start
         self._queue: deque[tuple[float, float, float]] = deque()
         self._now = 0.0
         self.begun: list[Drawn] = []
@@ -117,7 +125,10 @@ class FaultyRig(RigWrapper):
             if fault.kind.name == "observe_raises":
                 raise RigError("the camera does not answer (injected)")
             if fault.kind.change is not None:
-                passage = FaultContext(fault, self._past, sample, self._chance[id(fault)], self._maze)
+                if id(fault) not in self._starts:  # kept, because a fault may last longer than the samples
+                    self._starts[id(fault)] = sample_at(self._past, fault.at_s)
+                start = self._starts[id(fault)]
+                passage = FaultContext(fault, self._past, sample, self._chance[id(fault)], self._maze, start)
                 sample = fault.kind.change(passage)
         self._true.setdefault(sample.t, self._now)
         return sample

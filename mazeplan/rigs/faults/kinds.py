@@ -98,31 +98,33 @@ class Drawn:
         }
 
 
+def sample_at(past: Sequence[Observation], t: float) -> Observation:
+    """The sample at time t or the last one before; the oldest sample if all are newer."""
+    return next((sample for sample in reversed(past) if sample.t <= t + 1e-9), past[0])
+
+
 @dataclass(frozen=True)
 class FaultContext:
     """A sample on its way from the rig to the program, for a fault to change.
 
-    past: unchanged samples of the rig until now.
+    past: unchanged samples of the rig until now, as many as the latest picture needs.
     sample: the newest sample, with the changes of earlier faults.
-    rng: random numbers of the fault."""
+    rng: random numbers of the fault.
+    start: unchanged sample of the rig at the start of the fault."""
 
     fault: Drawn
     past: Sequence[Observation]
     sample: Observation
     rng: np.random.Generator
     maze: Maze
-
-    def at(self, t: float) -> Observation:
-        """The rig's sample at time t or the last one before; the oldest kept sample if all are newer."""
-        return next((sample for sample in reversed(self.past) if sample.t <= t + 1e-9), self.past[0])
+    start: Observation
 
     def with_ball(self, x: float | None, y: float | None) -> Observation:
         """The sample with the ball at x, y, m; None: without a ball."""
         return replace(self.sample, x=x, y=y)
 
-    def with_ball_of(self, t: float) -> Observation:
-        """The sample with the ball where it was at time t."""
-        then = self.at(t)
+    def with_ball_of(self, then: Observation) -> Observation:
+        """The sample with the ball of another sample."""
         return self.with_ball(then.x, then.y)
 
     def with_tilt(self, change: Callable[[float], float]) -> Observation:
@@ -157,7 +159,7 @@ def _spikes(p: FaultContext) -> Observation:
 
 
 def _tilt_frozen(p: FaultContext) -> Observation:
-    then, axes = p.at(p.fault.at_s), p.fault.axes
+    then, axes = p.start, p.fault.axes
     return replace(
         p.sample, beta=then.beta if 0 in axes else p.sample.beta, gamma=then.gamma if 1 in axes else p.sample.gamma
     )
@@ -179,11 +181,11 @@ _ALL = (
     ),
     FaultKind(
         "frames_frozen", "camera", "the same picture again and again", (0.3, 1.0),
-        change=lambda p: p.with_ball_of(p.fault.at_s),
+        change=lambda p: p.with_ball_of(p.start),
     ),
     FaultKind(
         "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s", AGE_S,
-        change=lambda p: p.with_ball_of(p.sample.t - p.fault.size),
+        change=lambda p: p.with_ball_of(sample_at(p.past, p.sample.t - p.fault.size)),
     ),
     FaultKind(
         "frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share",
@@ -256,7 +258,7 @@ _ALL = (
     ),
     FaultKind(
         "clock_stopped", "clock", "the time of all samples is the same", FOR_GOOD,
-        change=lambda p: replace(p.sample, t=p.at(p.fault.at_s).t),
+        change=lambda p: replace(p.sample, t=p.start.t),
         because="nothing measures how old a sample is", ends=("rig_failed",),
     ),
     FaultKind(

@@ -114,6 +114,25 @@ def test_what_arrives(name):
             assert got == (None if expected is None else pytest.approx(expected, abs=1e-6)), (k, field)
 
 
+@pytest.mark.parametrize("added", [False, True])
+def test_long_faults_stay_frozen_and_late(added):
+    late, frozen = drawn("frames_late", 9.0, until=20.0), drawn("tilt_frozen", until=20.0)
+    rig = outer(*(() if added else (late, frozen)))
+    if added:
+        for fault in (late, frozen):
+            rig.add(fault)
+    samples = [rig.observe() for _ in range(400)]
+    for k in (100, 200, 270, 280, 399):
+        assert samples[k].beta == TRUE(9).beta
+        assert samples[k].x == pytest.approx(TRUE(max(k - 270, 0)).x)
+
+
+def test_a_picture_and_a_clock_stand_still_for_long():
+    samples = seen(drawn("frames_frozen", until=20.0), n=300)
+    assert {(sample.x, sample.y) for sample in samples[10:]} == {(TRUE(9).x, TRUE(9).y)}
+    assert {sample.t for sample in seen(drawn("clock_stopped", until=20.0), n=300)[10:]} == {TRUE(9).t}
+
+
 @pytest.mark.parametrize(("name", "fields"), [("position_nan", ("x", "y")), ("tilt_nan", ("beta",))])
 def test_what_is_no_number(name, fields):
     samples = seen(drawn(name))
