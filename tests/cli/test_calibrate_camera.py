@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from chessboards import board_poses, draw_board
 
+from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.camera.markers import corner_markers
@@ -107,6 +108,22 @@ def test_bad_input(calibrate, shots, tmp_path, words, status, message):
     assert (code, out, err.count("\n")) == (status, "", 1)
     assert message in err
     assert (tmp_path / "rig.yaml").read_text() == RIG
+
+
+@pytest.mark.parametrize(
+    ("more", "size"), [("", None), ("\n  size: [800, 600]", (800, 600)), ("\n  focal_px: [600, 600]", (640, 480))]
+)
+def test_a_device_is_asked_for_the_size_in_the_rigs_file(calibrate, monkeypatch, tmp_path, more, size):
+    asked = []
+
+    def opened(source, size=None):
+        asked.append((source, size))
+        raise RigError("camera 0 cannot be opened")
+
+    monkeypatch.setattr("mazeplan.rigs.camera.source.VideoSource", opened)
+    (tmp_path / "rig.yaml").write_text(RIG.replace("   # the grey one", more))
+    assert calibrate("--boards", "0")[0] == 3
+    assert asked == [(0, size)]
 
 
 def test_marker_sheets_to_scale_with_a_ruler(calibrate, tmp_path):

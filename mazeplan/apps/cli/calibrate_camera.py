@@ -85,20 +85,24 @@ def _calibrate(
 
     source = plate or str(given.get("source", 0))
     pivot = np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
+    # the rig asks for this size later; a file without size and lens leaves the choice to the device
+    size = file.settings.picture if {"size", "focal_px"} & given.keys() else None
     with ProgressBar("calibrating", compiles=False) as bar:
-        lens = _lens(given, file) if boards is None else _lens_of(boards, board, bar)
-        seen = list(_shown(pictures(source, PLATES), bar))
+        lens = _lens(given, file) if boards is None else _lens_of(boards, size, board, bar)
+        seen = list(_shown(pictures(source, PLATES, size), bar))
         bar.show("place of the camera")
         return lens, calibrate_plate(lens, seen, maze, markers, pivot)
 
 
-def _lens_of(boards: str, board: tuple[tuple[int, int], float], bar: ProgressBar) -> LensCalibration:
+def _lens_of(
+    boards: str, size: tuple[int, int] | None, board: tuple[tuple[int, int], float], bar: ProgressBar
+) -> LensCalibration:
     """The lens from pictures of the chessboard. Raises InputError that names the bad picture, or their source."""
     from mazeplan.rigs.camera.calibration import calibrate_lens
     from mazeplan.rigs.camera.source import pictures
 
     try:
-        return calibrate_lens(_shown(pictures(boards, BOARDS), bar), *board)
+        return calibrate_lens(_shown(pictures(boards, BOARDS, size), bar), *board)
     except InputError as problem:
         raise problem if problem.file is not None else InputError(problem.problem, file=boards) from None
 

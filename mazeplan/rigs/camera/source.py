@@ -173,11 +173,12 @@ def _advice(source: int | str) -> str:
     return "is it plugged in, and used by nothing else?"
 
 
-def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
+def pictures(source: str, most: int, size: tuple[int, int] | None = None) -> Iterator[tuple[str, np.ndarray]]:
     """(name, picture) for each picture of a source. Raises InputError or RigError.
 
     source: a folder, a pattern such as boards/*.png, a picture file, a video, a URL or the number of a device.
-    most: largest number of pictures; a video gives pictures at even distances."""
+    most: largest number of pictures; a video gives pictures at even distances.
+    size: width and height to request from a device, px; None: the device's own."""
     names = _files(source)
     if names is not None:
         for name in names[:most]:
@@ -188,7 +189,7 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         return
     if not (source.isdigit() or "://" in source or Path(source).exists()):
         raise InputError("no such file, expected a folder of pictures, a picture or a video", file=source)
-    video = VideoSource(int(source) if source.isdigit() else source)
+    video = VideoSource(int(source) if source.isdigit() else source, size)
     try:
         count = int(video._video.get(cv2.CAP_PROP_FRAME_COUNT)) if video._file else 0
         apart = max(1, count // most)

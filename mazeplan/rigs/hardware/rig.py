@@ -215,7 +215,7 @@ class HardwareRig:
         number, image = self._picture(parts)
         due = self._clock.due(number)
         parts.listen()
-        sighting = None if image is None else parts.detector.locate(image, parts.track.at(due))
+        sighting = None if image is None else self._look(parts, image, due)
         parts.listen()  # reports may have come since; the newer ones are nearer to the time of the picture
         newest, tilt = parts.track.newest, parts.track.at(due)
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
@@ -223,6 +223,14 @@ class HardwareRig:
         x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
         self.sighting, self.due = sighting, due
         return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
+
+    def _look(self, parts: Parts, image: np.ndarray, due: float) -> Sighting:
+        """Find the ball. Raises RigError for a picture of another size than the calibrated one."""
+        try:
+            return parts.detector.locate(image, parts.track.at(due))
+        except ValueError as problem:
+            advice = "is it the camera that was calibrated? if so, calibrate it anew"
+            raise RigError(f"camera {parts.camera}: {problem}; {advice}") from problem
 
     def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:
         """Number and image of the next sample; None for a missing picture."""

@@ -13,7 +13,9 @@ import pytest
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import DetectionOutcome, Sighting
+from mazeplan.rigs.camera.detector import Background, BallDetector, DetectionOutcome, Sighting
+from mazeplan.rigs.camera.floor import floor_side
+from mazeplan.rigs.camera.sensing import TRUE
 from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack
@@ -200,6 +202,17 @@ def test_a_camera_that_hangs_and_a_board_that_is_silent_fail_the_rig(table, monk
     parts.board.silent_from = time.monotonic()
     with pytest.raises(RigError, match=r"fake: no report of the tilt for 0\.4 s"):
         list(iter(rig.observe, None))
+
+
+def test_a_picture_of_another_size_fails_the_rig_in_one_line(table):
+    rig, parts = table()
+    side = floor_side(MAZE)
+    empty = Background(np.zeros((side, side, 3), np.uint8), np.full((side, side), 255, np.uint8))
+    parts.detector = BallDetector(MAZE, TRUE, empty, None)
+    with pytest.raises(
+        RigError, match=r"^camera fake: got a picture of shape \(4, 4, 3\), expected \(480, 640\) and 3"
+    ):
+        rig.observe()
 
 
 def test_a_camera_that_ends_or_breaks_says_so():
