@@ -19,7 +19,7 @@ from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_label
 from mazeplan.run.campaign.one_run import Campaign, effect_modules, job_of, setup_of
-from mazeplan.run.campaign.parcel import Parcel, installed, module_file, rig_modules
+from mazeplan.run.campaign.parcel import Parcel, included_elsewhere, installed, module_file, rig_modules
 from mazeplan.run.campaign.versions import program
 from mazeplan.run.specification import Setup, file_sha256, installed_leaves
 
@@ -51,7 +51,8 @@ def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
             name: digest
             for name, digest in parcel.digests.items()
             if name not in known_by_content and not name.startswith("model/")
-        },
+        }
+        | {str(path): file_sha256(path) for path in included_elsewhere(setup.behavior)},
     }
 
 

@@ -2,7 +2,7 @@
 
 A parcel holds:
 - map, behaviour, settings, rig, model and policy of the user; packaged ones are left out,
-- the files that the rig's file names by relative paths,
+- the files that the rig's file names, and the behaviour's file includes, by relative paths,
 - the user's modules for rig, behaviour and effects, with the modules that they import from the same folders.
 
 Some files must already be on the other machine: files that the user's code opens itself, files with absolute paths, and
@@ -29,9 +29,10 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from mazeplan.behavior.treefile import tree_files
 from mazeplan.control.policy_file import ARRAYS, YAML
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, TreeError
 from mazeplan.core.plugins import RIGS, Plugin, plugin
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.user_modules import user_module, user_module_folders
@@ -76,12 +77,16 @@ def packed(campaign: Campaign) -> Parcel:
     files: dict[str, Path] = {}
     names: dict[str, str] = {}
     modules = [*campaign.behavior_modules, *effect_modules(campaign)]
-    places = {"map": find_map(campaign.map), "behavior": resources.find("behaviors", campaign.behavior, ".xml")}
+    places = {"map": find_map(campaign.map)}
     places |= {} if campaign.settings is None else {"settings": Path(campaign.settings)}
     for field, path in places.items():
         if not _packaged(path):
             names[field] = f"{field}/{path.name}"
             files[names[field]] = path
+    tree = resources.find("behaviors", campaign.behavior, ".xml")
+    if not _packaged(tree):
+        names["behavior"], of_tree = _tree_files(tree)
+        files |= of_tree
     rig = None if installed(campaign.rig) else rig_file(campaign.rig)
     modules += rig_modules(campaign.rig)
     if rig is not None and not _packaged(rig):
@@ -119,6 +124,20 @@ def rig_modules(rig: str) -> list[str]:
     return [kind.partition(":")[0]] if kind is not None and ":" in kind else []
 
 
+def included_elsewhere(behavior: str) -> list[Path]:
+    """The user's files that a tree includes by absolute paths, and those that these include. A parcel lacks them."""
+    tree = resources.find("behaviors", behavior, ".xml")
+    return [path for path in _included(tree) if not path.is_relative_to(tree.parent)]
+
+
+def _included(tree: Path) -> list[Path]:
+    """The user's files that a tree includes; none if it cannot be read, which the run then reports."""
+    try:
+        return [path for path in tree_files(tree)[1:] if not _packaged(path)]
+    except TreeError:
+        return []
+
+
 def _packaged(path: Path) -> bool:
     places = (resources.PACKAGE, resources.share("maps"), resources.share("behaviors"))
     return any(path.resolve().is_relative_to(place.resolve()) for place in places)
@@ -136,11 +155,18 @@ def _seed_of(rig: str) -> str:
     return "" if seed is None else f"@{seed}"
 
 
+def _tree_files(tree: Path) -> tuple[str, dict[str, Path]]:
+    """Path of the tree's file in the parcel, and all files: the tree's file and those that it includes by relative
+    paths. The path of an included file begins with the folder of the file that includes it."""
+    beside = [path for path in _included(tree) if path.is_relative_to(tree.parent)]
+    names = {os.path.normpath(path.relative_to(tree.parent)): path for path in beside}
+    return _placed("behavior", tree, {PurePosixPath(name).as_posix(): path for name, path in names.items()})
+
+
 def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]]:
     """Path of the rig's file in the parcel, and all files: the rig's file and those that it names by relative paths.
 
-    The model is packed separately (`_model_files`). Names with .. still work, because the rig's folder lies as deep as
-    they need."""
+    The model is packed separately (`_model_files`)."""
     found: dict[str, Path] = {}
     for text in _texts({key: value for key, value in data.items() if key != "model"}):
         name = os.path.normpath(text)
@@ -152,11 +178,17 @@ def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]
     for name, path in list(found.items()):
         if path.suffix == ".xml":
             found |= _of_model(name, path)
-    depth = max((name.split("/").count("..") for name in found), default=0)
-    folder = "rig" + "/in" * depth
-    files = {os.path.normpath(f"{folder}/{name}"): path for name, path in found.items()}
-    place = f"{folder}/{rig.name}"
-    return place, {**files, place: rig}
+    return _placed("rig", rig, found)
+
+
+def _placed(kind: str, first: Path, beside: Mapping[str, Path]) -> tuple[str, dict[str, Path]]:
+    """Path in the parcel of a file that names others, and all files. beside: {name relative to the first: file}.
+
+    Names with .. still work, because the folder of the first file lies as deep as they need."""
+    folder = kind + "/in" * max((name.split("/").count("..") for name in beside), default=0)
+    files = {os.path.normpath(f"{folder}/{name}"): path for name, path in beside.items()}
+    place = f"{folder}/{first.name}"
+    return place, {**files, place: first}
 
 
 def _of_model(name: str, model: Path) -> dict[str, Path]:

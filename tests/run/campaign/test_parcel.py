@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from mazeplan.behavior.treefile import tree_files
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.plugins import RIGS, Plugin
 from mazeplan.core.resources import share
@@ -145,6 +146,37 @@ def test_a_model_of_ones_own_comes_with_what_it_names(desk):
     assert set(files) == {"rig/arm.yaml", "rig/arm.xml", "rig/more.xml", "rig/meshes/plate.stl"}
 
 
+LEAN = '<root BTCPP_format="4"><BehaviorTree ID="{}"><AlwaysSuccess/></BehaviorTree></root>'
+INCLUDING = """\
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <include path="inc.xml"/><include path="navigate.xml"/><include path="../shared/far.xml"/>
+  <BehaviorTree ID="Main"><Sequence><SubTree ID="Inc"/><SubTree ID="Far"/></Sequence></BehaviorTree>
+</root>
+"""
+
+
+@pytest.fixture
+def including(desk):
+    """The desk with a tree in the folder trees, which includes a file beside it, a packaged one, and one elsewhere."""
+    for folder in ("trees", "shared"):
+        (desk / folder).mkdir()
+    (desk / "trees" / "my.xml").write_text(INCLUDING)
+    (desk / "trees" / "inc.xml").write_text(LEAN.format("Inc"))
+    (desk / "shared" / "far.xml").write_text(LEAN.format("Far"))
+    return desk
+
+
+def test_files_that_a_tree_includes_come_along(including, tmp_path, monkeypatch):
+    for behavior in ("trees/my.xml", str(including / "trees" / "my.xml")):
+        parcel = packed(Campaign(1, behavior=behavior))
+        assert set(dict(parcel.files)) == {"behavior/in/my.xml", "behavior/in/inc.xml", "behavior/shared/far.xml"}
+    including.rename(tmp_path / "gone")
+    (tmp_path / "far").mkdir()
+    monkeypatch.chdir(tmp_path / "far")
+    there = tree_files(unpacked(parcel, Campaign(1)).behavior)
+    assert [path.name for path in there] == ["my.xml", "inc.xml", "navigate.xml", "far.xml"]
+
+
 def test_a_rig_of_an_installed_package_stays_a_name(monkeypatch):
     entry = EntryPoint("cart", "mazeplan.apps.testing.lightrig:LightRig", RIGS)
     cart = Plugin(RIGS, "cart", entry.value, "carts", "1.2", entry)
@@ -201,6 +233,25 @@ def test_all_that_determines_results_makes_another(desk):
                         (Campaign(1, deadline=False), "settings"), (Campaign(1, time_limit=3.0), "time limit"),
                         (Campaign(1, sense="camera"), "rig")):  # fmt: skip
         assert difference(of(Campaign(1)), of(other)) == what
+
+
+def test_an_included_file_that_changes_makes_another_campaign(including):
+    before = of(Campaign(1, behavior="trees/my.xml"))
+    (including / "trees" / "inc.xml").write_text(LEAN.format("Inc") + "<!-- other -->")
+    now = of(Campaign(1, behavior="trees/my.xml"))
+    assert difference(before, now) == "files"
+    absolute = INCLUDING.replace("../shared", str(including / "shared"))
+    (including / "trees" / "my.xml").write_text(absolute)
+    assert "behavior/shared/far.xml" not in dict(packed(Campaign(1, behavior="trees/my.xml")).files)
+    before = of(Campaign(1, behavior="trees/my.xml"))
+    (including / "shared" / "far.xml").write_text(LEAN.format("Far") + "<!-- other -->")
+    assert difference(before, of(Campaign(1, behavior="trees/my.xml"))) == "files"
+
+
+def test_campaigns_without_included_files_keep_their_identity(desk):
+    assert "behavior/mine.xml" in dict(packed(CAMPAIGN).files)
+    assert set(of(CAMPAIGN)["files"]) == {"rig/how.yaml", "modules/parcel_rig.py", "modules/parcel_helper.py"}
+    assert of(Campaign(1))["files"] == {}
 
 
 def test_another_program_is_told_by_what_differs():
