@@ -24,6 +24,7 @@ import numpy as np
 from mazeplan.behavior.groot_palette import without_model
 from mazeplan.behavior.treefile import tree_files
 from mazeplan.control.deadline import Recorded
+from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.core import resources
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import LogError, ModelError, SettingsError, TreeError
@@ -333,8 +334,7 @@ class _Script:
         a = then[index] if index < len(then) else None
         b = self.replayed[index] if index < len(self.replayed) else None
         kind = (a or b or ("", {}))[0].removeprefix("/")
-        number = sum(topic == "/tick" for topic, _ in then[:index])
-        number = min(number, max(len(self._ticks) - 1, 0))
+        number = min(sum(topic == "/tick" for topic, _ in then[:index]), max(len(self._ticks) - 1, 0))
         t = self._ticks[number]["t"] if self._ticks else 0.0
         documents = (None if a is None else a[1], None if b is None else b[1])
         decided = _decided(then, number), _decided(self.replayed, number)
@@ -345,7 +345,7 @@ def _observation(document: dict[str, Any]) -> Observation:
     doubts = str(document.get("doubts", "")).split()  # a log holds only finite numbers
     untold = {"beta": math.nan, "gamma": math.nan} if "tilt" in doubts else {}
     t, beta, gamma = (float({**untold, **document}[name]) for name in ("t", "beta", "gamma"))
-    unseen = math.nan if "position" in doubts else None
+    unseen = math.nan if "position" in doubts else 2.0 * FAR_M if "far" in doubts else None  # raises the doubt again
     x, y = (unseen if document.get(name) is None else float(document[name]) for name in ("x", "y"))
     if not math.isfinite(t) or not (untold or (math.isfinite(beta) and math.isfinite(gamma))):
         raise ValueError("a tick without t, beta or gamma")

@@ -56,6 +56,7 @@ def now_and_then(k):
         (lambda k, sample, last: replace(sample, beta=math.nan) if now_and_then(k) else sample, "tilt"),
         (lambda k, sample, last: replace(sample, gamma=0.5 * (-1) ** k) if now_and_then(k) else sample, "tilt"),
         (lambda k, sample, last: replace(sample, x=math.nan, y=math.nan) if now_and_then(k) else sample, "position"),
+        (lambda k, sample, last: replace(sample, x=85.0, y=3.0) if now_and_then(k) else sample, "far"),  # mm
         (lambda k, sample, last: replace(sample, t=math.nan) if now_and_then(k) else sample, "clock"),
         (lambda k, sample, last: last if now_and_then(k) else sample, "clock"),
     ],
