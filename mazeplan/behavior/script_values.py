@@ -103,8 +103,9 @@ def number_of(text: str, enums: Mapping[str, int]) -> float | None:
         return TRUTHS[word]
     if word in enums:
         return float(enums[word])
-    token = TOKEN.fullmatch(word.lstrip("-"))
-    if token is None or token.lastgroup != "number" or word[:2].lower() == "0x":
+    digits = word.removeprefix("-")
+    token = TOKEN.fullmatch(digits)
+    if token is None or token.lastgroup != "number" or digits[:2].lower() == "0x":
         return None
     return float(word)
 
@@ -153,11 +154,15 @@ def signed(sign: str, value: Value) -> Value:
         raise ScriptError(f"got the text {_short(value)} after {sign}, expected a number")
     if sign == "-":
         return -float(value)
-    return float(not value) if sign == "!" else float(~math.trunc(value))
+    if sign == "!":
+        return float(not value)
+    if not math.isfinite(value):
+        raise ScriptError(f"got {value:g} after ~, expected a finite number")
+    return float(~math.trunc(value))
 
 
 def _whole(value: Any, sign: str) -> int:
-    if float(value) != math.floor(float(value)) or abs(float(value)) >= WHOLE:
+    if not math.isfinite(value) or float(value) != math.floor(float(value)) or abs(float(value)) >= WHOLE:
         raise ScriptError(f"got {value:g} beside {sign}, expected a whole number")
     return int(value)
 

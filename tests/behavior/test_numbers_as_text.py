@@ -8,6 +8,7 @@ import pytest
 
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.ports import Port
+from mazeplan.behavior.script_values import number_of
 from mazeplan.behavior.status import FAILURE, SUCCESS
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError
@@ -58,6 +59,13 @@ def test_a_port_and_a_switch_take_a_number_in_any_form(form):
         assert ticked(SWITCH.format(form, other))[0] is SUCCESS
     assert ticked(SWITCH.format(form, "3.1"))[0] is FAILURE
     assert ticked(f"<ScriptCondition code=\"3 == '{form}'\"/>")[0] is SUCCESS
+
+
+def test_a_number_has_one_minus_and_no_letters():
+    assert ticked(SWITCH.format("-3", "-3.0"))[0] is SUCCESS
+    for text in ("-0x1F", "--3", "-", "- 3"):
+        assert number_of(text, {}) is None
+        assert ticked(SWITCH.format("2", text))[0] is FAILURE
 
 
 @pytest.mark.parametrize("form", ["3.5", "4", "x3", "nan", "inf", "true"])
