@@ -185,11 +185,12 @@ class RunContext:
     law: str = ""
 
     def carry_on(self, before: RunContext) -> None:
-        """Go on where the tree of another goal stopped: keep its time, its failures and counts, and a ball that is
-        falling into a ring. Only failures from now on affect the choice of recoveries."""
+        """Go on where the tree of another goal stopped: keep its time, its failures and counts, and the led ball's fall
+        into a ring, if this tree leads the same ball. Only failures from now on affect the choice of recoveries."""
         self.now = self.graph.now = before.now
         self.history, self.history.since = before.history, len(before.history.failures)
-        self.leg, self.law = before.leg.passage(), before.law
+        self.leg = before.leg.passage() if before.balls.led == self.balls.led else CurrentLeg()
+        self.law = before.law
 
     def edit(self, closed: Mapping[str, bool]) -> None:
         """Close (True) or open (False) openings while the run goes on. Sets `rerouted` if this changes the route."""

@@ -79,6 +79,19 @@ def test_what_belongs_to_the_ball_before_is_forgotten(two):
     assert (two.run.leg.opening, two.run.leg.refused) == (None, None)
 
 
+@pytest.mark.parametrize(("led", "ring"), [(1, 2), (2, 1)])
+def test_another_goal_keeps_the_fall_of_the_ball_that_its_tree_leads(two, led, ring):
+    two.see(at(1, 45.0), at(1, 60.0))
+    two.once("LeadBall", ball=led, centre=5)
+    two.run.leg.opening = MAZE.openings[0]
+    two.run.enter(2)
+    before, two.run = two.run, Two().run
+    two.run.carry_on(before)
+    two.see(at(1, 45.0), at(1, 60.0), t=0.1)
+    assert two.run.here.ring == ring
+    assert (two.run.leg.falling is not None) is (led == 1)
+
+
 def test_a_kept_ball_that_left_is_a_failure_once(two):
     two.see(at(5), at(2))
     two.once("LeadBall", ball=2, centre=5)
