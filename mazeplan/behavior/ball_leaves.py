@@ -24,11 +24,15 @@ class ChooseBall(MazeLeaf):
     }
 
     def step(self) -> Status:
-        """SUCCESS with the number; where all are in the goal ring, that of the ball led last. FAILURE no_route."""
-        run, goal = self.context, self.get("goal")
-        outside = [k for k, view in enumerate(run.balls.views, start=1) if view.measured.ring != goal]
+        """SUCCESS with the number; FAILURE no_route.
+
+        If all seen balls are in the goal ring, the number of a lost ball; without one, that of the ball led last."""
+        run, goal, views = self.context, self.get("goal"), self.context.balls.views
+        lost = [k for k, view in enumerate(views, start=1) if view.measured.lost]
+        outside = [k for k, view in enumerate(views, start=1) if k not in lost and view.measured.ring != goal]
         times = {k: self._expected_s(k, goal) for k in outside}
-        soonest = min(times, key=lambda k: times[k], default=run.balls.led)
+        others = run.balls.led if run.balls.led in lost or not lost else lost[0]
+        soonest = min(times, key=lambda k: times[k], default=others)
         if math.isinf(times.get(soonest, 0.0)):
             return self.fail_as(FailureKind.NO_ROUTE, f"no way leads any ball to ring {goal}")
         self.set("ball", soonest)
@@ -49,12 +53,16 @@ class LeadBall(MazeLeaf):
     }
 
     def step(self) -> Status:
-        """SUCCESS."""
+        """SUCCESS. A lost ball is kept on if it was kept until now; others wait to be found (`BallsStay`)."""
         run, ball = self.context, self.get("ball")
-        if ball > len(run.balls.views):
-            raise self.wrong(f"ball: got {ball}, expected 1 to {len(run.balls.views)}")
-        inside = (k for k, view in enumerate(run.balls.views, start=1) if view.measured.ring == self.get("centre"))
-        run.lead(ball, frozenset(inside))
+        views = dict(enumerate(run.balls.views, start=1))
+        if ball not in views:
+            raise self.wrong(f"ball: got {ball}, expected 1 to {len(views)}")
+        lost = frozenset(k for k, view in views.items() if view.measured.lost)
+        inside = frozenset(k for k, view in views.items() if view.measured.ring == self.get("centre"))
+        kept = (inside - lost) | (run.balls.kept & lost)
+        run.lead(ball, kept)
+        run.balls.sought = lost - kept - {ball}
         return Status.SUCCESS
 
 
@@ -67,12 +75,17 @@ class BallsStay(MazeLeaf):
     }
 
     def step(self) -> Status:
-        """FAILURE left_the_centre for a ball that has left; it is not kept any more."""
-        run, centre = self.context, self.get("centre")
-        for ball in sorted(run.balls.kept):
-            ring = run.balls.views[ball - 1].measured.ring
-            if ring != centre:
-                run.balls.kept = run.balls.kept - {ball}
-                detail = f"ball {ball} left ring {centre} for ring {ring}"
+        """FAILURE left_the_centre for a ball that has left; it is not kept any more.
+
+        Nobody knows where a lost ball is, so it counts only when it is found. A ball that was lost when `LeadBall` was
+        ticked, and is found in the centre, is kept from then on."""
+        balls, centre = self.context.balls, self.get("centre")
+        rings = {k: view.measured.ring for k, view in enumerate(balls.views, start=1) if not view.measured.lost}
+        found = balls.sought & rings.keys()
+        balls.sought, balls.kept = balls.sought - found, balls.kept | {k for k in found if rings[k] == centre}
+        for ball in sorted(balls.kept & rings.keys()):
+            if rings[ball] != centre:
+                balls.kept = balls.kept - {ball}
+                detail = f"ball {ball} left ring {centre} for ring {rings[ball]}"
                 return self.fail_as(FailureKind.LEFT_THE_CENTRE, detail)
         return Status.SUCCESS

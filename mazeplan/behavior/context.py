@@ -104,6 +104,7 @@ class BallRoles:
     views: each ball at this tick
     led: number of the ball that the leaves lead, from 1 on; `state`, `measured` and `ahead` belong to this ball
     kept: numbers of the balls that must stay in the centre meanwhile
+    sought: numbers of the balls that were lost when the led ball was chosen: those found in the centre are kept, too
     keeper: changes commands by which a kept ball would leave the centre
     """
 
@@ -112,6 +113,7 @@ class BallRoles:
     views: tuple[BallView, ...] = ()
     led: int = 1
     kept: frozenset[int] = frozenset()
+    sought: frozenset[int] = frozenset()
 
 
 @dataclass

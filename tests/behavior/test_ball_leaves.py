@@ -104,6 +104,62 @@ def test_a_kept_ball_that_left_is_a_failure_once(two):
     assert len(two.run.history.failures) == 1
 
 
+UNSEEN = replace(at(5), x=0.0, y=0.0, seen=False, lost=True)  # as the estimator has a ball before it is first seen
+
+
+def chosen(two, *states):
+    two.see(*states)
+    leaf, numbers = two.leaf("ChooseBall", goal=5), []
+    leaf.set = lambda port, value: numbers.append(value)
+    for _ in leaf.tick():
+        pass
+    return leaf.status, numbers
+
+
+def test_a_ball_that_was_not_seen_yet_is_not_in_the_centre(two):
+    two.see(at(2), UNSEEN)
+    two.once("LeadBall", ball=1, centre=5)
+    assert two.run.balls.kept == frozenset()
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    two.see(at(2), at(1), t=0.1)
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    assert two.run.history.failures == []
+
+
+def test_a_ball_that_is_first_seen_in_the_centre_is_kept_from_then_on(two):
+    two.see(at(2), UNSEEN)
+    two.once("LeadBall", ball=1, centre=5)
+    two.see(at(2), at(5), t=0.1)
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    assert two.run.balls.kept == {2}
+    two.see(at(2), at(4), t=0.2)
+    assert two.once("BallsStay", centre=5) is Status.FAILURE
+    assert two.failure() is FailureKind.LEFT_THE_CENTRE
+
+
+def test_a_kept_ball_that_is_lost_is_watched_when_it_is_found(two):
+    two.see(at(5), at(2))
+    two.once("LeadBall", ball=2, centre=5)
+    two.see(replace(at(4), seen=False, lost=True), at(2), t=0.1)  # in ring 4 only by the prediction
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    two.once("LeadBall", ball=2, centre=5)
+    assert two.run.balls.kept == {1}
+    two.see(at(4), at(2), t=0.2)
+    assert two.once("BallsStay", centre=5) is Status.FAILURE
+    assert two.run.history.failures[-1].detail == "ball 1 left ring 5 for ring 4"
+
+
+def test_a_lost_ball_is_chosen_after_all_seen_ones(two):
+    lost = replace(at(4, 180.0), seen=False, lost=True)
+    assert chosen(two, lost, at(1)) == (Status.SUCCESS, [2])
+    assert chosen(two, at(5), lost) == (Status.SUCCESS, [2])
+    assert chosen(two, at(5), UNSEEN) == (Status.SUCCESS, [2])
+    assert chosen(two, lost, UNSEEN) == (Status.SUCCESS, [1])  # the ball that is led
+    for opening in MAZE.openings_between(4, 5):
+        two.run.graph.close(opening.name)
+    assert chosen(two, UNSEEN, at(1)) == (Status.FAILURE, [])
+
+
 def test_a_ball_that_there_is_not_is_named(two):
     two.see(at(1), at(1))
     with pytest.raises(TreeError, match="ball: got 3, expected 1 to 2"):
