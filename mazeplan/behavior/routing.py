@@ -62,6 +62,7 @@ class ChooseOpening(MazeLeaf):
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)
         run.leg.opening, run.leg.leaving_ring = choice.opening, here.ring
+        run.leg.refused = None  # a later fall has nothing to do with an earlier opening
         self.set("opening", run.leg.opening.name)
         run.report(OpeningChosen(run.leg.opening.name, round(choice.expected_s, 3)))
         return Status.SUCCESS

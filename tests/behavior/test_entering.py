@@ -76,3 +76,20 @@ def test_a_ball_that_does_not_come_missed_the_opening_and_one_that_came_fell_bac
     assert bench.run.graph.tries("1-2@45") == (0, 0 if came else 1)
     assert bench.run.leg.opening.name == ("2-3@90" if came else "1-2@45")  # which a recovery goes by
     assert bench.run.leg.refused is None
+
+
+def test_a_fall_after_the_next_choice_is_not_blamed_on_an_opening_that_refused_the_ball_before():
+    bench = Bench()
+    bench.run.leg.opening = MAZE.opening("1-2@45")
+    falling(bench)
+    late = ENTERING + 0.05
+    bench.run.begin(late, at(1, 45.0, t=late), at(1, 45.0, t=late))
+    assert bench.run.leg.refused is MAZE.opening("1-2@45")
+    choose = bench.leaf("ChooseOpening", goal=5, opening=Key("opening"))
+    assert bench.tick(choose, at(2, 45.0, t=1.0)) is Status.SUCCESS
+    track = bench.leaf("Track", opening=bench.board.get("opening"), plan=Key("plan"))
+    bench.board.set("plan", None)
+    track.start()
+    bench.run.begin(1.1, at(1, 45.0, t=1.1), at(1, 45.0, t=1.1))
+    assert track.step() is Status.FAILURE
+    assert bench.failure() is FailureKind.FELL_BACK
