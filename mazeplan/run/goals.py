@@ -8,6 +8,7 @@ from this event.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from typing import Protocol
@@ -38,10 +39,12 @@ class Goals:
 
     Each method returns False once the run is over, else True. Requests may be made before the run begins: the run reads
     them at its first tick, and of several goals it takes only the last. A mailbox may serve one run after another.
-    Each method checks its rings and openings: for an unknown one it raises SettingsError and makes no request."""
+    Each method checks its rings and openings: for an unknown one it raises SettingsError and makes no request. Several
+    balls go to the centre only."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
+        self._balls = self._maze.balls  # of the run, once it has begun
         self._lock = Lock()
         self._waiting: list[Request] = []
         self._running, self._ended = False, False
@@ -80,16 +83,24 @@ class Goals:
 
     def _add(self, request: Request) -> bool:
         with self._lock:
+            self._check_goal(request, self._balls)
             if not self._ended:
                 self._waiting.append(request)
             return not self._ended
+
+    def _check_goal(self, request: Request, balls: int) -> None:
+        """Raises SettingsError for a goal to which this number of balls cannot go."""
+        if isinstance(request, GoalChanged) and balls > 1 and not self._maze.ring(request.ring).is_disc:
+            centre = f"expected ring{len(self._maze.rings)}: {balls} balls go to the centre"
+            raise SettingsError(f"got ring{request.ring}, {centre}", key="goal")
 
     # -- the run's side ---------------------------------------------------------------------------------------------
 
     def begin(self, maze: Maze) -> None:
         """A run begins to read the mailbox.
 
-        Raises SettingsError if another run reads it, or if the run's map has other rings or openings."""
+        Raises SettingsError if another run reads it, if the run's map has other rings or openings, or if a goal waits
+        to which the balls of the run cannot go."""
         own, other = ([*(r.number for r in m.rings), *(o.name for o in m.openings)] for m in (self._maze, maze))
         if own != other:
             problem = f"made for the map {self._maze.name}, expected the one of the run, {maze.name}"
@@ -97,6 +108,9 @@ class Goals:
         with self._lock:
             if self._running:
                 raise SettingsError("another run reads them", key="goals")
+            for request in self._waiting:
+                self._check_goal(request, maze.balls)
+            self._balls = maze.balls
             self._running, self._ended, self._read = True, False, False
 
     def take(self, t: float) -> Sequence[Request]:
@@ -146,7 +160,7 @@ class RecordedRequests:
 
     def __init__(self, events: Iterable[TimedEvent], maze: Maze) -> None:
         self._left: list[tuple[float, Request]] = []
-        mailbox = Goals(maze)
+        mailbox = Goals(replace(maze, balls=1))  # in earlier versions several balls went to any ring
         for timed in events:
             request = timed.event
             if timed.kind in ("goal", "closed", "opened", "stopped") and not isinstance(request, Request):
