@@ -170,7 +170,7 @@ class RecordedRequests:
             try:  # the same checks as in the recorded run
                 if isinstance(request, GoalChanged):
                     mailbox.aim(request.ring, request.closed)
-                elif isinstance(request, OpeningClosed):
+                elif isinstance(request, OpeningClosed | OpeningReopened):
                     mailbox.close(request.opening)
             except SettingsError as problem:
                 raise ValueError(str(problem)) from None

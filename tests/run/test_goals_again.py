@@ -58,6 +58,8 @@ def test_a_run_with_two_other_goals_and_edited_openings_decides_again(tmp_path):
         replay(changed(path, "goal", ring=7), model=known(MAZE))
     with pytest.raises(LogError, match="opening: got '1-2', expected one of"):
         replay(changed(path, "closed", opening="1-2"), model=known(MAZE))
+    with pytest.raises(LogError, match="opening: got '1-2', expected one of"):
+        replay(changed(path, "opened", opening="1-2"), model=known(MAZE))
 
 
 def test_a_run_that_was_stopped_or_went_on_after_it_had_arrived_decides_again(tmp_path):
