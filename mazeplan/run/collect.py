@@ -117,8 +117,8 @@ def run_collection(
 ) -> int:  # fmt: skip
     """Drive the rig with random sines and log each sample; returns the number of samples.
 
-    Each placing of the ball begins a new segment; the time in the log goes on through all segments. Afterwards the
-    plate is level and the rig closed."""
+    Each placing of the ball begins a new segment; the time in the log goes on through all segments. A sample whose time
+    is no number, or not newer than the last one, is skipped. Afterwards the plate is level and the rig closed."""
     check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, maze.tilt_limit)
@@ -134,10 +134,14 @@ def run_collection(
                     theta=maze.clear_angle(ring, float(rng.uniform(-math.pi, math.pi))),
                     rng=np.random.default_rng([plan.seed, segment]),
                 )
+                newest = -math.inf
                 for u in commands[start : start + stretch]:
                     o = rig.observe()
                     command = Command(float(u[0]), float(u[1]))
                     rig.command(command.u_beta, command.u_gamma)
+                    if not (math.isfinite(o.t) and o.t > newest):  # no reader of the table could use it
+                        continue
+                    newest = o.t
                     log.sample(Observation(start * dt + o.t, o.x, o.y, o.beta, o.gamma), command, segment=segment)
                     rows += 1
                     if progress is not None and rows % 30 == 0:

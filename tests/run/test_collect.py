@@ -51,6 +51,21 @@ def test_in_one_ring_the_ball_is_placed_once(tmp_path):
     assert set(read_table(log).segment) == {0.0}
 
 
+def test_a_sample_that_is_not_newer_is_answered_but_not_logged(tmp_path):
+    class Twice(PlanarRig):
+        def observe(self):
+            sample = super().observe()
+            k = len(self.commands)
+            return replace(sample, t={10: sample.t - 1 / 30, 20: math.nan, 30: sample.t - 0.2}.get(k, sample.t))
+
+    rig, log = Twice(MAZE), tmp_path / "log.mcap"
+    rows = run_collection(rig, MAZE, Collection(2.0, (1,), seed=2), log)
+    table = read_table(log)
+    assert rows == len(table) == 60 - 3
+    assert len(rig.commands) == 60
+    assert np.all(np.diff(table["t"]) > 0.0)
+
+
 def test_an_interrupted_collection_levels_closes_and_keeps_what_it_has(tmp_path):
     def fail(rig):
         if rig.t > 1.0:
