@@ -22,11 +22,10 @@ from mazeplan.core.records import FailureKind, NavigationResult
 from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 from mazeplan.run.campaign.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of
 from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
-from mazeplan.run.campaign.one_run import collect_garbage
+from mazeplan.run.campaign.one_run import collect_garbage, rig_of_run
 from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked, with_relative_paths
 from mazeplan.run.campaign.store import Store
 from mazeplan.run.campaign.worker import Ran, here, measured
@@ -92,7 +91,7 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     goals = Goals(maze)
     orders = DriverHooks(close=goals.close)
-    faulty = FaultyRig(make_rig(campaign.rig, maze, campaign.sense), maze, trial.draw(job.seed), orders)
+    faulty = FaultyRig(rig_of_run(campaign, index, maze), maze, trial.draw(job.seed), orders)
     if any(kind.name == "observe_hangs" for kind in trial.kinds):
         rig: Rig = WatchedRig(faulty, BUSY_S)
     else:
