@@ -81,4 +81,4 @@ def written(value: Any) -> str:
         return str(value)
     if isinstance(value, bool):
         return str(value).lower()
-    return ";".join(value) if isinstance(value, list | tuple) else str(value)
+    return ";".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

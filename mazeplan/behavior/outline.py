@@ -91,7 +91,7 @@ def _written(value: Any) -> str:
     """A port's value as in a file; shortened or escaped if it is long or not printable."""
     if isinstance(value, Key):
         return str(value)
-    text = ";".join(value) if isinstance(value, list) else str(value)
+    text = ";".join(map(str, value)) if isinstance(value, list) else str(value)
     return text if text.isprintable() and len(text) <= 60 else shown(text)
 
 

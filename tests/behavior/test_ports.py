@@ -253,6 +253,18 @@ def test_palette_has_the_types_of_the_format():
     assert [ports[name].get("default") for name in ("flag", "words", "thing", "text")] == ["true", "a;b", None, None]
 
 
+def test_a_list_of_numbers_is_drawn_and_in_the_palette(tmp_path):
+    class Pick(Take):
+        """Takes some numbers."""
+
+        ports: ClassVar[dict[str, Port]] = {"some": Port(list, [1, 2], "which", choices=(1, 2, 3))}
+
+    path = tmp_path / "tree.xml"
+    path.write_text(f'{HEAD}<BehaviorTree ID="Main"><Pick some="3;2"/></BehaviorTree></root>')
+    assert tree_text(load_tree(path, {"Pick": Pick}, Run())) == "Pick some=3;2"
+    assert 'default="1;2"' in write_palette({"Pick": Pick})
+
+
 def test_an_object_is_shown_by_its_kind():
     assert shown(object()) == "an object of the kind object"
     for value in ("a", 2.5, None, [1], np.int64(3), dict):
