@@ -226,7 +226,7 @@ class RunContext:
         self.balls.views = (BallView(state, measured), *others)
         led = self.balls.views[self.balls.led - 1]
         self.state, self.measured, self.out = self.leg.entered(led.state, now, self.maze, self.graph), led.measured, out
-        self.command, self.commanded_by = None, ""
+        self.command, self.commanded_by, self.leg.followed = None, "", False
 
     def lead(self, ball: int, kept: frozenset[int]) -> None:
         """From now on the leaves lead the ball with this number. The balls in `kept` must stay in the centre."""
@@ -238,7 +238,7 @@ class RunContext:
 
     def again(self) -> None:
         """The root is ticked once more in this tick. The command so far stands, but a leaf may replace it."""
-        self.commanded_by = ""
+        self.commanded_by, self.leg.followed = "", False
 
     def enter(self, target: int) -> None:
         """The ball is falling into ring `target`: for ENTERING s from now on, it counts as in this ring."""

@@ -18,6 +18,7 @@ class CurrentLeg:
     opening: the chosen opening
     leaving_ring: the ring that the ball will leave by it
     plan: the plan along the ring
+    followed: whether the command of this tick follows the plan (`Track`)
     goal_theta: angle of the opening to which `plan` leads, rad
     prepared: an opening that was chosen by a plan, and this plan
     refused: the opening that did not take the ball, although the ball already counted as in the next ring
@@ -28,6 +29,7 @@ class CurrentLeg:
     opening: Opening | None = None
     leaving_ring: int | None = None
     plan: Plan | None = None
+    followed: bool = False
     goal_theta: float | None = None
     prepared: tuple[Opening, Plan] | None = None
     refused: Opening | None = None

@@ -203,6 +203,7 @@ class Track(MazeLeaf):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         plan = self._renewed(plan, opening)
         run.steer(self.name, self._follow(plan, opening))
+        run.leg.followed = True
         return Status.RUNNING
 
     def _renewed(self, plan: Plan, opening: Opening) -> Plan:

@@ -225,6 +225,6 @@ def _words(timed: TimedEvent) -> str:
 
 def _planned_theta(context: RunContext) -> float | None:
     """The angle of the plan at the time of the state, rad; None unless the leaf Track follows a plan."""
-    if context.leg.plan is None or context.commanded_by != "Track":
+    if context.leg.plan is None or not context.leg.followed:
         return None
     return float(context.leg.plan.states[plan_step(context.leg.plan, context.here.t), 0])

@@ -307,12 +307,11 @@ class _Script:
 
     def _alike(self) -> bool:
         """Whether all messages until now are like those of the recorded run."""
-        now = self.replayed
-        while self._same < min(len(now), len(self.recorded)):
-            if _differing(self.recorded[self._same], now[self._same]):
+        while self._same < min(len(self.replayed), len(self.recorded)):
+            if _differing(self.recorded[self._same], self.replayed[self._same]):
                 return False
             self._same += 1
-        return self._same == len(now)
+        return self._same == len(self.replayed)
 
     def outcome(self, recorded_by: str) -> Replay:
         """The result of the comparison."""
@@ -336,9 +335,8 @@ class _Script:
         kind = (a or b or ("", {}))[0].removeprefix("/")
         number = min(sum(topic == "/tick" for topic, _ in then[:index]), max(len(self._ticks) - 1, 0))
         t = self._ticks[number]["t"] if self._ticks else 0.0
-        documents = (None if a is None else a[1], None if b is None else b[1])
         decided = _decided(then, number), _decided(self.replayed, number)
-        return Difference(t, number, kind, _differing(a, b), *decided, documents)
+        return Difference(t, number, kind, _differing(a, b), *decided, (a and a[1], b and b[1]))
 
 
 def _observation(document: dict[str, Any]) -> Observation:
@@ -370,6 +368,8 @@ def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
     (topic, then), (_, now) = a, b
     if topic == "/result":  # an older log has fewer fields
         now = _known_fields(then, now)
+    elif topic == "/tick" and "planned_theta" not in then:  # nor that of a Track with a name of its own
+        now = {**now, "planned_theta": None}
     names = CHOSEN if topic == "/tick" else [name for name in {**then, **now} if name not in MEASURED]
     near = LAST_DIGIT if topic == "/plan" else NEAR
     return tuple(name for name in names if not _near(then.get(name), now.get(name), near))

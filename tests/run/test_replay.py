@@ -8,6 +8,7 @@ from replayed import MAZE, again, of, other_end, planar, rewritten, tick
 
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log_reader import read_messages
+from mazeplan.core.resources import share
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
@@ -246,6 +247,24 @@ def test_everything_else_that_is_decided_is_compared(recorded, change, what, fie
         assert (difference.what, difference.fields) == (what, fields)
     if change is other_sight:
         assert difference.tick == 15
+
+
+def test_a_track_with_a_name_of_its_own_tells_where_the_plan_is(tmp_path):
+    tree = tmp_path / "named.xml"
+    text = (share("behaviors") / "navigate.xml").read_text()
+    tree.write_text(text.replace("<Track ", '<Track name="along the ring" '))
+    planar(tmp_path / "run.mcap", start=4, behavior=str(tree))
+    ticks = [document for topic, document in read_messages(tmp_path / "run.mcap")[1] if topic == "/tick"]
+    along = [document for document in ticks if document.get("leaf") == "along the ring"]
+    assert len(along) > 5
+    assert all(("planned_theta" in document) is (document in along) for document in ticks)
+    assert again(tmp_path / "run.mcap").identical
+
+    def less(header, messages):  # as earlier versions wrote it
+        for _, document in messages:
+            document.pop("planned_theta", None)
+
+    assert again(rewritten(tmp_path / "run.mcap", less)).identical
 
 
 def test_rounding_is_no_difference(recorded):
