@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,16 +17,42 @@ from plant import play
 from ring_record import write_csv
 from standalone_page import alone
 
-from mazeplan.apps.cli.diagnosis_request import lines_of_test, result_lines
+from mazeplan.apps.cli import diagnose_ring
+from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, result_lines
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.diagnosis.rig.result import words_on_test
 from mazeplan.diagnosis.rig.scores import HeldOut
-from mazeplan.learning.modelfile import load_model
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.rig.sensors import Camera
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
+
+
+MAZE = load_map("cme")
+NOMINAL = RigModel.nominal(MAZE)
+
+
+@pytest.fixture
+def asked_of_ring(monkeypatch):
+    """What the diagnosis of one ring is asked for a log and a model."""
+
+    def ask(log: Path, model: RigModel, declare: tuple[str, ...] = (), test: Path | None = None) -> dict[str, Any]:
+        asked = dict[str, Any]()
+
+        def diagnosis(*given: Any, **more: Any) -> Any:
+            asked.update(more, record=given[0], declared=given[2])
+            return SimpleNamespace(document=lambda: {"notes": []})
+
+        monkeypatch.setattr(diagnose_ring.ring_diagnosis, "diagnose", diagnosis)
+        request = DiagnosisRequest([log], None, 0.0925, list(declare), None, test, None, None, None, [], True)
+        diagnose_ring._diagnose(log, MAZE, model, request)
+        return asked
+
+    return ask
 
 
 @pytest.fixture
@@ -37,6 +65,17 @@ def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("logs") / "dry.csv"
     write_csv(Table(play(seed=3, seconds=90.0, dry=0.4)), path)
     return path
+
+
+def test_the_known_offset_of_the_camera_is_told_to_the_search(asked_of_ring, log, tmp_path):
+    model = replace(NOMINAL, camera=Camera(offset_x=0.002))
+    asked = asked_of_ring(log, model)
+    assert asked["corrected"] == model.camera
+    assert "camera_offset" not in asked["declared"]
+    columns = play(seed=3, seconds=20.0)
+    write_csv(Table({name: column for name, column in columns.items() if name != "r"}), tmp_path / "angles.csv")
+    asked = asked_of_ring(tmp_path / "angles.csv", model)
+    assert asked["declared"]["camera_offset"] == {"x": 0.002, "y": 0.0}, "angles alone are not corrected"
 
 
 @pytest.mark.slow

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.record import centred
+from mazeplan.diagnosis.ring.camera import fit_circle
 from mazeplan.diagnosis.update import base_model, merged, updated
 from mazeplan.learning.modelfile import load_model, model_document, save_model
+from mazeplan.physics.rig.sensors import Camera
 
 TOY = load_model("toy")
 
@@ -85,6 +91,21 @@ def test_the_mean_of_several_rings_is_weighted_by_their_errors():
     assert delay["value"] == pytest.approx(0.12)
     assert delay["stderr"] == pytest.approx(1.0 / math.hypot(1000.0, 500.0))
     assert updated(TOY, found).camera_delay == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize("known", [Camera(), Camera(offset_x=0.002, offset_y=-0.001, scale=1.1, angle=0.05)])
+def test_an_offset_of_the_camera_comes_to_the_one_that_the_model_knows(known):
+    angle, camera = np.linspace(0.0, 60.0, 400), replace(known, offset_x=0.003, offset_y=-0.002)
+    r = 0.0892 + 1e-4 * np.random.default_rng(0).standard_normal(len(angle))
+    seen = zip(*(camera.seen(*place) for place in zip(r * np.cos(angle), r * np.sin(angle), strict=True)), strict=True)
+    place = centred(Table(dict(zip("xy", map(np.array, seen), strict=True)) | {"t": angle}), known)
+    x, y = place["x"], place["y"]
+    circle = fit_circle(np.arctan2(y, x), np.hypot(x, y), np.ones(len(x), dtype=bool))
+    entry = circle.entry(known)
+    assert entry["known_before"] == {"x": known.offset_x, "y": known.offset_y}
+    new = updated(replace(TOY, camera=known), {1: [entry]}).camera
+    assert (new.offset_x, new.offset_y) == pytest.approx((0.003, -0.002), abs=5e-5)
+    assert new.stderr["offset_x"] == pytest.approx(known.scale * circle.stderr[1], abs=1e-6)
 
 
 def test_values_outside_what_a_model_may_have_become_the_nearest():

@@ -91,6 +91,8 @@ def _diagnose(
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
     data = _ring_data(centred(raw, seen_by), maze, request)
     known: Values = {} if model is None else model.declared(data.ring or 1)
+    if "x" not in data.table and (camera.offset_x or camera.offset_y):  # angles alone are not corrected by `centred`
+        known["camera_offset"] = {"x": camera.offset_x, "y": camera.offset_y}
     library = [*ring_library(), *wall_library(data.openings or Openings()), *RIG_EFFECTS]
     added.check_declared(request.declare, {effect.name for effect in (*library, *added.effects)})
     for problem in added.problems.values():
@@ -110,6 +112,7 @@ def _diagnose(
             more=list(added.effects), test=test, progress=bar.show,
             known=None if model is None else Known.of_model(model), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
+            corrected=seen_by,
         )  # fmt: skip
     document = done.document()
     document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]

@@ -18,6 +18,7 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry
 from mazeplan.physics.effects.rig import camera_offset
+from mazeplan.physics.rig.sensors import Camera
 
 FEWEST = 100
 SMALLEST = 1e-4  # m; smallest offset to report
@@ -47,13 +48,18 @@ class Circle:
         """Whether the offset is significant and large enough to report."""
         return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr[1:]))
 
-    def entry(self) -> Entry:
-        """The offset as an effect of the document."""
-        values, stderr = (
-            dict(zip("xy", (round(v, 6) for v in pair), strict=True)) for pair in (self.offset, self.stderr[1:])
+    def entry(self, known: Camera) -> Entry:
+        """The whole offset in the picture as an effect of the document.
+
+        known: camera by which the positions of the circle are corrected already (`record.centred`)"""
+        had = {"x": known.offset_x, "y": known.offset_y}
+        left, stderr = (
+            dict(zip("xy", (known.scale * v for v in pair), strict=True)) for pair in (self.offset, self.stderr[1:])
         )
+        values = {axis: round(had[axis] + value, 6) for axis, value in left.items()}
+        stderr = {axis: round(value, 6) for axis, value in stderr.items()}
         more = {"evidence": round(self.evidence, 1), "before": round(self.before, 6), "after": round(self.after, 6)}
-        return effect_entry(camera_offset, values, stderr) | more
+        return effect_entry(camera_offset, values, stderr, had) | more
 
 
 def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:

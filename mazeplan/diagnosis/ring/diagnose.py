@@ -34,6 +34,7 @@ from mazeplan.physics.effects import rig
 from mazeplan.physics.effects.nameless import NAMELESS, PLACEBOS
 from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
 from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.rig.sensors import Camera
 
 OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
 GAP = 30  # samples; the filter starts again if the ball was not seen for longer
@@ -97,6 +98,7 @@ def diagnose(
     known: Known | None = None,
     camera: Sequence[Entry] | None = None,
     as_model: RingRecord | None = None,
+    corrected: Camera | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> RingDiagnosis:
     """Find what the declared effects lack.
@@ -112,6 +114,7 @@ def diagnose(
     known: the model's stage; None: the declared one
     camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
     as_model: the record with the model's camera, for the scores before; None: `record`
+    corrected: camera by which the positions of `record` are corrected already; None: they are as measured
     progress: reports progress"""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record, fold)
@@ -123,7 +126,7 @@ def diagnose(
     effects = [*stage_effects(stage, known), *(camera or [])]
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
     if circle is not None and circle.shifted:
-        effects.append(circle.entry())
+        effects.append(circle.entry(corrected or Camera()))
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
     library, closely, finer = _libraries(declared, record.r is not None, openings or Openings(), more, without)
     everything = [*library, *closely, *finer, *nuisance]
