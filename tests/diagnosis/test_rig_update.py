@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from mazeplan.control.estimation.rigid_body_parameters import bead_values
 from mazeplan.core.constants import FREE_ROLLING
+from mazeplan.diagnosis.rig.reference import reference_by_model
 from mazeplan.diagnosis.rig.update import changes_model, moved_model
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.effects.ball import constant_torque, quadratic_drag, surface_profile
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.entries import part_values
 
 MODEL = RigModel.nominal(load_map("cme"))
 
 
-def moved(name, before, after, ring=2, stderr=0.01):
+def moved(name, before, after, ring=2, stderr=0.01, model=MODEL):
     """The model after one effect of a verdict."""
     effect = {
         "name": name,
@@ -22,7 +27,13 @@ def moved(name, before, after, ring=2, stderr=0.01):
         "parameters": {key: {"stderr": stderr} for key in after},
     }
     assert changes_model([effect])
-    return moved_model(MODEL, [effect], None)
+    return moved_model(model, [effect], None)
+
+
+def with_terms(*terms, ring=2):
+    """The model with further effects in a ring."""
+    ball = MODEL.ball(ring)
+    return replace(MODEL, balls={**MODEL.balls, ring: replace(ball, effects=(*ball.effects, *terms))})
 
 
 def test_the_inertia_beyond_that_of_a_point_changes_in_proportion():
@@ -38,6 +49,27 @@ def test_other_numbers_of_the_ball_change_by_their_difference():
     own = MODEL.ball(2).parameter("dry_friction", "coefficient", 0.0)
     found = moved("dry_friction", {"coefficient": 0.9}, {"coefficient": 1.5}).ball(2)
     assert found.parameter("dry_friction", "coefficient", 0.0) == pytest.approx(own + 0.6)
+
+
+@pytest.mark.parametrize("had", [0.0, 0.05])
+def test_an_effect_that_the_reference_lacks_is_not_added_to_that_of_the_model(had):
+    model = with_terms(constant_torque(0.2), surface_profile(cos1=0.4, cos2=0.3))
+    found = moved("constant_torque", {"acceleration": had}, {"acceleration": 0.25}, model=model).ball(2)
+    assert found.parameter("constant_torque", "acceleration", 0.0) == pytest.approx(0.25 + (0.15 if had else 0.0))
+    drag = moved("quadratic_drag", {"coefficient": had}, {"coefficient": 0.25}, model=with_terms(quadratic_drag(0.2)))
+    assert drag.ball(2).parameter("quadratic_drag", "coefficient", 0.0) == pytest.approx(0.25 + (0.15 if had else 0.0))
+    waves = dict.fromkeys(surface_profile.parameters, 0.0)
+    found = moved("surface_profile", waves | {"cos2": had}, waves | {"cos2": 0.35}, model=model).ball(2)
+    assert found.parameter("surface_profile", "cos2", 0.0) == pytest.approx(0.35 + (0.25 if had else 0.0))
+    assert found.parameter("surface_profile", "cos1", 0.0) == 0.4, "nothing was found out about it"
+
+
+def test_drag_of_the_model_is_in_its_reference():
+    model = with_terms(quadratic_drag(0.3))
+    body = reference_by_model(model, load_map("cme")).body.model.ball
+    (drag,) = bead_values(model, load_map("cme"), "quadratic")
+    assert body.quadratic == pytest.approx(drag)
+    assert reference_by_model(MODEL, load_map("cme")).body.model.ball.quadratic == 0.0
 
 
 def test_scales_change_by_their_ratio():

@@ -103,7 +103,8 @@ def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
         return RigReference(Reference(body, stderr), known, source="the model")
     said = bead_values(model, maze, "rolling")
     low, high = (factor * end for factor, end in zip(FRICTION, (min(said), max(said)), strict=True)) if said else (0, 1)
-    body = with_values(guess, {"inertia": _inertia(model)})
+    drag = bead_values(model, maze, "quadratic")
+    body = with_values(guess, {"inertia": _inertia(model), "quadratic": sum(drag) / max(len(drag), 1)})
     stderr = {**bead_stderr(model, maze), "inertia": ROUND}
     reference = Reference(body, stderr, ("rolling", *UNKNOWN))
     return RigReference(reference, known, source="the model", friction=(low, high))

@@ -18,12 +18,15 @@ from mazeplan.diagnosis.rig.result import RigVerdict
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.physics.effect import BALL, STAGE
+from mazeplan.learning.rigid_body_entries import PARAMETERS
+from mazeplan.physics.effect import BALL, STAGE, Effect
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.entries import part_values
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
+# every reference has these; it may lack other effects, and a fit of records does not look for quadratic drag
+NUMBERS = {number.effect for name, number in PARAMETERS.items() if name != "quadratic"}
 
 
 def changes_model(effects: Sequence[Mapping[str, Any]]) -> bool:
@@ -65,14 +68,21 @@ def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[
         values = {"factor": 1.0 / (1.0 + (1.0 / own - 1.0) * k / was)}
     else:
         own = _own(model, ring, name)
-        values = own | {
-            key: own[key] * value / before[key] if name in FACTORS else own[key] + value - before[key]
-            for key, value in now.items()
-        }
+        values = own | {key: _moved(kind, key, own[key], value, before[key]) for key, value in now.items()}
     if name == "local_friction":
         values["ring"] = float(ring)
     stderr = {key: effect["parameters"].get(key, {}).get("stderr") for key in values}
     return effect_entry(kind, values, stderr) | {UNTIL: effect.get(UNTIL, 0.0)}
+
+
+def _moved(effect: Effect, key: str, own: float, now: float, before: float) -> float:
+    """A number of the model that changes as from `before` to `now`."""
+    if effect.name in FACTORS:
+        return own * now / before
+    lacking = f"{effect.name}.{key}" not in NUMBERS and before == effect.parameters[key].default
+    if lacking and now != before:  # then `now` is all of it, with the model's own share
+        return now
+    return own + now - before
 
 
 def _own(model: RigModel, ring: int, name: str) -> dict[str, float]:
