@@ -7,6 +7,8 @@ import json
 import os
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import plainball
@@ -17,14 +19,16 @@ from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilt
 from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.candidates import of_effect
 from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.registry import registry_entry
-from mazeplan.diagnosis.rig.search import Reference, search_rig
+from mazeplan.diagnosis.rig.search import Reference, search_rig, surely_differs
 from mazeplan.diagnosis.rig.update import moved_model
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
+from mazeplan.physics.effect import DRAG, Effect, Parameter
 
 FREE = (
     "rolling", "spin", "wall", "restitution", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay", "noise",
@@ -83,6 +87,16 @@ def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
     found = searched(plainball.Toy(push=2.0))  # cos(theta) along the ring
     assert found.found
     assert not {c.effect for c in found.found} & {"dry_friction", "viscous_friction", "quadratic_drag", "sensor_delay"}
+
+
+def test_an_effect_of_a_user_that_the_reference_lacks_is_at_its_defaults():
+    rub = Effect("rub", {"rate": Parameter("1/s", 1.0, 0.0, 5.0, smallest=0.02)}, DRAG, lambda s, p: p.rate - 1.0)
+    was = Reference(BodyModel())
+    model = was.model._replace(terms=(rub(rate=1.01),))
+    assert not surely_differs(model, {"rub.rate": 1e-4}, was, ("rub.rate",))
+    fit: Any = SimpleNamespace(model=model, stderr={"rub.rate": 1e-4})
+    told = registry_entry(of_effect(rub), fit, was, {1: 0.08})
+    assert told["known_before"] == {"rate": 1.0}
 
 
 @pytest.mark.slow

@@ -36,8 +36,11 @@ def registry_entry(c: Candidate, fit: BodyFit, was: Reference, radii: Mapping[in
     if c.effect == "surface_bump":
         away = math.hypot(*(known_value(fit.model, f"floor_bump.{key}") for key in "xy"))
         radii = dict(sorted(radii.items(), key=lambda pair: abs(pair[1] - away)))
+    had = {term.name for term in was.model.terms}  # an effect of a user that the reference lacks is at its defaults
+    lacking = (term.effect() for term in fit.model.terms if term.name == c.effect and term.name not in had)
+    old = was.model._replace(terms=(*was.model.terms, *lacking))
     rings = {
-        ring: {"after": _numbers(c, fit.model, was, radius), "before": _numbers(c, was.model, was, radius)}
+        ring: {"after": _numbers(c, fit.model, was, radius), "before": _numbers(c, old, was, radius)}
         for ring, radius in radii.items()
     }
     values, before = (next(iter(rings.values()))[when] for when in ("after", "before"))

@@ -99,19 +99,22 @@ def smallest_reportable(model: BodyModel, name: str) -> float:
 def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
     """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
     for name in free:
-        before = known_value(was.model, name)
+        before = known_value(was.model, name, model)
         sigma = STDERR_SCALE * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
         if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
             return True
     return False
 
 
-def known_value(model: BodyModel, name: str) -> float:
-    """A number of a model; 0 if it belongs to a term that the model does not have."""
+def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> float:
+    """A number of a model. If it belongs to a term that the model does not have: its default, if `of` has this term, or
+    else 0."""
     try:
         return value_of(model, name)
     except KeyError:
-        return 0.0
+        effect, _, key = name.partition(".")
+        terms = () if of is None else of.terms
+        return next((term.effect.parameters[key].default for term in terms if term.name == effect), 0.0)
 
 
 def search_rig(
