@@ -14,7 +14,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effects.ball import constant_torque, quadratic_drag, surface_profile
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.physics.rig.entries import part_values
+from mazeplan.physics.rig.entries import part_stderr, part_values
 
 MODEL = RigModel.nominal(load_map("cme"))
 
@@ -82,6 +82,29 @@ def test_scales_change_by_their_ratio():
     twice = moved_model(found, [effect], None)
     gains = [part_values(model, EFFECTS["tilt_gain"])["beta"] for model in (found, twice)]
     assert gains == pytest.approx([1.2, 1.8])
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [("sensor_delay", {"delay": 0.05}), ("command_delay", {"delay": 0.02}), ("camera_scale", {"factor": 1.05}),
+     ("servo_gain", {"beta": 1.1, "gamma": 0.9})],
+)  # fmt: skip
+def test_one_estimate_for_all_rings_is_as_sure_as_it_was(name, numbers):
+    both = {"before": numbers, "after": numbers}
+    effect = {"name": name, "rings": dict.fromkeys("1234", both)}
+    effect["parameters"] = {key: {"stderr": 0.01} for key in numbers}
+    new = moved_model(MODEL, [effect], None)
+    assert part_stderr(new, EFFECTS[name]) == pytest.approx(dict.fromkeys(numbers, 0.01))
+
+
+def test_the_lean_of_the_table_is_as_sure_in_a_model_as_it_was_found():
+    lean = {"before": {"beta": 0.0, "gamma": 0.0}, "after": {"beta": 0.01, "gamma": 0.02}}
+    effect = {"name": "tilt_offset", "rings": dict.fromkeys("1234", lean)}
+    effect["parameters"] = {key: {"stderr": 1e-3} for key in ("beta", "gamma")}
+    new = moved_model(MODEL, [effect], None)
+    for ring in MODEL.balls:
+        assert new.ball(ring).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(0.02)
+        assert new.ball(ring).stderr["tilt_offset"] == {"beta": 1e-3, "gamma": 1e-3}
 
 
 def test_a_bump_too_small_to_matter_is_left_out():

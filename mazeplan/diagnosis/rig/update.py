@@ -43,6 +43,9 @@ def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: Body
     new = model
     for effect in (e for e in effects if _in_model(e["name"])):
         found = {int(ring): [_entry(new, int(ring), effect, both)] for ring, both in effect["rings"].items()}
+        kind = EFFECTS[effect["name"]]
+        if kind.acts not in BALL or kind.common:  # one estimate: the same in several rings, it would look surer
+            found = dict(list(found.items())[:1])
         new = updated(new, {ring: e for ring, e in found.items() if e[0] is not None})
     return new if model.body is None else with_body(new, fit.model, fit.stderr)
 

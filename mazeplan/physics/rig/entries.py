@@ -130,6 +130,7 @@ def _write(model: Rig, place: str, value: float, stderr: float) -> Rig:
     if part != "stage":
         return replace(model, **{part: _changed(owner, rest[0], value, stderr)})
     axes = AXES if rest[0] == "*" else (rest[0],)
+    stderr *= math.sqrt(len(axes))  # `_stderr` reads the error of the mean of independent axes
     stage = replace(owner, **{axis: _changed(getattr(owner, axis), rest[1], value, stderr) for axis in axes})
     return replace(model, stage=stage)
 
