@@ -9,10 +9,12 @@ import pytest
 from ring_records import names, parameters
 
 from mazeplan.core.errors import InputError
+from mazeplan.diagnosis.coordinate.kalman import NODES
 from mazeplan.diagnosis.mechanism.diagnose import diagnose_mechanism
 from mazeplan.diagnosis.mechanism.drive_log import MotionLog
 from mazeplan.diagnosis.mechanism.mechanism import mechanism_of
 from mazeplan.diagnosis.mechanism.scores import course_of, sized
+from mazeplan.diagnosis.mechanism.system import MechanismSystem
 from mazeplan.physics import Effect, Parameter, sin
 
 MASS = Parameter("kg", 1.0, 0.01, 100.0)
@@ -133,6 +135,23 @@ def test_of_the_motion_some_may_be_known():
     assert fitted["parameters"]["length"]["value"] == pytest.approx(0.6, rel=0.005)
     wrong = diagnose_mechanism(mechanism_of(Held), log, {"motion": {"mass": 0.5, "length": 0.66}})
     assert value(wrong, "motion", "length")["value"] == pytest.approx(0.6, rel=0.005)
+
+
+def test_forces_of_the_motion_are_not_divided_by_the_inertia_twice():
+    class Spring(Cart):
+        parameters = {"mass": MASS, "stiffness": Parameter("N/m", 8.0, 0.0, 100.0)}  # noqa: RUF012
+        effects = ("dry_friction",)
+
+        @staticmethod
+        def motion(s, p):
+            return (s.push - p.stiffness * s.position) / p.mass
+
+    spring, x = mechanism_of(Spring), np.linspace(-0.5, 0.5, 101)
+    values = {"motion": {"mass": 2.0, "stiffness": 8.0}, "dry_friction": {"coefficient": 3.0}}
+    system = MechanismSystem(spring, 0.01, x, np.zeros((101, NODES, 1)), {})
+    assert system.modelled([spring.motion], values, np.zeros(101)) == pytest.approx(-8.0 / 2.0 * x)
+    _, p = system.build(spring.library, values)
+    assert p.tolist()[:3] == [2.0, 8.0, 1.5], "the friction is found in N"
 
 
 def test_sizes_follow_from_the_record_unless_an_effect_brings_them():

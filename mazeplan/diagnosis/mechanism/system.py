@@ -49,8 +49,9 @@ class MechanismSystem:
     def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
         """The problem and its parameters, with these effects at these values; other effects stay as declared.
 
-        Parameters in N, or in N per unit, are divided by the inertia."""
+        Parameters in N, or in N per unit, are divided by the inertia. The motion divides its own by itself."""
         known, inverse = {c.name: c for c in candidates}, 1.0 / self.inertia(values)
+        motion = self.mechanism.motion.name
         p: list[float] = []
         terms, holds = [], []  # address and place of each
         for name, numbers in self._merged(values).items():
@@ -59,7 +60,7 @@ class MechanismSystem:
                 continue
             (holds if effect.acts == DRY else terms).append((self._address(effect), len(p)))
             p.extend(
-                number * (inverse if parameter.unit.startswith("N") else 1.0)
+                number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0)
                 for number, parameter in zip(effect.numbers(numbers), effect.parameters.values(), strict=True)
             )
         found = np.array(terms, dtype=np.int64).reshape(-1, 2)
