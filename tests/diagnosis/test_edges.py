@@ -114,6 +114,18 @@ def found_in(system, *edges):
     return likelihood, fit(likelihood, [*KNOWN, c], start)
 
 
+def test_no_window_begins_behind_a_lost_picture():
+    t = DT * np.arange(120.0)
+    theta = np.sin(t)
+    theta[40] = np.nan
+    system = RingSystem(t, theta, t == 0.0, RADIUS, Tilt(t, np.zeros((len(t), 6)), "level"), {})
+    system.target = derivatives(np.sin(t), DT, MATCHED).acceleration
+    system.target[40 - 3 : 40 + 4] = np.nan
+    likelihood = WindowLikelihood(system, KNOWN, np.ones(len(t), dtype=bool))
+    assert len(likelihood.windows) > 40
+    assert np.isfinite(likelihood.residuals({c.name: START[c.name] for c in KNOWN})).all()
+
+
 @pytest.mark.slow
 def test_sizes_of_edges_are_found():
     (_, edges) = closer_library(Openings(outer=QUARTERS))

@@ -70,7 +70,9 @@ class WindowLikelihood(Likelihood):
         half = MATCHED.window // 2
         begun = begun_at(system.begins)
         at = np.flatnonzero(rows & np.isfinite(target))
-        self.windows: IntArray = at[at - half - begun[at] >= KNOWN][::EVERY]
+        at = at[at - half - begun[at] >= KNOWN]
+        seen = np.isfinite(system.theta)  # the first sample of a window and the one before give its speed
+        self.windows: IntArray = at[seen[at - half] & seen[at - half - 1]][::EVERY]
         self.target: Array = target[self.windows]
         self.weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
         self.kernel = acceleration_kernel(MATCHED.window, MATCHED.order)
