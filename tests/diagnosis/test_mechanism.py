@@ -154,6 +154,15 @@ def test_forces_of_the_motion_are_not_divided_by_the_inertia_twice():
     assert p.tolist()[:3] == [2.0, 8.0, 1.5], "the friction is found in N"
 
 
+@pytest.mark.parametrize("rows", [150, 300])
+def test_a_record_may_be_shorter_than_what_is_left_out_around_a_gap(rows):
+    log = cart(rate=1000.0, seconds=0.3, fine=1)
+    log = MotionLog(log.dt, log.position[:rows], log.inputs[:rows])
+    log.position[20] = np.nan
+    course = course_of(mechanism_of(Cart), log, {})
+    assert np.flatnonzero(course.seen).tolist() == list(range(121, rows))
+
+
 def test_sizes_follow_from_the_record_unless_an_effect_brings_them():
     class Two(Cart):
         effects = (

@@ -94,8 +94,9 @@ def course_of(mechanism: Mechanism, log: MotionLog, declared: Values) -> Course:
         band *= NARROWER
     nodes = np.repeat(log.inputs[:, None, :], NODES, axis=1)
     system = MechanismSystem(mechanism, log.dt, x, nodes, declared)
-    near = np.ones(2 * round(EDGE * rate) + 1)
-    seen = np.convolve(np.isnan(log.position), near, mode="same") < 0.5
+    half = round(EDGE * rate)
+    near = np.convolve(np.isnan(log.position), np.ones(2 * half + 1))  # mode="same" is longer than a short record
+    seen = near[half : half + len(raw)] < 0.5
     return Course(system, band, log.inputs, seen, v, a)
 
 
