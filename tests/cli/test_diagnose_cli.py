@@ -40,7 +40,10 @@ NOMINAL = RigModel.nominal(MAZE)
 def asked_of_ring(monkeypatch):
     """What the diagnosis of one ring is asked for a log and a model."""
 
-    def ask(log: Path, model: RigModel, declare: tuple[str, ...] = (), test: Path | None = None) -> dict[str, Any]:
+    def ask(
+        log: Path, model: RigModel, declare: tuple[str, ...] = (), test: Path | None = None,
+        radius: float | None = 0.0925,
+    ) -> dict[str, Any]:  # fmt: skip
         asked = dict[str, Any]()
 
         def diagnosis(*given: Any, **more: Any) -> Any:
@@ -48,7 +51,7 @@ def asked_of_ring(monkeypatch):
             return SimpleNamespace(document=lambda: {"notes": []})
 
         monkeypatch.setattr(diagnose_ring.ring_diagnosis, "diagnose", diagnosis)
-        request = DiagnosisRequest([log], None, 0.0925, list(declare), None, test, None, None, None, [], True)
+        request = DiagnosisRequest([log], None, radius, list(declare), None, test, None, None, None, [], True)
         diagnose_ring._diagnose(log, MAZE, model, request)
         return asked
 
@@ -76,6 +79,20 @@ def test_the_known_offset_of_the_camera_is_told_to_the_search(asked_of_ring, log
     write_csv(Table({name: column for name, column in columns.items() if name != "r"}), tmp_path / "angles.csv")
     asked = asked_of_ring(tmp_path / "angles.csv", model)
     assert asked["declared"]["camera_offset"] == {"x": 0.002, "y": 0.0}, "angles alone are not corrected"
+
+
+def test_a_test_record_is_seen_by_the_same_cameras_as_the_record(asked_of_ring, tmp_path, monkeypatch):
+    log = tmp_path / "log.csv"
+    write_csv(Table(play(seed=3, seconds=20.0, radius=0.0892, camera_offset=(0.002, 0.0))), log)
+    model, true = replace(NOMINAL, camera=Camera(offset_x=0.001)), Camera(offset_x=0.002)
+    asked = asked_of_ring(log, model, test=log)
+    assert asked["test"].theta == pytest.approx(asked["record"].theta)
+    assert asked["test_as_model"] is None
+    monkeypatch.setattr(diagnose_ring, "camera_effects", lambda *given: ([{"name": "camera_offset"}], true))
+    asked = asked_of_ring(log, model, test=log, radius=None)
+    for test, record in (("test", "record"), ("test_as_model", "as_model")):
+        assert asked[test].theta == pytest.approx(asked[record].theta)
+    assert not np.allclose(asked["record"].theta, asked["as_model"].theta)
 
 
 @pytest.mark.slow

@@ -101,18 +101,20 @@ def _diagnose(
     if request.radius is None:
         _check_rings(data.table, maze)
     table, odd = turned_round(data.table, data.radius)
-    test = None
+    test, test_as_model = None, None
     if request.test is not None:
-        other, _ = turned_round(read_table(request.test), data.radius)
+        measured = read_table(request.test)
+        other, _ = turned_round(centred(measured, seen_by), data.radius)
         in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
         test = record_of(other, in_ring, ring=data.ring)
+        test_as_model = record_of(centred(measured, camera), in_ring, ring=data.ring) if picture else None
     with ProgressBar("diagnosing") as bar:
         done = ring_diagnosis.diagnose(
             record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, openings=data.openings,
             more=list(added.effects), test=test, progress=bar.show,
             known=None if model is None else Known.of_model(model), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
-            corrected=seen_by,
+            corrected=seen_by, test_as_model=test_as_model,
         )  # fmt: skip
     document = done.document()
     document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]

@@ -99,6 +99,7 @@ def diagnose(
     camera: Sequence[Entry] | None = None,
     as_model: RingRecord | None = None,
     corrected: Camera | None = None,
+    test_as_model: RingRecord | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> RingDiagnosis:
     """Find what the declared effects lack.
@@ -115,6 +116,7 @@ def diagnose(
     camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
     as_model: the record with the model's camera, for the scores before; None: `record`
     corrected: camera by which the positions of `record` are corrected already; None: they are as measured
+    test_as_model: `test` with the model's camera, for its scores before; None: `test`
     progress: reports progress"""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record, fold)
@@ -161,7 +163,10 @@ def diagnose(
         apart=tuple(experiment_for(group, ring) for group in finding.alike),
         remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
-    return done if test is None else replace(done, test=_on_test(test, done, straight, plain, base))
+    if test is None:
+        return done
+    was = None if own is None else _model_motion(test, stage, known)
+    return replace(done, test=_on_test(test, test_as_model or test, was, done, straight, plain, base))
 
 
 def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> tuple[Entry | None, tuple[str, ...]]:
@@ -286,15 +291,22 @@ def _chance(finding: Finding) -> tuple[str, ...]:
 
 
 def _on_test(
-    test: RingRecord, done: RingDiagnosis, straight: Likelihood, plain: Likelihood, base: Fit
-) -> tuple[RingScore, RingScore]:
-    """Scores before and after on a further record."""
+    test: RingRecord, as_model: RingRecord, was: Tilt | None, done: RingDiagnosis, straight: Likelihood,
+    plain: Likelihood, base: Fit,
+) -> tuple[RingScore, RingScore]:  # fmt: skip
+    """Scores before and after on a further record.
+
+    as_model: the record with the model's camera
+    was: the plate's motion by the model's stage, if the stage changed"""
     moved, radius = plate_motion(test, done.stage), ring_of(plain).radius
     scores = []
-    for likelihood, found, circle in ((plain, base, None), (straight, done.finding.final, done.circle)):
-        record, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
+    for likelihood, found, seen, circle, tilt in (
+        (plain, base, as_model, None, was or moved),
+        (straight, done.finding.final, test, done.circle, moved),
+    ):
+        record, (every,) = _with_ball(seen, np.ones(len(seen), dtype=bool))
         there = _likelihood(
-            _straight(record, circle), moved, radius, likelihood.system.declared, straight.library, every
+            _straight(record, circle), tilt, radius, likelihood.system.declared, straight.library, every
         )
         scores.append(score(there, found, every))
     return scores[0], scores[1]
