@@ -10,6 +10,7 @@ import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.diagnosis.rig.evidence import SECTORS, _block_times, _by_place, _marks, _power
+from mazeplan.diagnosis.rig.record import filter_of, seconds_of
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.local_forces import floor_bump
@@ -49,6 +50,17 @@ def test_a_bump_that_was_found_has_a_place_and_other_effects_none():
     model = BodyModel(terms=(Term(floor_bump, (0.04, -0.06, 0.001, 0.012)),))
     (mark,) = _marks(({"name": "dry_friction"}, {"name": "surface_bump"}), model)
     assert mark == {"name": "surface_bump", "x": 0.04, "y": -0.06, "width": 0.012}
+
+
+@pytest.mark.parametrize(("at", "seconds"), [([0.0, 1.0, 2.0, 3.0], 3.0), ([10.0, 11.0, 10.5, 11.5], 1.5)])
+def test_the_length_of_a_record_counts_pictures_where_logs_overlap(at, seconds):
+    dt = 0.5
+    columns = {name: np.linspace(0.0, 0.01, 4) for name in ("x", "y", "beta", "gamma", "u_beta", "u_gamma")}
+    record = SimpleNamespace(
+        t=dt * np.arange(4), dt=dt, begins=np.array([True, False, True, False]), u=None, **columns, segment=np.ones(4)
+    )
+    body = filter_of({"t": np.array(at), **columns}, record, MAZE, None)
+    assert seconds_of(body) == seconds
 
 
 def test_blocks_stand_at_their_true_time():

@@ -147,6 +147,12 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
     return BodyFilter(pictures, plate, pack_walls(maze))
 
 
+def seconds_of(body: BodyFilter) -> float:
+    """Length of the record in the time of its effects, s. It counts pictures where times of several logs overlap."""
+    clock = body.pictures.t if body.pictures.clock is None else body.pictures.clock
+    return float(clock[-1] - clock[0])
+
+
 def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
     """What a fit does not explain: autocorrelation and size of its innovations.
 

@@ -24,7 +24,7 @@ from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
-from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary
+from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary, seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
 from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
@@ -85,7 +85,7 @@ def verdict_on(
     effects = [with_plan(effect) for effect in effects]
     for e in effects:
         if e["name"] == "friction_drift":
-            e["until_s"] = round(float(table["t"][-1] - table["t"][0]), 3)
+            e["until_s"] = round(seconds_of(body), 3)
     memory, remaining = residual_summary(body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
     if unknown is None and not effects and not (stage is not None and stage.servos_overtaxed):
