@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from mazeplan.control.estimation.rigid_body_parameters import bead_values
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.rig.reference import reference_by_model
-from mazeplan.diagnosis.rig.update import changes_model, moved_model
+from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
+from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effects.ball import constant_torque, quadratic_drag, surface_profile
+from mazeplan.physics.effects.local_forces import drag_drift, floor_bump, table_swing
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.entries import part_stderr, part_values
 
@@ -105,6 +111,51 @@ def test_the_lean_of_the_table_is_as_sure_in_a_model_as_it_was_found():
     for ring in MODEL.balls:
         assert new.ball(ring).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(0.02)
         assert new.ball(ring).stderr["tilt_offset"] == {"beta": 1e-3, "gamma": 1e-3}
+
+
+SWINGS = table_swing(frequency=0.7, bs=0.01)
+DRIFTS = drag_drift(rate=1e-3, start=0.05)
+
+
+def verdict(*terms, effects=()):
+    """A verdict on 200 s whose fit has these terms."""
+    fit = SimpleNamespace(
+        model=with_values(BodyModel(), {"viscous": 0.1})._replace(terms=terms),
+        stderr={"drag_drift.rate": 1e-4, "drag_drift.start": 0.01, "rolling": 1e-3},
+    )
+    stage, clock = Known.of_model(MODEL), np.arange(201.0)
+    was = SimpleNamespace(body=SimpleNamespace(stderr={"viscous": 0.02}), stage=stage)
+    body = SimpleNamespace(pictures=SimpleNamespace(t=clock, clock=clock))
+    return SimpleNamespace(
+        searched=SimpleNamespace(fit=fit), was=was, body=body, memory=0.0, remaining=1.0, effects=effects
+    )
+
+
+def test_the_next_reference_is_the_ball_at_the_end_of_the_record():
+    next_one = reference_after(verdict(SWINGS, DRIFTS, floor_bump(x=0.05, depth=0.01))).body
+    assert [term.name for term in next_one.model.terms] == ["floor_bump"], "what swings has another phase then"
+    assert next_one.model.ball.viscous == pytest.approx(0.1 + 0.05 + 0.2)
+    assert next_one.stderr == {"viscous": pytest.approx(math.hypot(0.02, 0.01, 0.02)), "rolling": 1e-3}
+
+
+def test_a_body_in_the_model_has_the_friction_of_the_end_of_the_record():
+    model = with_body(MODEL, BodyModel(), {})
+    drift = {"before": {"rate": 0.0, "start": 0.0}, "after": DRIFTS.values()}
+    effect = {"name": "friction_drift", "rings": {"2": drift}, "until_s": 200.0}
+    effect["parameters"] = {"rate": {"stderr": 1e-4}, "start": {"stderr": 0.01}}
+    new = moved_model(model, [effect], verdict(DRIFTS).searched.fit)
+    assert new.body.values["viscous"] == pytest.approx(0.35)
+    was, now = (m.ball(2).parameter("viscous_friction", "coefficient", 0.0) for m in (model, new))
+    assert now - was == pytest.approx(0.25)
+
+
+def test_drift_that_the_reference_has_is_not_added_again():
+    was = MODEL.ball(2).parameter("viscous_friction", "coefficient", 0.0)
+    before, after = {"rate": 1e-3, "start": 0.05}, {"rate": 2e-3, "start": 0.1}
+    effect = {"name": "friction_drift", "rings": {"2": {"before": before, "after": after}}, "until_s": 100.0}
+    effect["parameters"] = {"rate": {"stderr": 1e-4}, "start": {"stderr": 0.01}}
+    found = moved_model(MODEL, [effect], None).ball(2)
+    assert found.parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(was + 0.05 + 0.1)
 
 
 def test_a_bump_too_small_to_matter_is_left_out():

@@ -6,13 +6,16 @@ So the numbers of the beads change by as much as those of the rigid ball changed
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit
-from mazeplan.control.estimation.rigid_body_parameters import with_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.effect_entry import effect_entry
+from mazeplan.diagnosis.rig.record import seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.result import RigVerdict
 from mazeplan.diagnosis.rig.search import Reference
@@ -20,10 +23,13 @@ from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.physics.effect import BALL, STAGE, Effect
+from mazeplan.physics.effects.ball import NO_CLOCK
+from mazeplan.physics.effects.local_forces import FAMILY, drag_drift
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.entries import part_values
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
+IN_TIME = tuple(name for name, effect in FAMILY.items() if effect.why_not == NO_CLOCK)  # begin anew with a record
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
 # every reference has these; it may lack other effects, and a fit of records does not look for quadratic drag
 NUMBERS = {number.effect for name, number in PARAMETERS.items() if name != "quadratic"}
@@ -47,14 +53,33 @@ def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: Body
         if kind.acts not in BALL or kind.common:  # one estimate: the same in several rings, it would look surer
             found = dict(list(found.items())[:1])
         new = updated(new, {ring: e for ring, e in found.items() if e[0] is not None})
-    return new if model.body is None else with_body(new, fit.model, fit.stderr)
+    if model.body is None:
+        return new
+    until = max((effect.get(UNTIL, 0.0) for effect in effects), default=0.0)
+    return with_body(new, *_at_the_end(fit.model, fit.stderr, until))
 
 
 def reference_after(done: RigVerdict) -> RigReference:
     """The reference for the next diagnosis: the rig with what was found."""
     body = done.was.body
-    found = Reference(done.searched.fit.model, {**body.stderr, **done.searched.fit.stderr})
-    return RigReference(found, done.was.stage, done.memory, done.remaining)
+    stderr = {**body.stderr, **done.searched.fit.stderr}
+    found = _at_the_end(done.searched.fit.model, stderr, seconds_of(done.body))
+    return RigReference(Reference(*found), done.was.stage, done.memory, done.remaining)
+
+
+def _at_the_end(model: BodyModel, stderr: Mapping[str, float], until: float) -> tuple[BodyModel, dict[str, float]]:
+    """The ball and its standard errors at the end of a record, without terms in the time of this record.
+
+    Drifting friction becomes viscous friction. The phase of what swings is not known any more."""
+    known = {name: error for name, error in stderr.items() if name.partition(".")[0] not in IN_TIME}
+    drift = next((term.values() for term in model.terms if term.name == drag_drift.name), None)
+    if drift is not None:
+        number = PARAMETERS["viscous"]
+        value = value_of(model, "viscous") + drift["start"] + drift["rate"] * until
+        model = with_values(model, {"viscous": min(max(value, number.low), number.high)})
+        start, rate = (stderr.get(f"{drag_drift.name}.{key}", 0.0) for key in ("start", "rate"))
+        known["viscous"] = math.hypot(stderr.get("viscous", 0.0), start, rate * until)
+    return model._replace(terms=tuple(term for term in model.terms if term.name not in IN_TIME)), known
 
 
 def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[str, Any]) -> Any:
@@ -64,7 +89,8 @@ def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[
     if name in PLACED or kind.acts == STAGE:
         if name == "surface_bump" and abs(now["height"]) < kind.parameters["height"].smallest:
             return None
-        values = dict(now)
+        # drift of the reference is in the model already
+        values = {key: value - before.get(key, 0.0) for key, value in now.items()} if name == DRIFT else dict(now)
     elif name == INERTIA:
         k, was = (1.0 / numbers["factor"] - 1.0 for numbers in (now, before))
         own = model.ball(ring).parameter(name, "factor", FREE_ROLLING)
