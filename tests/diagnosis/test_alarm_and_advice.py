@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from mazeplan.diagnosis.rig import verdict
+from mazeplan.diagnosis.rig.candidates import CANDIDATES
 from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
+from mazeplan.diagnosis.rig.search import SearchResult
 
 
 @pytest.mark.parametrize(
@@ -28,6 +30,14 @@ def test_an_alarm_needs_a_clear_record(now, alarmed):
     assert (found is not None) == alarmed
     if alarmed:
         assert "2.0 times as badly" in found.description
+
+
+def test_numbers_of_the_ball_that_were_refused_go_into_no_model():
+    friction, lag = CANDIDATES[0], {"name": "servo_lag"}
+    searched = SearchResult((friction,), (200.0,), ((),), fit="with it", without="without it")
+    assert verdict._standing(searched, (), [lag]).fit == "without it"
+    assert verdict._standing(searched, (friction,), [lag]).fit == "with it"
+    assert verdict._standing(searched, (), []).fit == "with it", "a report shows it where no model is written"
 
 
 def test_the_error_of_a_mean_is_by_blocks():

@@ -100,12 +100,18 @@ def verdict_on(
             refused.append(looks)
         else:
             unknown = Unknown(looks, ("tilt",))
-        effects, alike = [e for e in effects if e["name"] in by_tilt], []
+        effects, alike, found = [e for e in effects if e["name"] in by_tilt], [], ()
+    searched = _standing(searched, found, effects)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
         (*_notes(stage, was), *refused),
     )  # fmt: skip
     return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _standing(searched: SearchResult, found: Sequence[Candidate], effects: Sequence[Entry]) -> SearchResult:
+    """The search, with the fit for a new model: without the candidates if effects of the stage alone stand."""
+    return replace(searched, fit=searched.without) if effects and not found else searched
 
 
 def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:
