@@ -21,7 +21,7 @@ from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
 from mazeplan.diagnosis.ring.ambiguity import on_machine
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.diagnosis.update import base_model, updated
+from mazeplan.diagnosis.update import base_model, left_out, updated
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
@@ -47,6 +47,7 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
         stage = None if done.stage is None else StageModel(*done.stage.axes)
         old = base_model(number, known, stage) if model is None else model
         new = updated(old, {number or 1: done.effects})
+        document["notes"] += left_out(done.effects)
         document["model"] = str(save_model(new, request.output / "model").parent)
     document["separate_by"] = separating_commands(document["separate_by"], log, request.map)
     finish(done, document, request, f"ring {number} of {log.name}" if number else log.name)
