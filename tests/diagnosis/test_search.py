@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from plant import commands, play
 from ring_records import DECLARED, found, names
 
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.coordinate import search
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.ring.diagnose import diagnose
 from mazeplan.physics.effects.nameless import PLACEBOS
@@ -22,6 +25,28 @@ def test_placebos_run_along_and_lose():
     assert tried
     assert max(gains[name] for name in tried) < 0.1 * gains["dry_friction"]
     assert any(note.startswith("placebo") for note in done.notes)
+
+
+def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_found(monkeypatch):
+    """b was found beside a, c was exchanged for f."""
+
+    def fitted(*names):
+        return SimpleNamespace(candidates=names, values=dict.fromkeys(names), minus2=0.0)
+
+    groups = [("a", "b"), ("b",), ("c", "d"), ("e", "g", "a")]
+    names = [group[0] for group in groups]
+    trials = [
+        SimpleNamespace(fit=fitted(*names[: i + 1]), candidate=SimpleNamespace(name=name), raw=0.0)
+        for i, name in enumerate(names)
+    ]
+    choices = iter([*((trial, None, group) for trial, group in zip(trials, groups, strict=True)), (None, None, ())])
+    monkeypatch.setattr(search, "fit", lambda *given: fitted())
+    monkeypatch.setattr(search._Search, "_trials", lambda *given: [])
+    monkeypatch.setattr(search._Search, "_choice", lambda *given: next(choices))
+    monkeypatch.setattr(search._Search, "_exchange", lambda self, current: fitted("a", "b", "f", "e"))
+    monkeypatch.setattr(search._Search, "_drop", lambda self, current: (current, {}))
+    likelihood = SimpleNamespace(system=SimpleNamespace(declared={}))
+    assert search.search(likelihood, [], lambda text: None).alike == (("e", "g"),)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ reported as unknown if it explains far more than the best named effect. Placebos
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 
 from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, fit, fit_without, start_of
@@ -48,6 +48,14 @@ class Finding:
     unknown: CandidateTrial | None
     worth: dict[str, float]
     plainer: Fit | None = None
+
+
+def still_alike(groups: Sequence[tuple[str, ...]], found: Container[str]) -> tuple[tuple[str, ...], ...]:
+    """Groups of alike names whose first one was found in the end, without the others that were found beside it.
+
+    An effect that was found later could be told apart."""
+    kept = ((first, *(name for name in others if name not in found)) for first, *others in groups if first in found)
+    return tuple(group for group in kept if len(group) > 1)
 
 
 def search(
@@ -100,7 +108,7 @@ class _Search:
             current = self._taken(named)
             self._tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
         current, worth = self._drop(self._exchange(current))
-        return Finding(base, self._with_stage(current), ranked, tuple(alike), unknown, worth)
+        return Finding(base, self._with_stage(current), ranked, still_alike(alike, current.values), unknown, worth)
 
     def _taken(self, trial: CandidateTrial) -> Fit:
         """The fit with an accepted candidate, which leaves the library."""

@@ -35,7 +35,7 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
 from mazeplan.diagnosis.coordinate.kalman import accelerations, midpoint_roll_outs
 from mazeplan.diagnosis.coordinate.screening import ACCEPT, price
-from mazeplan.diagnosis.coordinate.search import Finding, search
+from mazeplan.diagnosis.coordinate.search import Finding, search, still_alike
 from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.diagnosis.ring.candidates import is_smooth
 from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target, ring_of
@@ -270,10 +270,5 @@ def by_windows(
     worth = {**steady.worth, **found.worth}
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
-    groups = (
-        (first, *(name for name in others if name not in values))  # an effect found later could be told apart
-        for first, *others in steady.alike + found.alike
-        if first in values
-    )
-    alike = tuple(g for g in groups if len(g) > 1)
+    alike = still_alike(steady.alike + found.alike, values)
     return replace(steady, final=final, plainer=plainer, alike=alike, worth=worth), squares
