@@ -81,6 +81,20 @@ def test_the_known_offset_of_the_camera_is_told_to_the_search(asked_of_ring, log
     assert asked["declared"]["camera_offset"] == {"x": 0.002, "y": 0.0}, "angles alone are not corrected"
 
 
+def test_a_declared_number_of_the_stage_takes_the_place_of_the_models(asked_of_ring, log):
+    axis = replace(NOMINAL.stage.beta, stderr={"gain": 0.01})
+    model = replace(NOMINAL, stage=replace(NOMINAL.stage, beta=axis))
+    plain = asked_of_ring(log, model)["known"]
+    declared = asked_of_ring(log, model, ("servo_gain.beta=1.2", "backlash.gamma=0.01", "dry_friction.coefficient=0.4"))
+    known = declared["known"]
+    assert known.values["servo_gain"] == {**plain.values["servo_gain"], "beta": 1.2}
+    assert known.values["backlash"] == {"beta": 0.0, "gamma": 0.01}
+    assert known.values["servo_lag"] == plain.values["servo_lag"]
+    assert set(known.values) == {*plain.values, "backlash"}
+    assert plain.stderr["servo_gain"]["beta"] == 0.01
+    assert set(known.stderr["servo_gain"]) == {"gamma"}
+
+
 def test_a_test_record_is_seen_by_the_same_cameras_as_the_record(asked_of_ring, tmp_path, monkeypatch):
     log = tmp_path / "log.csv"
     write_csv(Table(play(seed=3, seconds=20.0, radius=0.0892, camera_offset=(0.002, 0.0))), log)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,7 +114,7 @@ def _diagnose(
         done = ring_diagnosis.diagnose(
             record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, openings=data.openings,
             more=list(added.effects), test=test, progress=bar.show,
-            known=None if model is None else Known.of_model(model), camera=picture,
+            known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
             corrected=seen_by, test_as_model=test_as_model,
         )  # fmt: skip
@@ -121,6 +122,20 @@ def _diagnose(
     document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]
     more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
     return done, {**document, **more}
+
+
+def _known_stage(model: RigModel, known: Values, declare: Sequence[str]) -> Known:
+    """The stage of the model with the declared values, which have no standard errors.
+
+    known: effects of the model and of `declare`"""
+    of, names = Known.of_model(model), {effect.name for effect in RIG_EFFECTS}
+    given = {text.partition("=")[0] for text in declare}
+    declared = {name.partition(".")[0] for name in given} & names
+    errors = {
+        name: {key: error for key, error in stderr.items() if f"{name}.{key}" not in given}
+        for name, stderr in of.stderr.items()
+    }
+    return Known({**of.values, **{name: known[name] for name in declared}}, errors)
 
 
 def ring_openings(maze: Maze, ring: int) -> Openings:
