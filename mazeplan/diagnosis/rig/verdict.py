@@ -42,6 +42,7 @@ from mazeplan.diagnosis.rig.search import (
 from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
 from mazeplan.diagnosis.stage.held_out import nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.stage_fit import LEAST_RANGE
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.effect import Effect
@@ -104,7 +105,7 @@ def verdict_on(
     searched = _standing(searched, found, effects)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
-        (*_notes(stage, was), *refused),
+        (*_notes(table, stage, was), *refused),
     )  # fmt: skip
     return done if test is None else replace(done, test=_on_test(test, maze, done))
 
@@ -164,11 +165,22 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
 
 
-def _notes(stage: Stage | None, was: RigReference) -> list[str]:
+def _why_no_stage(table: Table) -> str:
+    """Why the commands of a record do not show the stage."""
+    commands = [f"u_{axis}" for axis in AXES]
+    if not all(name in table for name in commands):
+        return f"no commands {', '.join(commands)} in this record"
+    still = [axis for axis, name in zip(AXES, commands, strict=True) if np.ptp(table[name]) < LEAST_RANGE]
+    if len(still) > 1:
+        return f"the commands of {' and '.join(still)} never change"
+    return f"the command of {still[0]} never changes" if still else "the commands are too few"
+
+
+def _notes(table: Table, stage: Stage | None, was: RigReference) -> list[str]:
     """Notes on what could not be compared."""
     notes = []
     if stage is None:
-        notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
+        notes.append(f"{_why_no_stage(table)}: servos cannot be checked, and the tilt is smoothed")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
             "commands changed faster than the servos can follow, as in navigation: lag, delay and play of the "
