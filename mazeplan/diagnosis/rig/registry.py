@@ -14,6 +14,7 @@ from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.search import STDERR_SCALE, Reference, known_value
 from mazeplan.learning.rigid_body_entries import INERTIA, SAME
 from mazeplan.physics.effect import Effect
+from mazeplan.physics.effects.local_forces import FAMILY
 from mazeplan.physics.registry import EFFECTS
 
 Values = dict[str, float]
@@ -36,7 +37,8 @@ def registry_entry(c: Candidate, fit: BodyFit, was: Reference, radii: Mapping[in
     if c.effect == "surface_bump":
         away = math.hypot(*(known_value(fit.model, f"floor_bump.{key}") for key in "xy"))
         radii = dict(sorted(radii.items(), key=lambda pair: abs(pair[1] - away)))
-    had = {term.name for term in was.model.terms}  # an effect of a user that the reference lacks is at its defaults
+    had = {*FAMILY, *(term.name for term in was.model.terms)}
+    # an effect of a user that the reference lacks is at its defaults
     lacking = (term.effect() for term in fit.model.terms if term.name == c.effect and term.name not in had)
     old = was.model._replace(terms=(*was.model.terms, *lacking))
     rings = {

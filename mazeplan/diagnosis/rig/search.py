@@ -27,7 +27,7 @@ from mazeplan.diagnosis.rig.places import started_terms
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect, Term
-from mazeplan.physics.effects.local_forces import table_swing
+from mazeplan.physics.effects.local_forces import FAMILY, table_swing
 
 NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 NEEDED = 150.0  # minimum gain of -2 log L
@@ -107,14 +107,14 @@ def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, f
 
 
 def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> float:
-    """A number of a model. If it belongs to a term that the model does not have: its default, if `of` has this term, or
-    else 0."""
+    """A number of a model. If it belongs to a term that the model does not have: 0, or its default for an effect of a
+    user that the model `of` has."""
     try:
         return value_of(model, name)
     except KeyError:
         effect, _, key = name.partition(".")
-        terms = () if of is None else of.terms
-        return next((term.effect.parameters[key].default for term in terms if term.name == effect), 0.0)
+        own = () if of is None else (term.effect for term in of.terms if term.name not in FAMILY)
+        return next((user.parameters[key].default for user in own if user.name == effect), 0.0)
 
 
 def search_rig(

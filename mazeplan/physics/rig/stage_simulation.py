@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.core.records import Array
+from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.rig.stage import StageAxis
 
 START = np.zeros(1, dtype=np.int64)  # one stretch, from the first sample on
@@ -70,7 +70,7 @@ def step_response(axis: StageAxis, t: Array) -> Array:
     return np.where(t > 0.0, 1.0 - rest, 0.0)
 
 
-def simulate_axis(axis: StageAxis, u: Array, dt: float, firsts: Array = START) -> Array:
+def simulate_axis(axis: StageAxis, u: Array, dt: float, firsts: IntArray = START) -> Array:
     """Angle (N,) at the samples under commands u (N,), each held from its sample on.
 
     firsts: indices (K,) at which a stretch begins, ascending from 0
