@@ -14,11 +14,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commands import plain
+from report_documents import comparison
 from ring_record import ring_table, write_csv
 from standalone_page import alone
 
 from mazeplan.apps.cli.compare import verdict
 from mazeplan.apps.report.words import HARD
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
 from mazeplan.core.resources import to_install
 from mazeplan.learning.ring_scores import Best
@@ -229,6 +231,32 @@ def test_learning_curves_are_drawn(compare, tmp_path):
     for kind, bands in ring["bands"].items():
         assert bands["mean"][20] == pytest.approx(ring["rollout"][kind]["20"], abs=1e-4)
     assert sum(map(sum, ring["residual"]["count"])) == ring["n_test"]
+
+
+@pytest.fixture
+def compared(monkeypatch):
+    """`compare` finds these scores, of ring 7, at once."""
+    monkeypatch.setattr("mazeplan.apps.cli.compare.report", lambda scores: print("the tables"))
+    scores = [SimpleNamespace(ring=7, document=lambda: comparison((7,))["ring7"])]
+    monkeypatch.setattr("mazeplan.learning.comparison.compare", lambda *a, **more: scores)
+    return scores
+
+
+def test_the_page_is_of_the_map_that_was_compared(compare, compared, tmp_path):
+    compare("one.csv", "--map", "seven", "--report", tmp_path / "a.html")
+    assert alone(tmp_path / "a.html").count("<figure") == 4
+
+
+def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, tmp_path, monkeypatch):
+    def full(*arguments):
+        raise InputError("cannot be written: No space left on device", file="a.html")
+
+    monkeypatch.setattr("mazeplan.apps.report.page.write_page", full)
+    given = ("compare", folder / "one.csv", "--map", "seven", "--report", tmp_path / "a.html")
+    assert call(*given)[:2] == (2, "the tables\n")
+    code, out, err = call(*given, "--json")
+    assert (code, list(json.loads(out))) == (2, ["ring7"])
+    assert err == "mazeplan: a.html: cannot be written: No space left on device\n"
 
 
 @pytest.mark.slow

@@ -116,6 +116,23 @@ def test_pictures_are_those_that_there_are_numbers_for():
     assert not kept(section(old).parts, PagePicture)
 
 
+def test_the_picture_over_the_maze_needs_a_map_with_all_rings():
+    document = comparison((1, 7))
+    without = section(document).parts
+    assert [part.name for part in kept(without, PagePicture)] == ["learning", "rollouts", "residual-rings"]
+    note = Note(
+        "The picture over the maze needs the map. This command draws it:",
+        "mazeplan compare LOG... --report FILE.html",
+    )
+    assert note in without
+    parts = models_section(Input("comparison", Path("c.json"), "c", document, maze=load_map("seven"))).parts
+    assert note not in parts
+    axes = drawn(parts, "residual-maze").axes[0]
+    reach = max(np.abs(np.asarray(path.vertices)).max() for c in axes.collections for path in c.get_paths())
+    assert reach > load_map("seven").ring(7).inner_radius
+    assert note not in section(comparison()).parts
+
+
 def test_the_heat_map_shows_the_cell_and_its_sign():
     parts = section(comparison()).parts
     axes = drawn(parts, "residual-rings").axes[0]

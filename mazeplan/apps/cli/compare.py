@@ -84,14 +84,15 @@ def compare(
                 check_radius(table, radius, ring)
         scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
     document = {f"ring{score.ring}": score.document() for score in scores}
-    if curve is not None:
-        _draw_curves(document, found.maze, curve)
-    if page is not None:
-        write_report("comparison", document, page, ", ".join(log.name for log in logs))
     if as_json:
         print_json(document)
     else:
         report(scores)
+    # the files come last: one that cannot be written loses no result
+    if curve is not None:
+        _draw_curves(document, found.maze, curve)
+    if page is not None:
+        write_report("comparison", document, page, ", ".join(log.name for log in logs), found.maze)
 
 
 def report(scores: list[RingScores]) -> None:

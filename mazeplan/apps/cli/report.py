@@ -15,6 +15,7 @@ from mazeplan.core.errors import InputError
 if TYPE_CHECKING:
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import PageSection
+    from mazeplan.maze.geometry import Maze
 
 Inputs = Annotated[
     list[Path],
@@ -79,15 +80,16 @@ def _check_film(inputs: list[Path], video: Path) -> None:
     check_film(video)
 
 
-def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> None:
+def write_report(kind: str, document: dict[str, Any], path: Path, name: str, maze: Maze | None = None) -> None:
     """Write the page of a command's document.
 
     kind: kind of input, as in `report.inputs`
-    name: name of what the page is about"""
+    name: name of what the page is about
+    maze: the maze of a comparison"""
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import write_page
 
-    sections = _sections([Input(kind, path, name, finite(document))])
+    sections = _sections([Input(kind, path, name, finite(document), maze=maze)])
     write_page(path, sections[0].title, sections)
     say(f"wrote {path}")
 

@@ -18,6 +18,7 @@ from mazeplan.apps.report.documents import checked
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
+from mazeplan.maze.geometry import Maze
 
 KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or of a model"
 FORMAT = 1  # also the format of a document without the key `format`
@@ -33,7 +34,8 @@ class Input:
     name: its name on the page.
     document: its JSON, which becomes a pydantic model; None for runs, tables and models.
     evidence: evidence for the pictures of a diagnosis.
-    place: keys that lead to the document in its file."""
+    place: keys that lead to the document in its file.
+    maze: the maze of a comparison; None: the packaged map cme."""
 
     kind: str
     path: Path
@@ -41,6 +43,7 @@ class Input:
     document: Any = None
     evidence: Any = None
     place: tuple[str | int, ...] = ()
+    maze: Maze | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "document", self._checked())

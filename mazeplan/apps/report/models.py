@@ -27,7 +27,6 @@ from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import maze_of
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
-from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.palette import COLOURS, FAINT
 from mazeplan.core.records import Array
@@ -45,23 +44,25 @@ INTERVALS = (
     "how sure a number is."
 )
 SLASH = f"{words.HARD}/{words.HARD}"
+DRAWS = "mazeplan compare LOG... --report FILE.html"  # draws all pictures, as it knows the map
 MOST_DRAWN = 2.0  # nRMSE; the range of the axis ignores larger values
 MAPS_SHOWN = 3  # number of kinds of models whose maps are side by side
 
 
 def models_section(given: Input) -> PageSection:
-    """The section of a page about a comparison. Raises InputError for rings that the maze lacks."""
-    document, maze = given.document, load_map("cme")
-    if max(document) > len(maze.rings):
-        raise InputError(f"got ring{max(document)}, expected ring1 to ring{len(maze.rings)}", file=given.path)
+    """The section of a page about a comparison. Rings that the maze lacks leave out the picture over the maze."""
+    document, maze = given.document, given.maze or load_map("cme")
+    known = max(document) <= len(maze.rings)
     parts: list[Any] = [_accelerations(document), _rollouts(document), *confidence_parts(document)]
     if any(scores.interval95 for scores in document.values()):
         parts.insert(1, Note(INTERVALS))
-    parts += models_pictures(document, maze)
+    parts += models_pictures(document, maze if known else None)
     if not any(scores.curve for scores in document.values()):
         parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
     if not any(scores.residual for scores in document.values()):
         parts.append(Note("A document without residuals over the maze and bands is of an older version."))
+    elif not known:
+        parts.append(Note("The picture over the maze needs the map. This command draws it:", DRAWS))
     first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
     if first.rates is not None:
         facts.append(("rates", first.rates))
@@ -220,8 +221,11 @@ def around(residual: ResidualDocument, kind: str) -> Array:
     return np.sqrt(np.divide(power, total, out=np.full(len(total), math.nan), where=total > 0))
 
 
-def models_pictures(document: Comparison, maze: Maze, main: str = "") -> list[PagePicture]:
-    """The pictures for which the document has numbers. main: the kind on which they focus, by default the best."""
+def models_pictures(document: Comparison, maze: Maze | None, main: str = "") -> list[PagePicture]:
+    """The pictures for which the document has numbers.
+
+    maze: None leaves out the picture over the maze.
+    main: the kind on which they focus, by default the best."""
     main = main or best_kind(document)
     found, width = [], min(12.0, 1.4 + 2.7 * len(document))
     if any(scores.curve for scores in document.values()):
@@ -244,18 +248,21 @@ def models_pictures(document: Comparison, maze: Maze, main: str = "") -> list[Pa
         have = list(next(iter(residuals.values())).rms)
         wanted = dict.fromkeys(kind for kind in ("p", "pi", main, "np") if kind in have)
         shown = list(wanted or have)[:MAPS_SHOWN]
-        found += [
-            PagePicture(
-                "residual-maze", "Residual of the acceleration, over the maze (white: too few samples)",
-                "root mean square residual by ring and angle, over the plan of the maze",
-                partial(_over_maze, residuals=residuals, maze=maze, shown=shown), (1.0 + 3.7 * len(shown), 4.4),
-            ),
+        if maze is not None:
+            found.append(
+                PagePicture(
+                    "residual-maze", "Residual of the acceleration, over the maze (white: too few samples)",
+                    "root mean square residual by ring and angle, over the plan of the maze",
+                    partial(_over_maze, residuals=residuals, maze=maze, shown=shown), (1.0 + 3.7 * len(shown), 4.4),
+                )
+            )  # fmt: skip
+        found.append(
             PagePicture(
                 "residual-rings", f"Mean residual in each ring, by angle and speed: {KINDS.get(main, main)}",
                 "heat map of the mean residual against angle and rate, a panel a ring",
                 partial(_heat, residuals=residuals, kind=main), (9.0, 1.0 + 1.75 * len(residuals)),
-            ),
-        ]  # fmt: skip
+            )
+        )  # fmt: skip
     return found
 
 
