@@ -247,6 +247,13 @@ def test_the_page_is_of_the_map_that_was_compared(compare, compared, tmp_path):
     assert alone(tmp_path / "a.html").count("<figure") == 4
 
 
+def test_curves_of_a_record_too_short_for_intervals_are_drawn(compare, compared, tmp_path):
+    short = comparison((7,))["ring7"] | {"interval95": {"nrmse_test": {"sp": (math.nan, math.nan)}}}
+    compared[0].document = lambda: short
+    compare("one.csv", "--map", "seven", "--curve", tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, tmp_path, monkeypatch):
     def full(*arguments):
         raise InputError("cannot be written: No space left on device", file="a.html")
@@ -293,6 +300,7 @@ def test_a_table_without_ring_needs_options(compare, refused):
         (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
         (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected a file that ends in .png, .svg, .pdf"),
         (["one.csv", "--curve", "one.csv/a.png"], "one.csv is a file; expected a folder that can be made"),
+        (["one.csv", "--curve", "a.png", "--kinds", "p"], "--curve: got --kinds p, which learns nothing"),
         (["one.csv", "--bands", "49"], "--bands: got 49, expected 0 (none), or 50"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.apps.cli.output import finite, plural, print_json, say
 from mazeplan.core.errors import InputError
 from mazeplan.core.whole_file import whole_file
 
@@ -63,6 +63,8 @@ def compare(
     chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
     if wrong := [kind for kind in chosen if kind not in KINDS]:
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
+    if curve is not None and set(chosen) == {"p"}:
+        raise InputError("--curve: got --kinds p, which learns nothing; expected another kind as well")
     if split != "blocks" and test:
         raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
     require_torch()
@@ -191,7 +193,8 @@ def _draw_curves(document: dict[str, Any], maze: Maze, path: Path) -> None:
     from mazeplan.apps.report.documents import ComparedRing
     from mazeplan.apps.report.models import models_pictures
 
-    rings = {int(name.removeprefix("ring")): ComparedRing.model_validate(found) for name, found in document.items()}
+    known = finite(document)  # a short record has no intervals
+    rings = {int(name.removeprefix("ring")): ComparedRing.model_validate(found) for name, found in known.items()}
     picture = next(picture for picture in models_pictures(rings, maze) if picture.name == "learning")
     figure = Figure(figsize=picture.size, layout="constrained")
     picture.draw(figure)
