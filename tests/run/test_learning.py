@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -200,6 +202,30 @@ def test_evaluate_learns_keeps_reports_and_tells(monkeypatch, capsys, tmp_path, 
     code, _, err = call(monkeypatch, capsys, "navigate", "--learn", "--from", "ring4", "--rig", "toy", "-o", kept)
     assert code == 0
     assert "3 runs so far" in err
+
+
+def test_a_run_that_teaches_is_filmed_too(monkeypatch, capsys, tmp_path):
+    """The messages of the run go to the learner and into the film."""
+    lessons, films = [], []
+
+    def drive(job, *, feed, **more):
+        feed("/tick", 0.5, {"t": 0.5})
+        return SimpleNamespace(success=True)
+
+    def learn(result, ticks):
+        lessons.append(ticks.rows)
+        return Lesson(1, {1: 1})
+
+    learner = SimpleNamespace(model=None, learn=learn)
+    monkeypatch.setattr("mazeplan.apps.cli.navigate.navigate_once", drive)
+    monkeypatch.setattr("mazeplan.apps.cli.learning.open_learner", lambda *given: nullcontext(learner))
+    monkeypatch.setattr("mazeplan.apps.view.film.write_film", lambda messages, path: films.append((messages, path)))
+    video = tmp_path / "a.gif"
+    given = ("--learn", "-o", tmp_path / "kept", "--video", video)
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "ideal", *given)
+    assert code == 0, err
+    assert lessons == [[{"t": 0.5}]]
+    assert films == [([("/tick", {"t": 0.5})], video)]
 
 
 @pytest.mark.parametrize(

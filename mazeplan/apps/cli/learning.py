@@ -11,6 +11,7 @@ from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
+    from mazeplan.core.logs.run_log import Sink
     from mazeplan.core.records import NavigationResult
     from mazeplan.maze.geometry import Maze
     from mazeplan.run.campaign.evaluate import Campaign
@@ -81,19 +82,27 @@ def _report(lesson: Lesson) -> None:
 
 
 def navigate_learning(
-    job: dict[str, Any], output: Path | None, drive: Callable[..., NavigationResult]
+    job: dict[str, Any], output: Path | None, drive: Callable[..., NavigationResult], feed: Sink | None = None
 ) -> NavigationResult:
-    """Do one run by `drive(job, feed=...)` and update the model in `output` from it. Raises InputError."""
+    """Do one run by `drive(job, feed=...)` and update the model in `output` from it. Raises InputError.
+
+    feed: gets the messages of the run, too"""
     from mazeplan.learning.modelfile import load_model
     from mazeplan.run.campaign.online_learning import Ticks
 
     if output is None:
         raise InputError("--learn needs -o FOLDER, which keeps the updated model for the next run")
     ticks = Ticks()
+
+    def take(topic: str, t: float, document: dict[str, Any]) -> None:
+        ticks(topic, t, document)
+        if feed is not None:
+            feed(topic, t, document)
+
     with open_learner(job["model"], job["rig"], job["map"], output) as learner:
         # read the kept file, so that the model equals the model in a log in each digit
         model = load_model(output) if (output / "model.yaml").exists() else learner.model
-        result = drive({**job, "model": model}, feed=ticks)
+        result = drive({**job, "model": model}, feed=take)
         lesson = learner.learn(result, ticks)
     _report(lesson)
     if not lesson.why:

@@ -73,7 +73,7 @@ def navigate(
         with monitored(groot, groot_host) as more, filmed(video) as camera:
             more |= camera
             once = partial(navigate_once, **more)
-            result = navigate_learning(job, output, once) if learn else once(job)
+            result = navigate_learning(job, output, once, camera.get("feed")) if learn else once(job)
     except RigError as problem:
         if as_json and problem.result is not None:
             print_json(problem.result.to_json())
