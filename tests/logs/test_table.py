@@ -192,6 +192,7 @@ def test_degrees_in_theta_are_told_when_sure(tmp_path, columns):
         {"theta": np.where(np.arange(len(T)) % 3 == 0, np.nan, THETA)},
         {"theta": SLOW + 50.0 + NOISE, "t": T / 30.0},  # 900 Hz, so noise of the camera looks fast
         {"theta": SLOW + 330.0 * (np.arange(len(T)) // 300), "segment": np.arange(len(T)) // 300},
+        {"theta": SLOW + 50.0, "segment": np.arange(len(T))},  # no two rows belong together
         {"theta": np.degrees(SLOW)},  # a few degrees to and fro: nobody can tell
     ],
 )

@@ -169,7 +169,10 @@ def _in_degrees(columns: dict[str, Array]) -> bool:
     step = np.diff(theta)[np.diff(segment) == 0.0]
     if np.max(np.abs(known)) <= 360.0 and np.any((np.abs(step) > 300.0) & (np.abs(step) < 360.0 + 1e-9)):
         return True
-    lag = max(1, round(LAG_S / _usual_step(t, segment)))
+    usual = _usual_step(t, segment)
+    if not np.isfinite(usual):  # each row is a segment
+        return False
+    lag = max(1, round(LAG_S / usual))
     if lag >= len(t):
         return False
     speed = np.abs(theta[lag:] - theta[:-lag]) / (t[lag:] - t[:-lag])
