@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from functools import partial
@@ -14,11 +15,12 @@ import numpy as np
 import pytest
 from commands import plain
 from plant import play
+from report_documents import diagnosis, evidence
 from ring_record import write_csv
 from standalone_page import alone
 
 from mazeplan.apps.cli import diagnose_ring
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, result_lines
+from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, result_lines, write_reports
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import why_not_whole
@@ -129,6 +131,17 @@ def test_the_errors_of_a_whole_rig_on_a_test_record_are_told_in_degrees():
     assert lines_of_test(words) == [f"on the record of --test: {words}"]
     done.test = None
     assert lines_of_test(words_on_test(done)) == []
+
+
+def test_a_folder_with_missing_numbers_can_be_reported(call, tmp_path):
+    """NaN is no JSON: a short record has no error of roll-outs, and a bin without samples no mean."""
+    document, shown = diagnosis(), evidence()
+    document["before"]["rollout40"] = shown["before"]["time"]["mean"][0] = math.nan
+    write_reports(document, shown, tmp_path)
+    for name in ("report.json", "evidence.json"):
+        assert "NaN" not in (tmp_path / name).read_text()
+    code, _, err = call("report", tmp_path, "-o", tmp_path / "again.html")
+    assert code == 0, err
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.cli.output import print_json, write_text
+from mazeplan.apps.cli.output import finite, print_json, write_text
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import one_of
@@ -79,8 +79,8 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
     from mazeplan.apps.report.diagnosis import write_diagnosis
 
     document["report"] = str(output / "report.html")
-    write_text(output / "report.json", json.dumps(document, indent=1) + "\n")
-    write_text(output / "evidence.json", json.dumps(evidence) + "\n")
+    write_text(output / "report.json", json.dumps(finite(document), indent=1) + "\n")
+    write_text(output / "evidence.json", json.dumps(finite(evidence)) + "\n")
     write_diagnosis(document, evidence, output / "report.html")
 
 
