@@ -93,6 +93,15 @@ def test_a_dry_run_and_a_bad_fit_leave_the_rigs_file_alone(desk, call):
     assert Path("hardware.yaml").read_text() == RIG
 
 
+def test_a_read_only_file_of_a_rig_is_refused_before_any_work(desk, call, refused):
+    Path("hardware.yaml").chmod(0o444)
+    said = "mazeplan: hardware.yaml: is read-only; expected a file that may be written to\n"
+    for words in (("calibrate", "tilt"), ("calibrate", "camera"), ("rig", "check", "hardware", "--yes")):
+        assert refused(*words) == said
+    assert Path("hardware.yaml").read_text() == RIG
+    assert call(*write(rows()), "--dry-run")[0] == 0
+
+
 def test_an_impossible_servo_is_not_written(desk, call):
     """A servo that does not move the plate."""
     code, _, err = call(*write([[*cells[:4], "1510.0", cells[5]] for cells in rows()]))

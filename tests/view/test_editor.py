@@ -145,6 +145,14 @@ def test_save_writes_the_text_with_its_comments_and_rights(editor):
     assert editor.path.read_text() == LOPSIDED.read_text()
 
 
+def test_a_read_only_map_stays(editor):
+    os.chmod(editor.path, 0o444)
+    editor.move(0, 33)
+    with pytest.raises(MapError, match="cannot be written: the file is read-only"):
+        editor.save()
+    assert editor.path.read_text() == LOPSIDED.read_text()
+
+
 def test_bytes_that_are_no_part_of_the_edit_stay(tmp_path):
     path, content = tmp_path / "dos.yaml", LOPSIDED.read_bytes().replace(b"\n", b"\r\n")
     path.write_bytes(b"\xef\xbb\xbf" + content)

@@ -46,6 +46,8 @@ def tilt(
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
+    if not dry_run:
+        file.check_writable()
     if readings is None:
         if keep is not None:
             write_readings(keep, [])  # fails before anything is asked

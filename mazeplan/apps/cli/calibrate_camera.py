@@ -51,6 +51,8 @@ def camera(
         say(f"wrote {names}; print at 100 %: the ruler below must be 100 mm long")
         return
     file = hardware_file(rig)
+    if not dry_run:
+        file.check_writable()
     given = dict(file.settings.camera or {})
     check_begun(given, file.data)
     markers = None if circles else _markers(given, maze, file)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.whole_file import read_only
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import placed, read_rig_file, validated
 from mazeplan.rigs.hardware.settings import EmulatedSettings, HardwareSettings, write_sections
@@ -36,6 +37,12 @@ class RigFile:
     def keeps(self) -> bool:
         """Whether calibrations may be kept in this file. False for packaged files, except for the template."""
         return self.target == self.path or self.path.stem == HARDWARE
+
+    def check_writable(self, target: Path | None = None) -> None:
+        """Raises SettingsError if the file to write, by default `self.target`, is read-only."""
+        target = target or self.target
+        if read_only(target):
+            raise SettingsError("is read-only; expected a file that may be written to", file=target)
 
     def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
         """Replace sections of the file, and return the path of the written file.

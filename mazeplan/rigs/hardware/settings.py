@@ -6,7 +6,6 @@ The packaged hardware.yaml explains every key.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -15,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Latency
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import parse_yaml, read_yaml
 from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
@@ -161,17 +161,15 @@ def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None
 
     base: file whose text a new file starts with.
 
-    Raises SettingsError if a file cannot be read or written."""
+    Raises SettingsError if a file cannot be read or written, also for a read-only file."""
     source = path if path.exists() or base is None else base
     read_yaml(source, error=SettingsError)  # never write into a broken file
     text = source.read_text(encoding="utf-8-sig")
     for key, value in sections.items():
         text = merged(text, key, value, file=source)
     parse_yaml(text, file=path, error=SettingsError)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
+        with whole_file(path) as beside:
+            beside.write_text(text, encoding="utf-8")
     except OSError as problem:
-        beside.unlink(missing_ok=True)
         raise SettingsError(f"cannot be written: {problem.strerror}", file=path) from None

@@ -47,6 +47,21 @@ def test_what_is_measured_goes_beside_the_template_and_not_into_it(tmp_path, mon
     assert not hardware_file("emulated").keeps
 
 
+def test_a_rigs_file_keeps_its_rights_and_its_link_and_stays_if_read_only(tmp_path):
+    mine, link = tmp_path / "mine.yaml", tmp_path / "link.yaml"
+    mine.write_text(CLASS)
+    mine.chmod(0o640)
+    link.symlink_to(mine.name)
+    hardware_file(str(link)).write({"latency": {"command_ms": 10.0, "camera_ms": 50.0, "date": "2026-11-22"}})
+    assert link.is_symlink()
+    assert mine.stat().st_mode & 0o777 == 0o640
+    assert "camera_ms: 50.0" in mine.read_text()
+    mine.chmod(0o444)
+    with pytest.raises(SettingsError, match=r"link\.yaml: cannot be written: the file is read-only"):
+        hardware_file(str(link)).write({"latency": {"command_ms": 10.0, "camera_ms": 40.0, "date": "2026-11-22"}})
+    assert "camera_ms: 50.0" in mine.read_text()
+
+
 TILT = "centre_v: [2.0, 2.0], beta_deg: {a: 1.0}"
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import os
 import re
-import tempfile
 from collections.abc import Callable, Hashable
 from pathlib import Path
 
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
 from mazeplan.core.name_hints import one_of
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze import mapedit
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.maze.mapedit import Section, Written
@@ -341,18 +341,11 @@ def _write_new(path: Path, content: bytes) -> None:
 
 
 def _put(path: Path, content: bytes) -> None:
-    """Replace a file in one step. The file keeps its permissions."""
-    number, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    draft = Path(name)
-    try:
-        with os.fdopen(number, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(draft, path.stat().st_mode & 0o7777)
-        os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
+    """Replace a file in one step. The file keeps its permissions. Raises OSError, also for a read-only file."""
+    with whole_file(path) as draft, draft.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def _place(opening: Written) -> tuple[int, float, float]:
