@@ -77,6 +77,12 @@ def spoilt(document, *path, value):
     return document
 
 
+def fewer_kinds(ring):
+    for tables in (ring["residual"]["mean"], ring["residual"]["rms"]):
+        del tables["sp"]
+    return ring
+
+
 BAD = {
     "no file": (None, "x.json: no such file, expected a run log, or the JSON of evaluate"),
     "no json": ("{", "x.json:1: is no JSON: "),
@@ -92,6 +98,24 @@ BAD = {
     "start": (spoilt(evaluation(), "results", 1, "start", value={}), "results[1].start.theta: is not there"),
     "map": (spoilt(evaluation(), "setup", "map", value="rings: 3"), "x.json: setup.map: the map in it cannot be used"),
     "score": (spoilt(comparison(), "ring2", "nrmse_test", "sp", value="low"), "ring2.nrmse_test.sp: got"),
+    "ring 0": ({"ring0": comparison()["ring1"]}, "got the key 'ring0', expected ring1"),
+    "interval": (
+        spoilt(comparison(), "ring1", "interval95", "nrmse_test", "sp", value=[0.3]),
+        "ring1.interval95.nrmse_test.sp: got 1 ends, expected 2",
+    ),
+    "no kinds": (
+        spoilt(spoilt(comparison(), "ring1", "residual", "mean", value={}), "ring1", "residual", "rms", value={}),
+        "ring1.residual.mean: got no kind of model, expected one or more",
+    ),
+    "other kinds": (
+        spoilt(comparison(), "ring1", "residual", "rms", value={}),
+        "ring1.residual.rms: got kinds [], expected those of mean: ['p', 'sp']",
+    ),
+    "a ring's kinds": (
+        comparison((1,)) | {"ring2": fewer_kinds(comparison((2,))["ring2"])},
+        "ring2.residual.mean: got kinds ['p'], expected those of the other rings: ['p', 'sp']",
+    ),
+    "test": (diagnosis() | {"test": {"before": {"nrmse": "low"}}}, 'test.before.nrmse: got "low", expected a finite'),
     "ring": ({"ringx": comparison()["ring1"]}, "got the key 'ringx', expected ring1"),
     "cells": (spoilt(comparison(), "ring1", "residual", "count", value=[[1]]), "count: got 1 rows, expected 6"),
     "effect": (spoilt(diagnosis(), "effects", 0, "parameters", "coefficient", "value", value=None), "got null"),
@@ -129,3 +153,9 @@ def test_bad_outputs_and_other_inputs(refused, tmp_path, monkeypatch):
     ):
         assert message in refused("report", *words)
     assert not (tmp_path / "x.html").exists()
+
+
+def test_evidence_without_its_labels_is_refused(refused, tmp_path):
+    written(tmp_path / "report.json", diagnosis())
+    written(tmp_path / "evidence.json", spoilt(evidence(), "axes", value=["theta, rad"]))
+    assert "axes: got 1 labels, expected 2" in refused("report", tmp_path, "-o", tmp_path / "x.html")

@@ -177,8 +177,10 @@ def test_navigations_of_improve_are_in_it(tmp_path):
     [
         ({"white": None}, "white"), ({"gain_t": [1.0]}, "gain_t"), ({"low": {"before": CURVE}}, "low.after"),
         ({"error": {"before": [1.0], "after": [1.0]}}, "error.before"), ({"marks": [{"x": 1.0}]}, "marks[0].y"),
+        ({"ahead_s": [0.03, None, 0.1]}, "ahead_s: got null, expected finite numbers"),
         ({"places": {"ahead": 9, "rings": [], "before": [], "after": []}}, "places.ahead"),
         ({"places": {"ahead": 2, "rings": [[0.0, 0.1]], "before": [], "after": []}}, "places.before"),
+        ({"places": {**PLACES, "rings": [[0.02], [0.03]]}}, "places.rings: got 1 radii in each row, expected 2"),
         ({"spectrum": {"hz": [1.0], "before": [1.0], "after": []}}, "spectrum"),
     ],
 )  # fmt: skip

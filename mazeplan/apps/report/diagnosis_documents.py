@@ -7,7 +7,7 @@ import math
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, StrictBool, StrictInt, StrictStr, TypeAdapter, model_validator
+from pydantic import Field, StrictBool, StrictInt, StrictStr, model_validator
 
 from mazeplan.apps.report.documents import Document, Grid, NullIsEmpty, Number, Real, Row, Scores, alike, counted, wrong
 
@@ -61,6 +61,13 @@ class NavigationChange(Document):
     after: NavigationRuns
 
 
+class FurtherScores(Document):
+    """Scores on a further record, with the old and with the new model."""
+
+    before: Annotated[Scores, NullIsEmpty] = {}
+    after: Annotated[Scores, NullIsEmpty] = {}
+
+
 class DiagnosisDocument(Document):
     """The JSON of `diagnose`: the keys that every diagnosis has.
 
@@ -75,15 +82,15 @@ class DiagnosisDocument(Document):
     unknown: dict[str, Any] | None = None
     model: StrictStr | None = None
     notes: list[StrictStr] = []
-    test: Annotated[dict[str, Any], NullIsEmpty] = {}
+    test: Annotated[FurtherScores, NullIsEmpty] = FurtherScores()
     navigation: NavigationChange | None = None
 
     def columns(self, before: str, after: str) -> dict[str, Scores]:
         """{heading of a column: scores}. Has more columns if the document has scores on a further record."""
         found = {before: self.before, after: self.after}
-        for heading, when in ((before, "before"), (after, "after")):
-            if isinstance(further := self.test.get(when), dict):
-                found[f"{heading}, further record"] = TypeAdapter(Scores).validate_python(further)
+        for heading, further in ((before, self.test.before), (after, self.test.after)):
+            if further:
+                found[f"{heading}, further record"] = further
         return found
 
 
@@ -167,7 +174,7 @@ class ResidualEvidence(Document):
 
 
 class EvidenceDocument(Document):
-    """Evidence for the pictures of a `RingDocument`."""
+    """Evidence for the pictures of a `RingDocument`. axes: labels of position and speed."""
 
     title: StrictStr = ""
     notes: list[StrictStr] = []
@@ -179,6 +186,11 @@ class EvidenceDocument(Document):
     candidates: list[CandidateEntry]
     before: ResidualEvidence | None = None
     after: ResidualEvidence | None = None
+
+    @model_validator(mode="after")
+    def _labelled(self) -> EvidenceDocument:
+        counted([("axes", len(self.axes), 2, "labels")])
+        return self
 
 
 class ErrorMap(Document):
@@ -261,10 +273,14 @@ class RigEvidenceDocument(PredictionErrors):
     @model_validator(mode="after")
     def _lengths(self) -> RigEvidenceDocument:
         count, places = len(self.ahead_s), self.places
+        if not np.isfinite(self.ahead_s).all():
+            raise wrong("ahead_s", "got null, expected finite numbers")
         counted((f"{k}.before", len(getattr(self, k)["before"]), count, "values") for k in ("error", "low", "high"))
         if len(self.gain):
             counted([("gain_t", len(self.gain_t), len(self.gain), "times")])
         counted((f"places.{k}", len(getattr(places, k)), len(places.rings), "rows") for k in ("before", "after"))
+        if len(places.rings):
+            counted([("places.rings", places.rings.shape[1], 2, "radii in each row")])
         if not 1 <= places.ahead <= count:
             raise wrong("places.ahead", f"got {places.ahead}, expected a number of samples from 1 to {count}")
         return self

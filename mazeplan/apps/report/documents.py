@@ -184,6 +184,10 @@ class ResidualDocument(Document):
 
     @model_validator(mode="after")
     def _shapes(self) -> ResidualDocument:
+        if not self.mean:
+            raise wrong("mean", "got no kind of model, expected one or more")
+        if set(self.rms) != set(self.mean):
+            raise wrong("rms", f"got kinds {sorted(self.rms)}, expected those of mean: {sorted(self.mean)}")
         tables = {f"{name}.{kind}": t for name in ("mean", "rms") for kind, t in getattr(self, name).items()}
         counted((key, len(t), len(self.rate) - 1, "rows") for key, t in {"count": self.count, **tables}.items())
         counted((key, t.shape[1], self.count.shape[1], "columns") for key, t in tables.items())
@@ -237,11 +241,13 @@ class ComparedRing(Document):
     confidence: dict[str, ConfidenceEntry] = {}
 
     @model_validator(mode="after")
-    def _steps(self) -> ComparedRing:
+    def _lengths(self) -> ComparedRing:
         for kind, errors in self.rollout.items():
             for step in ("20", "40"):
                 if not math.isfinite(errors.get(step, math.nan)):
                     raise wrong(f"rollout.{kind}.{step}", "is not there")
+        intervals = {f"{s}.{kind}": ends for s, kinds in self.interval95.items() for kind, ends in kinds.items()}
+        counted((f"interval95.{key}", len(ends), 2, "ends") for key, ends in intervals.items() if ends is not None)
         return self
 
     def interval(self, score: str, kind: str) -> tuple[float, float] | None:

@@ -62,9 +62,15 @@ class Input:
             return checked(documents.EvaluationDocument, document, path, self.place)
         if self.kind == "comparison":
             for key in document:
-                if not key.removeprefix("ring").isdecimal():
+                number = key.removeprefix("ring")
+                if not number.isdecimal() or int(number) < 1:
                     raise InputError(f"got the key {key[:20]!r}, expected ring1, ring2 ...", file=path)
             rings = checked(dict[str, documents.ComparedRing], document, path, self.place)
+            residuals = {key: sorted(ring.residual.mean) for key, ring in rings.items() if ring.residual is not None}
+            for key, kinds in residuals.items():
+                if kinds != (first := next(iter(residuals.values()))):
+                    problem = f"got kinds {kinds}, expected those of the other rings: {first}"
+                    raise InputError(problem, file=path, key=f"{key}.residual.mean")
             return {int(key.removeprefix("ring")): rings[key] for key in sorted(rings, key=lambda key: int(key[4:]))}
         whole = "reference" in document and "advice" in document
         model = diagnosis_documents.RigDocument if whole else diagnosis_documents.RingDocument
