@@ -63,7 +63,8 @@ def _ring_models(values: list[float] | None, factor: float) -> str:
 
 def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     """Find the differences between a rig and its reference, all rings together. Raises TableError, InputError."""
-    found = logged_map(request.map, request.logs[0])
+    further = [] if request.test is None else [request.test]
+    found = logged_map(request.map, *request.logs, *further, *request.references)
     maze, known = found.maze, None if request.model is None else load_model(request.model)
     added = added_effects(request.effects, report=True)
     with ProgressBar("diagnosing") as bar:

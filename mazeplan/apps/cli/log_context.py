@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, ShortWarning
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
@@ -42,7 +43,7 @@ class LoggedMap:
 
 
 def logged_map(name: str | None, *logs: Path) -> LoggedMap:
-    """The named map, otherwise the map in the run logs, otherwise cme.
+    """The named map, otherwise the map in the run logs, otherwise cme. Files that are no run logs have no map.
 
     Raises MapError, and InputError for logs of several maps. Warns (ShortWarning) of a log that was recorded on another
     map than the named map."""
@@ -52,11 +53,12 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
     given = None if name is None else LoggedMap(load_map(name), f"map {name}")
     found: dict[Path, LoggedMap] = {}
     for log in logs:
-        if log.suffix == ".mcap" and log.is_file():
+        if file_kinds.got(log) == file_kinds.LOG:
             text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None
-            if given is not None and maze is not None and maze.name != given.maze.name:
-                warning = f"{log}: recorded on the map {maze.name}, used with --map {name}"
+            if given is not None and maze is not None and not _same(maze, given.maze):
+                another = "another map" if maze.name == given.maze.name else "the map"
+                warning = f"{log}: recorded on {another} {maze.name}, used with --map {name}"
                 warnings.warn(warning, ShortWarning, stacklevel=2)
             if maze is not None:
                 found[log] = LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
@@ -66,10 +68,23 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
         return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
     (first, logged), *others = found.items()
     for log, other in others:
-        if other.maze.name != logged.maze.name:
-            both = f"recorded on the map {other.maze.name}, but {first} on {logged.maze.name}"
+        if not _same(other.maze, logged.maze):
+            another = "another map" if other.maze.name == logged.maze.name else "the map"
+            both = f"recorded on {another} {other.maze.name}, but {first} on {logged.maze.name}"
             raise InputError(f"{both}; expected logs of one map", file=log)
     return logged
+
+
+def _same(one: Maze, other: Maze) -> bool:
+    """Whether two maps have the same plate. Names, the number of balls, and what only routes use may differ."""
+    from mazeplan.maze.mapfile import dump_map
+
+    def plate(maze: Maze) -> str:
+        openings = tuple(replace(o, name="", closed=False, extra_cost=0.0) for o in maze.openings)
+        walls = tuple(replace(wall, name="") for wall in maze.radial_walls)
+        return dump_map(replace(maze, name="", balls=1, openings=openings, radial_walls=walls))
+
+    return plate(one) == plate(other)  # as text: a number of a log's map may differ by one bit
 
 
 def parse_opening(text: str, maze: Maze) -> str:
@@ -114,7 +129,7 @@ def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.rigs.registry import installed_rigs, rig_names, seeded
 
-    header = read_header(log) if log.suffix == ".mcap" else {}
+    header = read_header(log) if file_kinds.got(log) == file_kinds.LOG else {}
     label = str(header.get("rig") or "")
     rig = str(header.get("rig_given") or "")
     if not rig and (":" in label or seeded(label)[0] in (*rig_names(), *installed_rigs())):
