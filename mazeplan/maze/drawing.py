@@ -228,7 +228,7 @@ def save_drawing(
     ax = draw_maze(maze, labels=labels, names=names, path=drawn)
     figure: Any = ax.get_figure()
     if title:
-        figure.suptitle(title, fontsize=_FONT + 1, color=_INK)
+        figure.suptitle(title, fontsize=_FONT + 1, color=_INK, parse_math=False)
     if trail is not None:
         if trail.shape[1] == 3:
             figure.set_size_inches(6.8, 6.0)  # room for the scale of time
@@ -379,7 +379,8 @@ def _draw_scale(ax: Axes, maze: Maze, rim: float) -> None:
 
 
 def _text(ax: Axes, x: float, y: float, text: str, *, size: float, **more: Any) -> None:
-    ax.text(x, y, text, **({"fontsize": size, "color": _INK, "ha": "center", "va": "center", "zorder": 7} | more))
+    look = {"fontsize": size, "color": _INK, "ha": "center", "va": "center", "zorder": 7}
+    ax.text(x, y, text, parse_math=True, **(look | more))  # also where a report takes $ as it is
 
 
 def _unit(angle: float) -> Array:

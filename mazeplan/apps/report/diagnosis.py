@@ -21,7 +21,7 @@ from mazeplan.apps.report.diagnosis_documents import (
     RigDocument,
     RingDocument,
 )  # fmt: skip
-from mazeplan.apps.report.drawing import INK, empty_panel, legend_beside, line, panel_row
+from mazeplan.apps.report.drawing import INK, empty_panel, legend_beside, line, panel_row, plain_log
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
 from mazeplan.apps.report.rigdiagnosis import navigation_table, rig_section
@@ -357,8 +357,7 @@ def _white(figure: Figure, evidence: EvidenceDocument) -> None:
     spectrum.axhline(evidence.peak, **line("neutral"))
     spectrum.text(0.99, evidence.peak, "seldom by chance above", fontsize=7.5, ha="right", va="bottom",
                   transform=spectrum.get_yaxis_transform())  # fmt: skip
-    spectrum.set_yscale("log")
-    spectrum.yaxis.set_major_formatter("{x:g}")
+    plain_log(spectrum)
     spectrum.margins(x=0.01)
     spectrum.set_xlabel("frequency, Hz")
     spectrum.set_ylabel("highest power in a band,\nmean of all: 1 (log scale)")

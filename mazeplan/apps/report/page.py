@@ -38,6 +38,7 @@ STYLE: Any = {
     "hatch.linewidth": 0.6,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
+    "text.parse_math": False,  # a $ in a name is a dollar
     "svg.fonttype": "path",  # text as paths, so that pictures look the same on every machine
     "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }

@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
-from mazeplan.apps.report.drawing import INK, darker, empty_panel, line, panel_row, plan_view, sector_map
+from mazeplan.apps.report.drawing import INK, darker, empty_panel, line, panel_row, plain_log, plan_view, sector_map
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
 from mazeplan.apps.report.words import DEG
@@ -285,17 +285,12 @@ def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None
 
 
 def _spectrum(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     (axes,) = panel_row(figure, (1.0,))
     spectrum: Any = evidence.spectrum
     for when, (style, text) in shown.items():
         axes.plot(spectrum["hz"], spectrum[when], **line(style, linewidth=1.1), label=text)
     axes.axhline(PEAK, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label="noise alone is seldom higher")
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))  # 0.5 and not 5 x 10^-1
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_log(axes)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("highest power of each band,\ntimes that of noise")
     axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)  # lines may be anywhere

@@ -21,9 +21,10 @@ from mazeplan.apps.report.drawing import (
     failure_mark,
     legend_beside,
     line,
+    plain_log,
     round_the_ring,
 )  # fmt: skip
-from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
+from mazeplan.apps.report.page import STYLE, Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import (
     AHEAD,
     LoggedFailure,
@@ -165,9 +166,11 @@ def _leaf_names(log: RunLog) -> dict[str, str]:
 
 def _left_of(names: Iterable[str]) -> float:
     """Left margin of all pictures over time, inches, with room for the longest name of a leaf."""
+    from matplotlib import rc_context
     from matplotlib.textpath import TextPath
 
-    widths = [TextPath((0.0, 0.0), name, size=LEAF_FONT).get_extents().width / 72.0 for name in names]
+    with rc_context(STYLE):
+        widths = [TextPath((0.0, 0.0), name, size=LEAF_FONT).get_extents().width / 72.0 for name in names]
     return max(0.9, 0.2 + max(widths, default=0.0))
 
 
@@ -321,8 +324,7 @@ def _times(figure: Figure, log: RunLog, left: float) -> None:
         sample = 1e3 * float(np.median(np.diff(t)))
         axes.axhline(sample, **line("bad", linewidth=1.0), label=f"until the next\nsample, {sample:.1f} ms")
     if any(np.nanmax(part, initial=0.0) > 0.0 for part in took.values()):
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
+        plain_log(axes)
     else:
         axes.text(0.5, 0.5, "the log has no times", transform=axes.transAxes, ha="center")
     axes.set_ylabel("computing time, ms (log scale)")

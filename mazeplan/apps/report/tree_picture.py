@@ -187,7 +187,7 @@ def save_tree_picture(
             over_time = figure.add_axes((left, below, (WIDE - 0.4) / (width + WIDE), tall))
             _draw_history(over_time, rows, did)
             figure.legend(handles=_legend(rows, did), **_below_axes(left))
-            over_time.set_title(title, fontsize=8, loc="left")
+            over_time.set_title(title, fontsize=8, loc="left", parse_math=False)
             crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, WIDE, height)])
         with whole_file(path) as beside:
             figure.savefig(beside, bbox_inches=crop.padded(0.12))

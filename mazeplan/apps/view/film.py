@@ -98,9 +98,9 @@ class _Picture:
         side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         side.set_axis_off()
         rig, seed = header.get("rig", ""), header.get("seed")
-        side.text(
-            0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color=INKS["quiet"]
-        )
+        plain: Any = {"parse_math": False}  # a $ in a name is a dollar
+        named = f"rig {rig}" + ("" if seed is None else f", seed {seed}")
+        side.text(0.0, 0.955, named, fontsize=10, color=INKS["quiet"], **plain)
         downhill = plan.text(0.03, 0.135, "downhill", fontsize=7.5, color=INKS["quiet"], transform=plan.transAxes)
         (self._trail,) = plan.plot([], [], color=COLOURS["real"], linewidth=2.0, alpha=0.5, zorder=5)
         (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
@@ -108,8 +108,8 @@ class _Picture:
         (self._tilt,) = plan.plot([], [], color=COLOURS["measured"], linewidth=3.0, marker="o", markevery=[0])
         self._tilt.set_transform(plan.transAxes)
         self._time = side.text(0.0, 0.895, "", fontsize=13, weight="bold")
-        self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"])
-        self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5) for k in range(ROWS)]
+        self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"], **plain)
+        self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5, **plain) for k in range(ROWS)]
         self._axes = plan, side
         self._moving = (*self._plate.moving, downhill, self._trail, self._planned, self._next, self._tilt)
         self._texts = (self._time, self._said, *self._rows)
