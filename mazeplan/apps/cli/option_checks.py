@@ -25,7 +25,7 @@ from mazeplan.core.whole_file import in_dev
 
 NEEDS = (  # an option, and the option without which it has no effect, in each command that has both
     ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
-    ("-o", "--learn"),
+    ("-o", "--learn"), ("--from", "--route"), ("--to", "--route"), ("--start-angle", "--route"), ("--close", "--route"),
 )  # fmt: skip
 APART = (
     ("-o", "--into"),
