@@ -252,6 +252,8 @@ def test_the_result_names_the_ring_and_how_to_separate_two_effects():
         (("--model", "nowhere", "--radius", "0.09"), "no such model"),
         ((*KNOWN, "-o", "file/report"), "is a file; expected a folder that can be made or written to"),
         (("--body", "--ring", "1"), "--body: got --ring as well, expected --body alone"),
+        (("--body", "--test", "LOG"), "--body: got --test as well, expected --body alone"),
+        (("--body", "--effects", "mine"), "--body: got --effects as well, expected --body alone"),
         (("--reference", "a.mcap", "--ring", "1"), "--ring: got 1, expected none with --reference"),
         (("--system", "pendulum"), "--system: got 'pendulum', expected ring, emps or MODULE:CLASS"),
     ],

@@ -40,8 +40,10 @@ def diagnose(
     given = next((option for option, value in alone.items() if value), None)
     if reference and given:
         raise InputError(f"{given}: got {alone[given]}, expected none with --reference, which uses all rings")
-    if body and (reference or given):
-        raise InputError(f"--body: got {given or '--reference'} as well, expected --body alone")
+    others = {"--reference": reference, "--test": test, "--effects": effects}
+    beside = given or next((option for option, value in others.items() if value), None)
+    if body and beside:
+        raise InputError(f"--body: got {beside} as well, expected --body alone")
     if body:
         from mazeplan.apps.cli.diagnose_rig import diagnose_body
 

@@ -25,13 +25,15 @@ from mazeplan.core.whole_file import in_dev
 
 NEEDS = (  # an option, and the option without which it has no effect, in each command that has both
     ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
-    ("-o", "--learn"), ("--from", "--route"), ("--to", "--route"), ("--start-angle", "--route"), ("--close", "--route"),
+    ("-o", "--learn"), ("--corners", "--boards"), ("--square-mm", "--boards"),
+    ("--from", "--route"), ("--to", "--route"), ("--start-angle", "--route"), ("--close", "--route"),
 )  # fmt: skip
 APART = (
     ("-o", "--into"),
     ("-o", "--minari"),
     ("--markdown", "--json"),
     ("--grid", "--readings"),
+    *((option, "--sheet") for option in ("--boards", "--plate", "--circles", "--dry-run", "--json")),
 )  # pairs of options; the second would hide the effect of the first
 
 
