@@ -12,7 +12,7 @@ from report_documents import EVIL, LEAVES, MAZE, STEP, a_log, drawn
 
 from mazeplan.apps.report import run_record
 from mazeplan.apps.report.page import PagePicture, PageTable
-from mazeplan.apps.report.run import run_section, spread_of
+from mazeplan.apps.report.run import lead, run_section, spread_of
 from mazeplan.apps.report.run_record import (
     AHEAD,
     Bar,
@@ -46,6 +46,13 @@ def test_rings_and_failures(log):
     assert (m.kind, m.where, m.detail, m.recovery) == ("stuck", "Track", EVIL, "dither")
     assert math.atan2(m.y, m.x) == pytest.approx(m.t) == pytest.approx(1.0)  # the ball goes 1 rad/s
     assert math.hypot(m.x, m.y) == pytest.approx(MAZE.track_radius(1))
+
+
+def test_the_log_of_a_collection_is_no_run_that_broke_off(log):
+    whole = replace(log, header={**log.header, "excitation": "multisine"}, result=None, complete=True)
+    assert lead(whole) == "A collection of 3 s."
+    for broken in (replace(whole, complete=False), replace(log, result=None)):
+        assert lead(broken) == "The log ends without a result after 2.97 s: the program did not come to its end."
 
 
 def test_of_several_plans_of_a_tick_the_one_that_was_followed(log):

@@ -79,6 +79,8 @@ def run_section(log: RunLog) -> PageSection:
 def lead(log: RunLog) -> str:
     """How the run ended, in a sentence."""
     result = log.result
+    if result is None and "excitation" in log.header and log.complete:  # no run: `collect` has no result
+        return f"A collection of {end_of(log):.0f} s."
     if result is None:
         return f"The log ends without a result after {end_of(log):.2f} s: the program did not come to its end."
     problems = sum(failure.get("where") != "run" for failure in result.get("failures", []))
