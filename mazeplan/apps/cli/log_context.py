@@ -71,7 +71,7 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
         if not _same(other.maze, logged.maze):
             another = "another map" if other.maze.name == logged.maze.name else "the map"
             both = f"recorded on {another} {other.maze.name}, but {first} on {logged.maze.name}"
-            raise InputError(f"{both}; expected logs of one map", file=log)
+            raise InputError(f"{both}; expected logs of one map, or --map", file=log)
     return logged
 
 

@@ -244,4 +244,4 @@ def _plug(maze: Maze, opening: Opening) -> str:
 
 def plug_name(opening: str) -> str:
     """Name of the plug geom of an opening: other names for other openings, without the special characters of XML."""
-    return "plug:" + "".join(c if c.isalnum() or c in "-_ " else f"%{ord(c):x};" for c in opening)
+    return "plug:" + "".join("_" if c == "@" else c if c.isalnum() or c in "- " else f"%{ord(c):x};" for c in opening)
