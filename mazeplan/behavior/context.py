@@ -136,9 +136,9 @@ class RunHistory:
         """The newest failure on the way to this goal, if any."""
         return self.failures[-1] if len(self.failures) > self.since else None
 
-    def count(self, kind: FailureKind) -> int:
+    def count(self, kind: FailureKind | str) -> int:
         """How often this kind of failure has happened on the way to this goal."""
-        return sum(failure.kind is kind for failure in self.failures[self.since :])
+        return sum(failure.kind == kind for failure in self.failures[self.since :])
 
 
 @dataclass
@@ -300,7 +300,7 @@ class RunContext:
         """The newest failure on the way to this goal, if any."""
         return self.history.last_failure
 
-    def count(self, kind: FailureKind) -> int:
+    def count(self, kind: FailureKind | str) -> int:
         """How often this kind of failure has happened on the way to this goal."""
         return self.history.count(kind)
 

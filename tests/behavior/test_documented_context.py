@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from test_leaves import Bench, at
 
+from mazeplan.core.records import Failure, FailureKind
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "trees.md"
 
 
@@ -29,3 +31,9 @@ def test_a_documented_name_of_the_context_is_there(name):
 
 def test_the_table_was_read():
     assert {"now", "here", "plate.command", "steer", "last_failure", "count", "on_event"} <= set(documented())
+
+
+def test_failures_are_counted_by_the_name_that_a_leaf_writes():
+    run = Bench().run
+    run.failed(Failure(FailureKind.STUCK, "Track", 0.5, "standing"))
+    assert (run.count("stuck"), run.count(FailureKind.STUCK), run.count("ball_lost")) == (1, 1, 0)
