@@ -167,10 +167,6 @@ def _ring_problems(spec: MapFile) -> Iterator[Problem]:
                     f"with a wall of at least {MIN_WALL_MM:g} mm between them",
                 )
 
-    problem = crowded(spec.balls, spec.ball.radius_mm, spec.rings[-1].outer_radius_mm)
-    if problem is not None:
-        yield ("balls",), f"got {spec.balls}, expected 1: {problem}"
-
 
 def crowded(balls: int, ball_mm: float, centre_mm: float) -> str | None:
     """A sentence if so many balls do not fit into the centre, else None. Radii in mm."""
@@ -217,6 +213,8 @@ def _one_opening(spec: MapFile, i: int) -> Iterator[Problem]:
 def _warnings(spec: MapFile) -> Iterator[Problem]:
     for ring in _unreachable(spec, [_pair(o) for o in spec.openings if not o.closed]):
         yield ("rings", ring - 1), f"warning: ring {ring} can be reached only through closed openings"
+    if problem := crowded(spec.balls, spec.ball.radius_mm, spec.rings[-1].outer_radius_mm):
+        yield ("balls",), f"warning: {problem}"
 
 
 def _unreachable(spec: MapFile, pairs: list[tuple[int, int]]) -> list[int]:

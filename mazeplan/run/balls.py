@@ -24,9 +24,6 @@ def with_balls(maze: Maze, balls: int | None) -> Maze:
         return maze
     if balls not in range(1, MAX_BALLS + 1):
         raise InputError(f"got {balls}, expected 1 to {MAX_BALLS}", key="balls")
-    problem = crowded(balls, 1e3 * maze.ball.radius, 1e3 * maze.rings[-1].outer_radius)
-    if problem is not None:
-        raise InputError(f"got {balls}, expected 1: {problem}", key="balls")
     return replace(maze, balls=balls)
 
 
@@ -36,11 +33,13 @@ def tree_of(maze: Maze, behavior: str) -> str:
 
 
 def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
-    """Raises InputError if the maze has several balls but the rig, the policy or the job allows only one."""
+    """Raises InputError if the maze has several balls but centre, rig, policy or job allow only one."""
     if maze.balls == 1:
         return
     has, why = traits(rig).balls, None
-    if has < maze.balls:
+    if problem := crowded(maze.balls, 1e3 * maze.ball.radius, 1e3 * maze.rings[-1].outer_radius):
+        why = f"expected 1: {problem}"
+    elif has < maze.balls:
         why = f"expected {has}: the rig has no more"
     elif policy or job.via:
         why = f"expected 1 with {'a policy' if policy else 'waypoints (via)'}"

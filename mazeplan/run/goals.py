@@ -40,7 +40,7 @@ class Goals:
     Each method returns False once the run is over, else True. Requests may be made before the run begins: the run reads
     them at its first tick, and of several goals it takes only the last. A mailbox may serve one run after another.
     Each method checks its rings and openings: for an unknown one it raises SettingsError and makes no request. Several
-    balls go to the centre only."""
+    balls go to the centre only; before a run, the number of balls is the map's."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
@@ -83,10 +83,11 @@ class Goals:
 
     def _add(self, request: Request) -> bool:
         with self._lock:
+            if self._ended:
+                return False
             self._check_goal(request, self._balls)
-            if not self._ended:
-                self._waiting.append(request)
-            return not self._ended
+            self._waiting.append(request)
+            return True
 
     def _check_goal(self, request: Request, balls: int) -> None:
         """Raises SettingsError for a goal to which this number of balls cannot go."""

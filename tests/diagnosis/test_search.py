@@ -27,8 +27,16 @@ def test_placebos_run_along_and_lose():
     assert any(note.startswith("placebo") for note in done.notes)
 
 
-def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_found(monkeypatch):
-    """b was found beside a, c was exchanged for f."""
+@pytest.mark.parametrize(
+    ("instead", "stands", "alike"),
+    [({}, ("a", "b", "f", "e"), (("e", "g"),)), ({"c": "d"}, ("a", "b", "d", "e"), (("d", "c"), ("e", "g")))],
+)
+def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_found(monkeypatch, instead, stands, alike):
+    """b was found beside a; c was exchanged for f, or for its twin d."""
+
+    def exchanged(self, current):
+        self._instead.update(instead)
+        return fitted(*stands)
 
     def fitted(*names):
         return SimpleNamespace(candidates=names, values=dict.fromkeys(names), minus2=0.0)
@@ -43,10 +51,10 @@ def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_fou
     monkeypatch.setattr(search, "fit", lambda *given: fitted())
     monkeypatch.setattr(search._Search, "_trials", lambda *given: [])
     monkeypatch.setattr(search._Search, "_choice", lambda *given: next(choices))
-    monkeypatch.setattr(search._Search, "_exchange", lambda self, current: fitted("a", "b", "f", "e"))
+    monkeypatch.setattr(search._Search, "_exchange", exchanged)
     monkeypatch.setattr(search._Search, "_drop", lambda self, current: (current, {}))
     likelihood = SimpleNamespace(system=SimpleNamespace(declared={}))
-    assert search.search(likelihood, [], lambda text: None).alike == (("e", "g"),)
+    assert search.search(likelihood, [], lambda text: None).alike == alike
 
 
 @pytest.mark.slow

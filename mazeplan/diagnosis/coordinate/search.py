@@ -86,6 +86,7 @@ class _Search:
         self._free, self._nuisance = list(free), list(nuisance)
         self._declared = likelihood.system.declared
         self._loose: dict[int, tuple[Fit, Fit]] = {}  # id of a fit -> the fit itself, and the fit with the stage
+        self._instead: dict[str, str] = {}  # name of an effect -> name of the one that took its place
 
     def run(self, most: int, known: Values) -> Finding:
         """Add effects until no further one is accepted. most: maximum number of effects"""
@@ -108,6 +109,7 @@ class _Search:
             current = self._taken(named)
             self._tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
         current, worth = self._drop(self._exchange(current))
+        alike = [self._renamed(group) for group in alike]
         return Finding(base, self._with_stage(current), ranked, still_alike(alike, current.values), unknown, worth)
 
     def _taken(self, trial: CandidateTrial) -> Fit:
@@ -193,8 +195,13 @@ class _Search:
             trials = [try_one(self._likelihood, without, x, start) for x, start in others]
             best = max((t for t in trials if t.sure(self._declared)), key=lambda t: t.gain, default=None)
             if best is not None and best.gain > without.minus2 - current.minus2 - price(self._likelihood, c):
-                current = self._taken(best)
+                current, self._instead[c.name] = self._taken(best), best.candidate.name
         return current
+
+    def _renamed(self, group: tuple[str, ...]) -> tuple[str, ...]:
+        """The group behind the effect that took the place of its first one, if both are alike."""
+        taken = self._instead.get(group[0])
+        return (taken, *(name for name in group if name != taken)) if taken in group else group
 
     def _drop(self, current: Fit) -> tuple[Fit, dict[str, float]]:
         """Drop effects that gain too little beside the others. Returns the fit and the gains of the remaining effects,

@@ -6,7 +6,6 @@ So the numbers of the beads change by as much as those of the rigid ball changed
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -77,8 +76,8 @@ def _at_the_end(model: BodyModel, stderr: Mapping[str, float], until: float) -> 
         number = PARAMETERS["viscous"]
         value = value_of(model, "viscous") + drift["start"] + drift["rate"] * until
         model = with_values(model, {"viscous": min(max(value, number.low), number.high)})
-        start, rate = (stderr.get(f"{drag_drift.name}.{key}", 0.0) for key in ("start", "rate"))
-        known["viscous"] = math.hypot(stderr.get("viscous", 0.0), start, rate * until)
+        # the fit held `viscous`, and start and rate are correlated: the end of a line is as uncertain as its start
+        known["viscous"] = stderr.get(f"{drag_drift.name}.start", 0.0)
     return model._replace(terms=tuple(term for term in model.terms if term.name not in IN_TIME)), known
 
 

@@ -102,7 +102,10 @@ def verdict_on(
         else:
             unknown = Unknown(looks, ("tilt",))
         effects, alike, found = [e for e in effects if e["name"] in by_tilt], [], ()
-    searched = _standing(searched, found, effects)
+    standing = _standing(searched, found, effects)
+    if standing is not searched:
+        memory, remaining = residual_summary(body, standing.fit)
+    searched = standing
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
         (*_notes(table, stage, was), *refused),
