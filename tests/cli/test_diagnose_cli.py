@@ -43,7 +43,7 @@ def asked_of_ring(monkeypatch):
     """What the diagnosis of one ring is asked for a log and a model."""
 
     def ask(
-        log: Path, model: RigModel, declare: tuple[str, ...] = (), test: Path | None = None,
+        log: Path, model: RigModel | None, declare: tuple[str, ...] = (), test: Path | None = None,
         radius: float | None = 0.0925,
     ) -> dict[str, Any]:  # fmt: skip
         asked = dict[str, Any]()
@@ -81,6 +81,21 @@ def test_the_known_offset_of_the_camera_is_told_to_the_search(asked_of_ring, log
     write_csv(Table({name: column for name, column in columns.items() if name != "r"}), tmp_path / "angles.csv")
     asked = asked_of_ring(tmp_path / "angles.csv", model)
     assert asked["declared"]["camera_offset"] == {"x": 0.002, "y": 0.0}, "angles alone are not corrected"
+
+
+def test_a_declared_offset_of_the_camera_corrects_positions_or_angles_but_not_both(asked_of_ring, tmp_path):
+    columns = play(seed=3, seconds=20.0, radius=0.0892, camera_offset=(0.002, 0.001))
+    write_csv(Table(columns), tmp_path / "positions.csv")
+    write_csv(Table({name: c for name, c in columns.items() if name != "r"}), tmp_path / "angles.csv")
+    model, declare = replace(NOMINAL, camera=Camera(offset_y=0.001)), ("camera_offset.x=0.002",)
+    asked = asked_of_ring(tmp_path / "positions.csv", model, declare)
+    assert (asked["corrected"].offset_x, asked["corrected"].offset_y) == (0.002, 0.001)
+    assert "camera_offset" not in asked["declared"]
+    asked = asked_of_ring(tmp_path / "positions.csv", None, declare)
+    assert (asked["corrected"].offset_x, asked["corrected"].offset_y) == (0.002, 0.0)
+    asked = asked_of_ring(tmp_path / "angles.csv", model, declare)
+    assert asked["declared"]["camera_offset"] == {"x": 0.002, "y": 0.001}
+    assert asked["corrected"] == model.camera
 
 
 def test_a_declared_number_of_the_stage_takes_the_place_of_the_models(asked_of_ring, log):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mazeplan.apps.cli.diagnose_rig import diagnose_rig
-from mazeplan.apps.cli.diagnose_ring import separating_commands
+from mazeplan.apps.cli.diagnose_ring import diagnose_ring, separating_commands
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest
 from mazeplan.apps.cli.log_context import collect_options, logged_map
 from mazeplan.core.errors import InputError, ShortWarning
@@ -119,3 +119,10 @@ def test_collect_logs_the_given_names_of_rig_and_map(call, tmp_path):
     assert code == 0, err
     assert read_log(path).header["rig_given"] == str(rig)
     assert collect_options(path, None)[0] == ["--rig", str(rig)]
+
+
+def test_the_further_record_of_one_ring_is_of_the_same_map(tmp_path):
+    first, other = log(tmp_path, map=SEVEN).rename(tmp_path / "a.mcap"), log(tmp_path, map=CME)
+    none: Any = dict.fromkeys(field.name for field in fields(DiagnosisRequest))
+    with pytest.raises(InputError, match=r"log\.mcap: recorded on the map cme, but .*a\.mcap on seven"):
+        diagnose_ring(first, DiagnosisRequest(**(none | {"logs": [first], "ring": 2, "test": other})))

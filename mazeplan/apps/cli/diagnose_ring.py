@@ -16,6 +16,7 @@ from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, read_table
+from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
 from mazeplan.diagnosis.maze_camera import camera_effects
 from mazeplan.diagnosis.record import centred, record_of, turned_round
 from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
@@ -28,6 +29,7 @@ from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effects.openings import Openings, wall_library
 from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
+from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
 
@@ -38,7 +40,7 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
     """Diagnose one ring of a log, write the report and the model, and print the result. Raises InputError.
 
     why: why the other rings are left out; empty if one ring was asked for"""
-    maze = logged_map(request.map, log).maze
+    maze = logged_map(request.map, log, *([] if request.test is None else [request.test])).maze
     model = None if request.model is None else load_model(request.model)
     done, document = _diagnose(log, maze, model, request)
     number, known = document["ring"], document["declared"]
@@ -89,7 +91,8 @@ def _diagnose(
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
     """Diagnose a ring. Returns the diagnosis and its document."""
     added = added_effects(request.effects)
-    raw, camera = read_table(log), Camera() if model is None else model.camera
+    raw = read_table(log)
+    camera, of_positions = _known_camera(raw, model, request.declare)
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
     data = _ring_data(centred(raw, seen_by), maze, request)
     known: Values = {} if model is None else model.declared(data.ring or 1)
@@ -100,6 +103,8 @@ def _diagnose(
     for problem in added.problems.values():
         say(f"mazeplan: effect ignored: {problem}")
     declare_known(known, request.declare, [*library, *added.effects])
+    of_angles = {name: values for name, values in known.items() if name not in of_positions}
+    known |= of_positions
     if request.radius is None:
         _check_rings(data.table, maze)
     table, odd = turned_round(data.table, data.radius)
@@ -112,7 +117,7 @@ def _diagnose(
         test_as_model = record_of(centred(measured, camera), in_ring, ring=data.ring) if picture else None
     with ProgressBar("diagnosing") as bar:
         done = ring_diagnosis.diagnose(
-            record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, openings=data.openings,
+            record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
             more=list(added.effects), test=test, progress=bar.show,
             known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
@@ -122,6 +127,23 @@ def _diagnose(
     document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]
     more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
     return done, {**document, **more}
+
+
+def _known_camera(table: Table, model: RigModel | None, declare: Sequence[str]) -> tuple[Camera, Values]:
+    """The camera of the model with its declared values, and the effects that have declared values.
+
+    Without x and y, this is the camera of the model: the declared values then correct angles, not positions."""
+    seen, declared = base_model(None, {}, None) if model is None else model, Values()
+    if "x" not in table:
+        return seen.camera, declared
+    known = {effect.name: part_values(seen, effect) for effect in CAMERA_EFFECTS}
+    texts = [text for text in declare if text.partition(".")[0] in known]
+    declare_known(known, texts, CAMERA_EFFECTS)
+    for effect in CAMERA_EFFECTS:
+        if any(text.startswith(f"{effect.name}.") for text in texts):
+            declared[effect.name] = values = known[effect.name]
+            seen = with_part(seen, effect, values, dict.fromkeys(values, 0.0))
+    return seen.camera, declared
 
 
 def _known_stage(model: RigModel, known: Values, declare: Sequence[str]) -> Known:
