@@ -138,8 +138,8 @@ def test_the_errors_on_a_test_record_are_told(diagnose, log, tmp_path):
 
 
 def test_the_errors_of_a_whole_rig_on_a_test_record_are_told_in_degrees():
-    errors = (np.full((40, 5), np.pi / size) for size in (18.0, 36.0))
-    test = HeldOut(np.arange(5), *errors, np.zeros(5), np.zeros((40, 5)))
+    old, new = (np.full((40, 5), np.pi / size) for size in (18.0, 36.0))
+    test = HeldOut(np.arange(5), old, new, np.zeros(5), np.zeros((40, 5)))
     done: Any = SimpleNamespace(test=test, body=SimpleNamespace(pictures=SimpleNamespace(dt=1.0 / 30.0)))
     words = "1.3 s ahead, the error of the predicted angle goes from 10.0 to 5.0 degrees"
     assert words_on_test(done) == words

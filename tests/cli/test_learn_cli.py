@@ -13,10 +13,15 @@ from commands import plain
 from planar_rig import PlanarRig
 from ring_record import write_csv
 
-from mazeplan.apps.cli.learn import rows_line
+from mazeplan.apps.cli.learn import rows_line, with_rigid_ball
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import body_of, with_values
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.resources import to_install
+from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.reference_file import load_reference
+from mazeplan.diagnosis.rig.search import Reference
+from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, load_model
@@ -60,6 +65,27 @@ def test_rows_without_the_ball_are_counted():
     assert rows_line(Table({"t": np.arange(1.0), "theta": theta[:1]})) == "log          1 row"
 
 
+@pytest.mark.parametrize(
+    ("remaining", "line"),
+    [
+        (1.2, "rolling friction 0.0500 ± 0.0010 m/s^2, friction at walls 0.300 ± 0.020; what remains is 1.2 times the "
+              "noise of the camera"),
+        (1.6, "none: it does not explain the logs; what remains is 1.6 times the noise of the camera"),
+        (None, "none: the record has no x and no y"),
+    ],
+)  # fmt: skip
+def test_a_model_has_the_rigid_ball_of_its_reference_where_this_ball_explains_the_logs(remaining, line):
+    ball = with_values(BodyModel(), {"rolling": 0.05, "wall": 0.3})
+    body = Reference(ball, {"rolling": 0.001, "wall": 0.02})
+    reference = None if remaining is None else RigReference(body, Known({}, {}), remaining=remaining)
+    table = Table(dict.fromkeys(("t", "theta", "beta", "gamma", *COMMANDS), np.arange(9.0)))
+    model, words = with_rigid_ball(RigModel.nominal(MAZE), reference, table)
+    assert words == f"rigid ball   {line}"
+    found = body_of(model)
+    assert (found is not None) == (remaining == 1.2)
+    assert found is None or found.ball == ball.ball
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["p", "pi"])
@@ -69,6 +95,7 @@ def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     for begin in ("log          1800 rows", "stage beta", "stage gamma", "camera", "ring 1", "ring 5", "wrote "):
         assert any(line.startswith(begin) for line in out.splitlines())
     assert "Gaussian process" not in out
+    assert ("rigid ball   none: it was not looked at" in out) == (kind == "pi")
     model = load_model(tmp_path / "model")
     assert (model.kind, dict(model.processes)) == (kind, {})
     nominal = RigModel.nominal(MAZE).ball(2).parameter("rolling_inertia", "factor", 1.0)
@@ -107,7 +134,12 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path):
     assert document["scores"]["smoothing"] == {"method": "rts", "model": "snap"}  # the default
     assert document["model"] == str(tmp_path / "model" / "model.yaml")
     assert document["reference"] == str(tmp_path / "model" / "reference.yaml")
-    assert load_reference(tmp_path / "model", load_model(tmp_path / "model")) is not None
+    model = load_model(tmp_path / "model")
+    reference, body = load_reference(tmp_path / "model", model), body_of(model)
+    assert reference is not None
+    assert body is not None
+    assert body.ball == reference.body.model.ball
+    assert document["body"]["rolling"]["value"] == body.ball.rolling
     assert document["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
     assert "ring2" in document["scores"]["nrmse_test_sp"]
     for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d? %  left 0:00:\d\d"):

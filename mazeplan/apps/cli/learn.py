@@ -13,6 +13,7 @@ from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.table import Table
+    from mazeplan.diagnosis.rig.reference import RigReference
     from mazeplan.learning.ball_models import BallModel
     from mazeplan.learning.identification import RigFit
     from mazeplan.learning.modelfile import RigModel
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
 
 TABLE = "tilt_offset"  # an effect of the table, the same for all rings
+WITH_BODY = ("pi", "sp", "spnn")  # kinds with effects that were fitted; the others leave physics out on purpose
 
 
 def learn(
@@ -78,13 +80,18 @@ def learn(
         bar.show("judging")
         verdict = _verdict(model, tables, maze, output)
         bar.show("reference for later diagnoses")
-        reference = _keep_reference(table, maze, model, output)
+        kept, reference = _keep_reference(table, maze, model, output)
+        body = ""
+        if kind in WITH_BODY:
+            model, body = with_rigid_ball(model, reference, table)
+            save_model(model, output)
     if as_json:
-        kept = None if reference is None else str(reference)
+        kept = None if kept is None else str(kept)
         written = {"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows}
         print_json(written | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        lines = [rows_line(table), *model_lines(fit, model), *_learned_lines(learned, kind), f"wrote {path}"]
+        lines = [rows_line(table), *model_lines(fit, model), *_learned_lines(learned, kind)]
+        lines += [*([body] if body else []), f"wrote {path}"]
         print("\n".join([*lines, *verdict_lines(verdict)]))
 
 
@@ -121,7 +128,7 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
     return document
 
 
-def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> Path | None:
+def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> tuple[Path | None, RigReference | None]:
     """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
     from mazeplan.diagnosis.rig.record import why_not_whole
     from mazeplan.diagnosis.rig.reference import reference_of, shortened
@@ -129,8 +136,26 @@ def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> 
 
     if why_not_whole([table]):
         reference_path(folder).unlink(missing_ok=True)
-        return None
-    return save_reference(reference_of([shortened(table)], maze, model), model, folder)
+        return None, None
+    reference = reference_of([shortened(table)], maze, model)
+    return save_reference(reference, model, folder), reference
+
+
+def with_rigid_ball(model: RigModel, reference: RigReference | None, table: Table) -> tuple[RigModel, str]:
+    """The model with the rigid ball of the reference, if this ball explains the logs, and a line about it."""
+    from mazeplan.control.estimation.rigid_body_parameters import with_body
+    from mazeplan.diagnosis.rig.record import why_not_whole
+    from mazeplan.diagnosis.rig.result import REMAINS
+
+    if reference is None:
+        return model, f"rigid ball   none: {why_not_whole([table])}"
+    left = f"what remains is {reference.remaining:.1f} times the noise of the camera"
+    if reference.remaining > REMAINS:
+        return model, f"rigid ball   none: it does not explain the logs; {left}"
+    ball, stderr = reference.body.model.ball, reference.body.stderr
+    friction = f"rolling friction {ball.rolling:.4f} ± {stderr['rolling']:.4f} m/s^2"
+    wall = f"friction at walls {ball.wall:.3f} ± {stderr['wall']:.3f}"
+    return with_body(model, reference.body.model, stderr), f"rigid ball   {friction}, {wall}; {left}"
 
 
 def model_lines(fit: RigFit, model: RigModel) -> list[str]:
