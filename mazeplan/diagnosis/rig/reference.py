@@ -15,6 +15,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
@@ -42,7 +43,8 @@ class RigReference:
     memory, remaining: of the innovations (`record.residual_summary`), 0 if unknown
     source: where the reference comes from, in words
     friction: minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
-    errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)"""
+    errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)
+    imbalance: of the ball"""
 
     body: Reference
     stage: Known
@@ -51,6 +53,7 @@ class RigReference:
     source: str = "the reference"
     friction: tuple[float, float] | None = None
     errors: dict[int, float] = field(default_factory=dict)
+    imbalance: Imbalance = BALANCED
 
 
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
@@ -63,7 +66,10 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
     errors = {ring: error.mean for ring, error in found.items()}
-    return RigReference(Reference(fit.model, fit.stderr), known, *residual_summary(body, fit), errors=errors)
+    return RigReference(
+        Reference(fit.model, fit.stderr), known, *residual_summary(body, fit), errors=errors,
+        imbalance=unbalanced(body, fit),
+    )  # fmt: skip
 
 
 def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:

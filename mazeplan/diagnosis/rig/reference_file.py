@@ -5,6 +5,7 @@ of: stamp of the model's rings; a model whose rings were edited has no reference
 body: {rolling: {value, stderr, unit}, ...}
 terms: {floor_bump: {x: .., y: .., depth: .., width: ..}, ...}
 memory, remaining: of the innovations
+imbalance: {value, stderr, unit}; left out for a balanced ball
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from mazeplan.core.errors import ModelError
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
+from mazeplan.diagnosis.rig.imbalance import BALANCED
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
@@ -35,6 +37,7 @@ from mazeplan.physics.registry import PACKAGED as EFFECTS
 
 NAME = "reference.yaml"
 FORMAT = 1
+VALUE = ("value", "stderr")
 
 
 def reference_path(source: str | Path) -> Path:
@@ -54,6 +57,8 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
         "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
         "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
     }  # fmt: skip
+    if was.imbalance.size > 0.0:
+        document["imbalance"] = _entry(was.imbalance.size, was.imbalance.stderr, "m/s^2")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
@@ -99,8 +104,11 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
     node = _section(document, "errors", path)
     errors = {int(ring): _number(node[ring], "value", path, f"errors.{ring}", 0.0, math.inf)
               for ring in node if str(ring).isdigit()}  # fmt: skip
-    source = "the rig as its model knows it"
-    return RigReference(Reference(body, stderr), known, memory, remaining, source, errors=errors)
+    source, imbalance = "the rig as its model knows it", BALANCED
+    if "imbalance" in document:
+        size, error = (_number(document["imbalance"], key, path, "imbalance", 0.0, math.inf) for key in VALUE)
+        imbalance = BALANCED._replace(size=size, stderr=error)
+    return RigReference(Reference(body, stderr), known, memory, remaining, source, errors=errors, imbalance=imbalance)
 
 
 def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:

@@ -9,6 +9,7 @@ from typing import Any
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, values_of
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import SearchResult
@@ -37,7 +38,7 @@ REPAIRS = {
     "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
     "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
     "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
-    "surface_ripple": "Check that the floor is flat",
+    "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
 }  # fmt: skip
 
 
@@ -70,7 +71,8 @@ class RigVerdict:
     memory, remaining: of the innovations (`record.residual_summary`)
     searched, body, stage, was: what the verdict follows from
     notes: what could not be compared or was refused
-    test: predictions of a further record"""
+    test: predictions of a further record
+    imbalance: of the ball"""
 
     effects: tuple[Entry, ...]
     alike: tuple[tuple[str, ...], ...]
@@ -84,6 +86,7 @@ class RigVerdict:
     was: RigReference
     notes: tuple[str, ...] = ()
     test: HeldOut | None = None
+    imbalance: Imbalance = BALANCED
 
     @property
     def verdict(self) -> str:
@@ -151,7 +154,7 @@ def sentence(done: RigVerdict) -> str:
         parts.append(f"something without a name ({done.unknown.description})")
     doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
-    if after != before:
+    if round(DEG * after, 1) != round(DEG * before, 1):
         error = f" {_errors(done, before, after)} on held-out parts."
     return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 

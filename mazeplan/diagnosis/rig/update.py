@@ -63,7 +63,8 @@ def reference_after(done: RigVerdict) -> RigReference:
     body = done.was.body
     stderr = {**body.stderr, **done.searched.fit.stderr}
     found = _at_the_end(done.searched.fit.model, stderr, seconds_of(done.body))
-    return RigReference(Reference(*found), done.was.stage, done.memory, done.remaining)
+    imbalance = max(done.imbalance, done.was.imbalance)
+    return RigReference(Reference(*found), done.was.stage, done.memory, done.remaining, imbalance=imbalance)
 
 
 def _at_the_end(model: BodyModel, stderr: Mapping[str, float], until: float) -> tuple[BodyModel, dict[str, float]]:

@@ -24,6 +24,7 @@ from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.rig.imbalance import BALANCED, imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary, seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
@@ -105,10 +106,14 @@ def verdict_on(
     standing = _standing(searched, found, effects)
     if standing is not searched:
         memory, remaining = residual_summary(body, standing.fit)
-    searched = standing
+    searched, imbalance = standing, BALANCED
+    if not effects and (unknown is None or not unknown.depends_on):
+        imbalance = unbalanced(body, searched.without)
+        entry = imbalance_entry(imbalance, was.imbalance, radii)
+        effects, unknown = ([], unknown) if entry is None else ([with_plan(entry)], None)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
-        (*_notes(table, stage, was), *refused),
+        (*_notes(table, stage, was), *refused), imbalance=imbalance,
     )  # fmt: skip
     return done if test is None else replace(done, test=_on_test(test, maze, done))
 
