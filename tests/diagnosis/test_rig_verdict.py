@@ -17,8 +17,10 @@ from planar_rig import PATIENT
 import mazeplan
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig import search, verdict
+from mazeplan.diagnosis.rig.imbalance import BALANCED
 from mazeplan.diagnosis.rig.reference import reference_of, textbook
 from mazeplan.diagnosis.rig.scores import HeldOut
+from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.maze.mapfile import load_map
@@ -75,7 +77,24 @@ def test_a_push_that_repeats_is_neither_a_rocking_table_nor_its_third_harmonic()
     assert "Look for what bumps the table" in done.sentences()[1]
 
 
-def test_a_ball_that_is_predicted_much_worse_than_before_is_not_called_healthy():
+def test_an_unbalanced_ball_is_named_and_no_news_afterwards():
+    rig = changed(Rig(), "ball_imbalance", 2)
+    done = verdict_on(table_of(rig, 2), MAZE, known())
+    assert done.verdict == "effect_found"
+    (effect,) = done.effects
+    assert (effect["name"], effect["planned"]) == ("ball_imbalance", False)
+    found, radius = effect["parameters"]["amplitude"], MAZE.track_radius(int(next(iter(effect["rings"]))))
+    true = truth(rig, "ball_imbalance", "ball_imbalance", radius, Rig())["amplitude"]
+    assert found["value"] == pytest.approx(true, abs=min(3.0 * found["stderr"], 0.4 * true))
+    first, second, *_ = done.sentences()
+    assert "ball imbalance (amplitude from 0 to" in first
+    assert "evenly heavy. No plan can allow for it: the phase is lost" in second
+    again = verdict_on(table_of(rig, 3), MAZE, reference_after(done))
+    assert "ball_imbalance" not in [e["name"] for e in again.effects]
+
+
+def test_a_ball_that_is_predicted_much_worse_than_before_is_not_called_healthy(monkeypatch):
+    monkeypatch.setattr(verdict, "unbalanced", lambda body, fit: BALANCED)  # as if this had no name
     done = verdict_on(table_of(changed(Rig(), "ball_imbalance", 2), 2), MAZE, known())
     assert done.verdict == "unknown_effect"
     assert "times as badly as when the model was right" in done.sentences()[0]

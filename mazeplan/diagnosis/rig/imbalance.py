@@ -158,15 +158,32 @@ def _minus2(along: _Along, dt: float, size: float, coherence: float) -> float:
 
 
 @njit(cache=True)
-def _turned(turn, out):
-    """The rotation matrix (3, 3) of a rotation vector, into out."""
-    angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    s = math.sin(angle) / angle if angle > 1e-9 else 1.0
-    c = (1.0 - math.cos(angle)) / angle**2 if angle > 1e-9 else 0.5
-    x, y, z = turn
-    out[0, 0], out[0, 1], out[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-    out[1, 0], out[1, 1], out[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
-    out[2, 0], out[2, 1], out[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+def _turn(F, turn, rho):
+    """Write rho times the rotation matrix of a rotation vector into the last three rows and columns of F (5, 5)."""
+    x, y, z = turn[0], turn[1], turn[2]
+    angle = math.sqrt(x * x + y * y + z * z)
+    s = rho * math.sin(angle) / angle if angle > 1e-9 else rho
+    c = rho * (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-9 else 0.5 * rho
+    F[2, 2], F[2, 3], F[2, 4] = rho - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    F[3, 2], F[3, 3], F[3, 4] = c * x * y + s * z, rho - c * (x * x + z * z), c * y * z - s * x
+    F[4, 2], F[4, 3], F[4, 4] = c * x * z - s * y, c * y * z + s * x, rho - c * (x * x + y * y)
+
+
+@njit(cache=True)
+def _predict(F, mean, cov, spread):
+    """One step of a Kalman filter: mean <- F mean, cov <- F cov F', with the noise `spread` of b."""
+    after, half = np.zeros(5), np.zeros((5, 5))
+    for i in range(5):
+        for m in range(5):
+            after[i] += F[i, m] * mean[m]
+            for j in range(5):
+                half[i, j] += F[i, m] * cov[m, j]
+    for i in range(5):
+        mean[i] = after[i]
+        for j in range(5):
+            cov[i, j] = spread if i == j and i > 1 else 0.0
+            for m in range(5):
+                cov[i, j] += half[i, m] * F[j, m]
 
 
 @njit(cache=True)
@@ -174,14 +191,16 @@ def _follow(along, dt, size, coherence):
     """The second filter. State: error of the first filter along the ring, m and m/s, and b (3,), m/s^2.
 
     Returns the sum of squares of its whitened innovations, the sum of log variances over S, and their number."""
-    mean, cov, F, FP, pull = np.zeros(5), np.zeros((5, 5)), np.eye(5), np.zeros((5, 5)), np.zeros(5)
+    mean, cov, F, pull = np.zeros(5), np.zeros((5, 5)), np.zeros((5, 5)), np.zeros(5)
     rho, spread = math.exp(-dt / coherence), size * size / 3.0
     squares, logs, count = 0.0, 0.0, 0
+    F[0, 1], F[1, 1] = dt, 1.0
     for n in range(len(along.nu)):
         if along.begins[n] or n == 0:
-            mean[:], cov[:] = 0.0, 0.0
-            for i in range(2, 5):
-                cov[i, i] = spread
+            for i in range(5):
+                mean[i] = 0.0
+                for j in range(5):
+                    cov[i, j] = spread if i == j and i > 1 else 0.0
         K, L = 0.0, 0.0
         if math.isfinite(along.nu[n]):
             K, L = along.to_place[n], along.to_speed[n]
@@ -189,30 +208,15 @@ def _follow(along, dt, size, coherence):
             squares += left * left / variance
             logs += math.log(variance / along.S[n])
             count += 1
-            pull[:] = cov[:, 0]
             for i in range(5):
-                mean[i] += pull[i] / variance * left
+                pull[i] = cov[i, 0] / variance
+                mean[i] += pull[i] * left
+            for i in range(5):
                 for j in range(5):
-                    cov[i, j] -= pull[i] * pull[j] / variance
-        F[0, 0], F[0, 1], F[1, 0] = 1.0 - K - dt * L, dt, -L
-        for j, t in ((2, along.tx[n]), (3, along.ty[n])):
-            F[0, j], F[1, j] = 0.5 * dt * dt * t, dt * t
-        _turned(along.turn[n], F[2:, 2:])
-        F[2:, 2:] *= rho
-        for i in range(5):
-            for j in range(5):
-                FP[i, j] = 0.0
-                for m in range(5):
-                    FP[i, j] += F[i, m] * cov[m, j]
-            pull[i] = 0.0
-            for m in range(5):
-                pull[i] += F[i, m] * mean[m]
-        mean[:] = pull
-        for i in range(5):
-            for j in range(5):
-                cov[i, j] = 0.0
-                for m in range(5):
-                    cov[i, j] += FP[i, m] * F[j, m]
-        for i in range(2, 5):
-            cov[i, i] += (1.0 - rho * rho) * spread
+                    cov[i, j] -= variance * pull[i] * pull[j]
+        F[0, 0], F[1, 0] = 1.0 - K - dt * L, -L
+        F[1, 2], F[1, 3] = dt * along.tx[n], dt * along.ty[n]
+        F[0, 2], F[0, 3] = 0.5 * dt * F[1, 2], 0.5 * dt * F[1, 3]
+        _turn(F, along.turn[n], rho)
+        _predict(F, mean, cov, (1.0 - rho * rho) * spread)
     return squares, logs, count
