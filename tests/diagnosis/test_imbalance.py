@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +69,8 @@ def test_its_likelihood_is_that_of_the_joint_distribution():
     seen = np.isfinite(a.nu)
     squares, logs, count = _follow(a, dt, size, coherence)
     told = squares + logs + np.sum(np.log(2.0 * math.pi * a.S[seen]))
-    expected = multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(a.nu[seen])
+    joint: Any = multivariate_normal
+    expected = joint(cov=cov[np.ix_(seen, seen)]).logpdf(a.nu[seen])
     assert count == 19
     assert told == pytest.approx(-2.0 * expected, rel=1e-9)
 

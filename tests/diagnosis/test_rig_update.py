@@ -11,6 +11,7 @@ import pytest
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import reference_by_model
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.stage.comparison import Known
@@ -116,18 +117,22 @@ SWINGS = table_swing(frequency=0.7, bs=0.01)
 DRIFTS = drag_drift(rate=1e-3, start=0.05)
 
 
-def verdict(*terms, effects=()):
+HEAVY = Imbalance(0.1, 0.01, 8.0, 200.0)
+
+
+def verdict(*terms, effects=(), imbalance=BALANCED):
     """A verdict on 200 s whose fit has these terms."""
     fit = SimpleNamespace(
         model=with_values(BodyModel(), {"viscous": 0.1})._replace(terms=terms),
         stderr={"drag_drift.rate": 1e-4, "drag_drift.start": 0.01, "rolling": 1e-3},
     )
     stage, clock = Known.of_model(MODEL), np.arange(201.0)
-    was = SimpleNamespace(body=SimpleNamespace(stderr={"viscous": 0.02}), stage=stage)
+    was = SimpleNamespace(body=SimpleNamespace(stderr={"viscous": 0.02}), stage=stage, imbalance=HEAVY)
     body = SimpleNamespace(pictures=SimpleNamespace(t=clock, clock=clock))
     return SimpleNamespace(
-        searched=SimpleNamespace(fit=fit), was=was, body=body, memory=0.0, remaining=1.0, effects=effects
-    )
+        searched=SimpleNamespace(fit=fit), was=was, body=body, memory=0.0, remaining=1.0, effects=effects,
+        imbalance=imbalance,
+    )  # fmt: skip
 
 
 def test_the_next_reference_is_the_ball_at_the_end_of_the_record():
@@ -135,6 +140,12 @@ def test_the_next_reference_is_the_ball_at_the_end_of_the_record():
     assert [term.name for term in next_one.model.terms] == ["floor_bump"], "what swings has another phase then"
     assert next_one.model.ball.viscous == pytest.approx(0.1 + 0.05 + 0.2)
     assert next_one.stderr == {"viscous": 0.01, "rolling": 1e-3}
+
+
+@pytest.mark.parametrize("now", [BALANCED, HEAVY._replace(size=0.2)])
+def test_an_imbalance_is_no_news_afterwards(now):
+    """Nor is one that was known before, in a record that does not show it."""
+    assert reference_after(verdict(imbalance=now)).imbalance == max(now, HEAVY)
 
 
 def test_a_body_in_the_model_has_the_friction_of_the_end_of_the_record():
