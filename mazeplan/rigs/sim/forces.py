@@ -6,9 +6,11 @@ saddle    height H (r / R)^2 cos 2 (theta - phi) of the floor, R the outer radiu
           downhill by g times the slope
 drag      the ball slows down by (drag_per_s + drag_growth_per_s2 t + drag_per_m speed) times its speed. Its spin
           decreases at the same rate, on the floor alone and along a wall
-pushes    accelerations along the ring, + counter-clockwise: a steady one, A sin(n (theta - crest)) of a wavy floor, and
-          A sin(rolled + phase) of a ball with an eccentric mass. A torque adds the spin that belongs to the added
-          speed. In the disc in the middle there are no pushes, because it has no direction along a ring
+pushes    accelerations along the ring, + counter-clockwise: a steady one, and A sin(n (theta - crest)) of a wavy floor.
+          A torque adds the spin that belongs to the added speed. In the disc in the middle there are no pushes, because
+          it has no direction along a ring
+imbalance torque m g e d x down of a ball whose mass is off its middle by e in the direction d, which turns with the
+          ball. On the floor, the ball accelerates towards its heavy side by up to A = g e / (r (1 + k))
 wind      a steady force in the frame of the room, divided by the ball's mass; it does not tilt with the plate
 rocking   gravity leans as on a table tilted by beta, gamma = amplitude sin(2 pi f t + phase)
 """
@@ -79,13 +81,14 @@ class Motion:
         return np.array([-math.sin(theta), math.cos(theta), 0.0])
 
 
-def turned(before: Motion, after: Motion) -> float:
-    """Angle about the middle from the place before to the place after, rad."""
-    return difference(after.theta, before.theta)
+def heavy_side(settings: SimulatedSettings, theta: float) -> Array:
+    """Unit vector (3,) from the ball's middle to its mass at the start, at an angle in the maze (rad)."""
+    phase = math.radians(settings.imbalance_phase_deg)
+    return np.array([-math.sin(theta) * math.sin(phase), math.cos(theta) * math.sin(phase), math.cos(phase)])
 
 
 class BallForces:
-    """Drag, pushes, wind and rocking on the ball. The object is false if the rig has none of them."""
+    """Drag, pushes, imbalance, wind and rocking on the ball. The object is false if the rig has none of them."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze = settings, maze
@@ -97,34 +100,30 @@ class BallForces:
         pushes = (s.ring_push_m_s2, s.imbalance_m_s2, s.ripple_m_s2, *s.draught_m_s2, *s.rocking_deg)
         return any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
 
-    def turns_per_turn(self, motion: Motion) -> float:
-        """Rolling angle of the ball for each radian along the ring; 0 in the disc."""
-        ring = self._maze.ring(self._maze.ring_at(motion.radius))
-        return 0.0 if ring.is_disc else ring.track_radius / self._radius
-
-    def on(self, t: float, motion: Motion, plate: Array, rolled: float) -> tuple[Array, Array]:
+    def on(self, t: float, motion: Motion, plate: Array, heavy: Array) -> tuple[Array, Array]:
         """Force (N) and torque (N m) on the ball in the frame of the room, (3,) each, at time t, s.
 
         plate: rotation (3, 3) of the plate.
-        rolled: angle by which the ball has rolled along its ring, rad."""
+        heavy: unit vector (3,) from the ball's middle to its mass, in the frame of the room."""
         s = self._settings
         rate = s.drag_per_s + s.drag_growth_per_s2 * t + s.drag_per_m * float(np.linalg.norm(motion.velocity))
         faster, spun = -rate * motion.velocity, -rate * motion.spin
-        push = self._push(motion, rolled)
+        push = self._push(motion)
         if push != 0.0:
             along = motion.along
             faster = faster + push * along
             spun = spun + push * self._spin_of_rolling(motion, along)
         force = plate @ (self._mass * faster) + self._mass * (self._wind() + self._leaning(t))
-        return force, plate @ (self._inertia * spun)
+        weight = (self._inertia + self._mass * self._radius**2) * s.imbalance_m_s2 / self._radius
+        return force, plate @ (self._inertia * spun) + weight * np.array([-heavy[1], heavy[0], 0.0])
 
-    def _push(self, motion: Motion, rolled: float) -> float:
+    def _push(self, motion: Motion) -> float:
         """Acceleration along the ring, m/s^2."""
         s = self._settings
         if self._maze.ring(self._maze.ring_at(motion.radius)).is_disc:
             return 0.0
         ripple = s.ripple_m_s2 * math.sin(s.ripple_waves * (motion.theta - math.radians(s.ripple_deg)))
-        return s.ring_push_m_s2 + ripple + s.imbalance_m_s2 * math.sin(rolled + math.radians(s.imbalance_phase_deg))
+        return s.ring_push_m_s2 + ripple
 
     def _spin_of_rolling(self, motion: Motion, along: Array) -> Array:
         """Spin (3,) of a ball that rolls along the ring, divided by its speed, 1/m.
@@ -194,7 +193,7 @@ class Kerb:
         """Whether the ball crossed the ridge."""
         if not self or self._maze.ring_at(after.radius) != self._settings.kerb_ring:
             return False
-        was, way = difference(before.theta, self._at), turned(before, after)
+        was, way = difference(before.theta, self._at), difference(after.theta, before.theta)
         return (was < 0.0 <= was + way) or (was + way < 0.0 <= was)
 
 

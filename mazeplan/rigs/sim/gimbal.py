@@ -93,14 +93,14 @@ class Gimbal:
 
     def spin(self) -> Array:
         """Angular velocity of the ball, (3,), rad/s."""
-        return self._ball_rotation() @ self.data.qvel[self._v + 3 : self._v + 6]
+        return self.ball_rotation() @ self.data.qvel[self._v + 3 : self._v + 6]
 
     def put(self, place: Array, velocity: Array, spin: Array) -> None:
         """Set the ball's state, (3,) each."""
         data, v = self.data, self._v
         data.qpos[self._q : self._q + 3] = self._centre() + place
         data.qvel[v : v + 3] = velocity + self._drift()
-        data.qvel[v + 3 : v + 6] = self._ball_rotation().T @ spin
+        data.qvel[v + 3 : v + 6] = self.ball_rotation().T @ spin
 
     def rest(self, place: Array, index: int = 0) -> None:
         """Put a ball at a place, (3,), without speed."""
@@ -134,7 +134,7 @@ class Gimbal:
         """Velocity of the middle of the maze's floor, m/s."""
         return 0.0
 
-    def _ball_rotation(self) -> Array:
+    def ball_rotation(self) -> Array:
         """Rotation (3, 3) of the ball."""
         out = np.empty(9)
         mujoco.mju_quat2Mat(out, self.data.qpos[self._q + 3 : self._q + 7])

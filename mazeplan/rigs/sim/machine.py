@@ -21,7 +21,7 @@ import numpy as np
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, check_rings, turned
+from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, check_rings, heavy_side
 from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal
 from mazeplan.rigs.sim.machine_faults import FaultBox, check_fault
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
@@ -43,14 +43,14 @@ class Snapshot:
     ctrl: set points on the way to the target, within the slew limit, (2,), rad.
     played: set points after the play, (2,), rad.
     queue: delayed commands as (time at which the command acts, s; its tilt (2,), rad).
-    rolled: angle by which the ball has rolled along its ring, rad."""
+    heavy: unit vector (3,) to the heavy side of an unbalanced ball, in the ball's frame."""
 
     state: Array
     target: Array
     ctrl: Array
     played: Array
     queue: tuple[tuple[float, Array], ...]
-    rolled: float = 0.0
+    heavy: Array
 
 
 class Machine:
@@ -97,7 +97,7 @@ class Machine:
         self._forces = PlateForces(self.settings, self.maze)
         self._hidden, self._floor = BallForces(self.settings, self.maze), FloorFriction(self.settings, self.maze)
         self._kerb = Kerb(self.settings, self.maze)
-        self._rolled = math.atan2(place[1], place[0]) * radius / self.maze.ball.radius
+        self._heavy = self._gimbal.ball_rotation().T @ heavy_side(self.settings, angles[0])
         self._mixed = np.array([[1.0, self.settings.servo_coupling[0]], [self.settings.servo_coupling[1], 1.0]])
         self._gain = np.array(self.settings.servo_gain)
         self._faults = FaultBox(self.settings.faults, self._gimbal, self.maze)
@@ -165,14 +165,19 @@ class Machine:
         if self._floor:
             gimbal.roughen(self._floor.extra(before, plate.T @ gimbal.model.opt.gravity))
         if self._hidden:
-            force, torque = self._hidden.on(now + 0.5 * self.chunk_s, before, plate, self._rolled)
+            force, torque = self._hidden.on(now + 0.5 * self.chunk_s, before, plate, self._heavy_side())
             gimbal.pull(force + plate @ self._forces.on(before.place) if self._forces else force)
             gimbal.twist(torque)
         gimbal.advance()
         after = Motion(*self.ball())
-        self._rolled += turned(before, after) * self._hidden.turns_per_turn(after)
         if self._kerb.passed(before, after):
             self.set_ball(after.place, self._kerb.left * after.velocity, self._kerb.left * after.spin)
+
+    def _heavy_side(self) -> Array:
+        """Unit vector (3,) to the heavy side of the ball in the middle of the next chunk, in the frame of the room."""
+        side = self.gimbal.ball_rotation() @ self._heavy
+        side = side + 0.5 * self.chunk_s * _cross(self.gimbal.spin(), side)
+        return side / math.sqrt(float(side @ side))
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Make the servos move to this tilt, rad, and hold it, after the command delay."""
@@ -259,14 +264,14 @@ class Machine:
         gimbal = self.gimbal
         state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
         mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
-        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._rolled)
+        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._heavy)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of this machine. Faults that were injected after the snapshot stay."""
         mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
         self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
-        self._queue, self._rolled = deque(snapshot.queue), snapshot.rolled
+        self._queue, self._heavy = deque(snapshot.queue), snapshot.heavy
 
 
 def _from_map(maze: Maze, settings: SimulatedSettings) -> Gimbal:

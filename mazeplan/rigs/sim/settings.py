@@ -164,9 +164,9 @@ class BallSettings(RigSection):
         default=(0.0, 0.0), description="x, y of a steady wind in the room: force over the mass of the ball"
     )
     imbalance_m_s2: float = Field(
-        default=0.0, ge=0.0, le=1.0, description="ball with an eccentric mass: largest push along the ring"
+        default=0.0, ge=0.0, le=1.0, description="ball with an eccentric mass: largest acceleration on the floor"
     )
-    imbalance_phase_deg: Turn = Field(default=0.0, description="phase of that push at 0 deg")
+    imbalance_phase_deg: Turn = Field(default=0.0, description="its heavy side at the start: 0 on top, 90 in front")
 
 
 class PlateSettings(RigSection):

@@ -152,9 +152,7 @@ TRUE: dict[str, Callable[[RigInRing], Values]] = {
     "friction_drift": lambda a: {"rate": a.settings.drag_growth_per_s2, "start": 0.0},
     "constant_torque": lambda a: {"acceleration": a.settings.ring_push_m_s2 / a.radius},
     "constant_force": lambda a: _pair(a.settings.draught_m_s2, ("x", "y")),
-    "ball_imbalance": lambda a: {
-        "amplitude": a.settings.imbalance_m_s2 / a.radius, "phase": math.radians(a.settings.imbalance_phase_deg)
-    },
+    "ball_imbalance": lambda a: {"amplitude": a.settings.imbalance_m_s2 / a.radius},  # the phase is lost in slips
     "surface_profile": _surface_profile,
     "surface_bump": _surface_bump,
     "surface_ripple": _surface_ripple,

@@ -260,21 +260,36 @@ def test_a_table_rocks_as_often_and_as_far_as_told_and_the_sensor_says_level():
     assert abs(rig.observe().beta) < 1e-3
 
 
-def test_an_unbalanced_ball_is_pushed_once_forth_and_back_in_every_turn_of_its_own():
-    rig, truth = asked("unbalanced", **BARE)
-    for turn in (0.0, 0.25, 0.5):
-        theta = 2.5 + turn * math.tau * BALL / R
-        faster, _, _ = gained_by("unbalanced", 0.02, theta=theta, samples=1)
-        expected = truth["amplitude"] * math.sin(theta * R / BALL + truth["phase"])
-        assert faster / R == pytest.approx(expected, abs=0.25 * truth["amplitude"])
-    thrown(started(rig), 0.3)
-    far, _ = rolled(rig, 80)  # more than once around: the ball's own turns go on
-    assert np.ptp(far) > math.tau
-    now = np.unwrap([far[-1], math.atan2(rig.truth()[1], rig.truth()[0])])[-1]
-    assert rig.machine._rolled == pytest.approx(R / BALL * now, rel=1e-6)
+@pytest.mark.parametrize("phase", [30.0, 90.0, -60.0])
+def test_an_unbalanced_ball_falls_towards_its_heavy_side(phase):
+    """At rest at once; rolling, forth and back in every turn of its own."""
+    size, start, bare = 0.15, math.radians(phase), SimulatedRig(MAZE, BARE)
+    rig = SimulatedRig(MAZE, {"imbalance_m_s2": size, "imbalance_phase_deg": phase, **BARE})
+    for theta in (0.1, 2.0):
+        more = gained(rig, 0.0, 1, theta)[0] - gained(bare, 0.0, 1, theta)[0]
+        assert more == pytest.approx(size * math.sin(start), abs=0.012)  # MuJoCo's least rolling friction is 1e-5 m
+    speed, t, found = 0.2, np.arange(16) / 30.0, []
+    for other in (rig, bare):
+        thrown(started(other), speed)
+        found.append(rolled(other, 15)[1])
+    expected = size * BALL / speed * (math.cos(start) - np.cos(start + speed / BALL * t))
+    assert found[0] - found[1] == pytest.approx(expected, abs=0.15 * np.ptp(expected))
 
 
-def test_how_far_the_ball_has_rolled_belongs_to_a_snapshot():
+def test_the_heavy_side_turns_with_the_ball():
+    rig = started(SimulatedRig(MAZE, {"imbalance_m_s2": 0.15, "imbalance_phase_deg": 90.0}), theta=0.0)
+    machine = rig.machine
+    ahead = machine._heavy_side()
+    assert ahead == pytest.approx([0.0, 1.0, 0.0], abs=0.05)
+    thrown(rig, 0.0)
+    rig.set_ball(np.array([OUTER, 0.0, BALL]), np.zeros(3), np.array([0.0, 0.0, 40.0]))
+    before = machine._heavy_side()
+    machine.step()
+    turned = machine._heavy_side()
+    assert np.cross(before, turned)[2] > 0.1
+
+
+def test_where_the_heavy_side_is_belongs_to_a_snapshot():
     rig, _ = asked("unbalanced", **BARE)
     started(rig)
     thrown(rig, 0.1)
