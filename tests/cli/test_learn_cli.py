@@ -70,20 +70,26 @@ def test_rows_without_the_ball_are_counted():
     [
         (1.2, "rolling friction 0.0500 ± 0.0010 m/s^2, friction at walls 0.300 ± 0.020; what remains is 1.2 times the "
               "noise of the camera"),
-        (1.6, "none: it does not explain the logs; what remains is 1.6 times the noise of the camera"),
-        (None, "none: the record has no x and no y"),
+        (1.6, "none: what remains is 1.6 times the noise of the camera; is the camera in the middle, and to scale?"),
+        (None, "none: the record has no x"),
     ],
 )  # fmt: skip
 def test_a_model_has_the_rigid_ball_of_its_reference_where_this_ball_explains_the_logs(remaining, line):
-    ball = with_values(BodyModel(), {"rolling": 0.05, "wall": 0.3})
+    ball = with_values(BodyModel(), {"rolling": 0.05, "wall": 0.3, "offset_x": 0.002, "noise": 1e-5 * (1.0 - 1e-9)})
     body = Reference(ball, {"rolling": 0.001, "wall": 0.02})
-    reference = None if remaining is None else RigReference(body, Known({}, {}), remaining=remaining)
-    table = Table(dict.fromkeys(("t", "theta", "beta", "gamma", *COMMANDS), np.arange(9.0)))
-    model, words = with_rigid_ball(RigModel.nominal(MAZE), reference, table)
+    reference, asked = None if remaining is None else RigReference(body, Known({}, {})), list[BodyModel]()
+
+    def remains(used: BodyModel) -> float:
+        asked.append(used)
+        return remaining
+
+    model, words = with_rigid_ball(RigModel.nominal(MAZE), reference, "the record has no x", remains)
     assert words == f"rigid ball   {line}"
     found = body_of(model)
     assert (found is not None) == (remaining == 1.2)
     assert found is None or found.ball == ball.ball
+    for used in asked:
+        assert used.view.offset_x == 0.0, "as a run knows it"
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from mazeplan.apps.cli.output import plural, print_json
 from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
+    from mazeplan.control.estimation.rigid_body_filter import BodyModel
     from mazeplan.core.logs.table import Table
     from mazeplan.diagnosis.rig.reference import RigReference
     from mazeplan.learning.ball_models import BallModel
@@ -80,10 +82,8 @@ def learn(
         bar.show("judging")
         verdict = _verdict(model, tables, maze, output)
         bar.show("reference for later diagnoses")
-        kept, reference = _keep_reference(table, maze, model, output)
-        body = ""
-        if kind in WITH_BODY:
-            model, body = with_rigid_ball(model, reference, table)
+        kept, model, body = _keep_reference(table, maze, model, output, kind in WITH_BODY)
+        if model.body is not None:
             save_model(model, output)
     if as_json:
         kept = None if kept is None else str(kept)
@@ -128,34 +128,52 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
     return document
 
 
-def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> tuple[Path | None, RigReference | None]:
-    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
-    from mazeplan.diagnosis.rig.record import why_not_whole
+def _keep_reference(
+    table: Table, maze: Maze, model: RigModel, folder: Path, body: bool
+) -> tuple[Path | None, RigModel, str]:
+    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one.
+
+    body: whether to add the rigid ball to the model. Returns the file, the model, and a line about the ball"""
+    from mazeplan.diagnosis.rig.record import body_filter, remaining_of, why_not_whole
     from mazeplan.diagnosis.rig.reference import reference_of, shortened
     from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
 
-    if why_not_whole([table]):
+    why, reference, kept = why_not_whole([table]), None, None
+    if why:
         reference_path(folder).unlink(missing_ok=True)
-        return None, None
-    reference = reference_of([shortened(table)], maze, model)
-    return save_reference(reference, model, folder), reference
+    else:
+        reference = reference_of([shortened(table)], maze, model)
+        kept = save_reference(reference, model, folder)
+    if not body:
+        return kept, model, ""
+    new, line = with_rigid_ball(
+        model, reference, why, lambda ball: remaining_of(body_filter(shortened(table), maze)[0], ball)
+    )
+    return kept, new, line
 
 
-def with_rigid_ball(model: RigModel, reference: RigReference | None, table: Table) -> tuple[RigModel, str]:
-    """The model with the rigid ball of the reference, if this ball explains the logs, and a line about it."""
-    from mazeplan.control.estimation.rigid_body_parameters import with_body
-    from mazeplan.diagnosis.rig.record import why_not_whole
+def with_rigid_ball(
+    model: RigModel, reference: RigReference | None, why: str, remaining: Callable[[BodyModel], float]
+) -> tuple[RigModel, str]:
+    """The model with the rigid ball of the reference, if this ball explains the logs, and a line about it.
+
+    why: why there is no reference
+    remaining: size of the innovations of a ball over the noise of the camera. A run knows the ball by the camera and
+        the tilt sensor of the model, which the fit of the reference left free"""
+    from mazeplan.control.estimation.rigid_body_parameters import body_of, with_body
     from mazeplan.diagnosis.rig.result import REMAINS
 
     if reference is None:
-        return model, f"rigid ball   none: {why_not_whole([table])}"
-    left = f"what remains is {reference.remaining:.1f} times the noise of the camera"
-    if reference.remaining > REMAINS:
-        return model, f"rigid ball   none: it does not explain the logs; {left}"
+        return model, f"rigid ball   none: {why}"
     ball, stderr = reference.body.model.ball, reference.body.stderr
+    new = with_body(model, reference.body.model, stderr)
+    used = body_of(new)
+    left = math.inf if used is None else remaining(used)
+    words = f"what remains is {left:.1f} times the noise of the camera"
+    if not left <= REMAINS:  # also NaN
+        return model, f"rigid ball   none: {words}; is the camera in the middle, and to scale?"
     friction = f"rolling friction {ball.rolling:.4f} ± {stderr['rolling']:.4f} m/s^2"
-    wall = f"friction at walls {ball.wall:.3f} ± {stderr['wall']:.3f}"
-    return with_body(model, reference.body.model, stderr), f"rigid ball   {friction}, {wall}; {left}"
+    return new, f"rigid ball   {friction}, friction at walls {ball.wall:.3f} ± {stderr['wall']:.3f}; {words}"
 
 
 def model_lines(fit: RigFit, model: RigModel) -> list[str]:

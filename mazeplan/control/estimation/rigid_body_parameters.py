@@ -119,4 +119,7 @@ def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> R
     terms = tuple(term for term in model.terms if term.effect.planned and not idle(term))
     values = {name: value_of(model, name) for name in KEPT}
     values["delay"] -= rig.camera_delay
+    for name, value in values.items():  # a search of logarithms may end beside a bound, by rounding
+        number = PARAMETERS[name]
+        values[name] = min(max(value, -number.high if name == "delay" else number.low), number.high)
     return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}, terms))

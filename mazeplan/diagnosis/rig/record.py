@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.control.estimation.plate_start import with_true_starts
-from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel, Filtered
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, autocorrelation, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import bead_values, number_of, with_values
 from mazeplan.core.errors import TableError
@@ -158,11 +158,15 @@ def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
 
     The first number is the largest autocorrelation. The second number is the root mean square of the innovations over
     its value without unexplained forces."""
-    model, seen = fit.model, fit.filtered
+    return float(np.max(np.abs(autocorrelation(fit.filtered)))), remaining_of(body, fit.model, fit.filtered)
+
+
+def remaining_of(body: BodyFilter, model: BodyModel, seen: Filtered | None = None) -> float:
+    """Root mean square of the innovations of a model over its value without unexplained forces. seen: by the model"""
+    seen = body.run(model) if seen is None else seen
     quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
     keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
-    remaining = math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
-    return float(np.max(np.abs(autocorrelation(seen)))), remaining
+    return math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:

@@ -37,7 +37,6 @@ from mazeplan.physics.registry import PACKAGED as EFFECTS
 
 NAME = "reference.yaml"
 FORMAT = 1
-VALUE = ("value", "stderr")
 
 
 def reference_path(source: str | Path) -> Path:
@@ -57,7 +56,7 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
         "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
         "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
     }  # fmt: skip
-    if was.imbalance.size > 0.0:
+    if was.imbalance.size > 0.0 and math.isfinite(was.imbalance.stderr):
         document["imbalance"] = _entry(was.imbalance.size, was.imbalance.stderr, "m/s^2")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -106,7 +105,8 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
               for ring in node if str(ring).isdigit()}  # fmt: skip
     source, imbalance = "the rig as its model knows it", BALANCED
     if "imbalance" in document:
-        size, error = (_number(document["imbalance"], key, path, "imbalance", 0.0, math.inf) for key in VALUE)
+        node = document["imbalance"]
+        size, error = (_number(node, key, path, "imbalance", 0.0, math.inf) for key in ("value", "stderr"))
         imbalance = BALANCED._replace(size=size, stderr=error)
     return RigReference(Reference(body, stderr), known, memory, remaining, source, errors=errors, imbalance=imbalance)
 

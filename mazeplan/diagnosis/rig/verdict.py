@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +24,11 @@ from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
-from mazeplan.diagnosis.rig.imbalance import BALANCED, imbalance_entry, unbalanced
+from mazeplan.diagnosis.rig.imbalance import imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary, seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
-from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
+from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
 from mazeplan.diagnosis.rig.search import (
     ENOUGH,
@@ -106,21 +106,36 @@ def verdict_on(
     standing = _standing(searched, found, effects)
     if standing is not searched:
         memory, remaining = residual_summary(body, standing.fit)
-    searched, imbalance = standing, BALANCED
-    if not effects and (unknown is None or not unknown.depends_on):
-        imbalance = unbalanced(body, searched.without)
-        entry = imbalance_entry(imbalance, was.imbalance, radii)
-        effects, unknown = ([], unknown) if entry is None else ([with_plan(entry)], None)
     done = RigVerdict(
-        tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
-        (*_notes(table, stage, was), *refused), imbalance=imbalance,
+        tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, body, stage, was,
+        (*_notes(table, stage, was), *refused),
     )  # fmt: skip
+    done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
 
 
 def _standing(searched: SearchResult, found: Sequence[Candidate], effects: Sequence[Entry]) -> SearchResult:
     """The search, with the fit for a new model: without the candidates if effects of the stage alone stand."""
     return replace(searched, fit=searched.without) if effects and not found else searched
+
+
+def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
+    """The verdict with an unbalanced ball, if nothing else with a name differs.
+
+    Neither predictions nor fit know the imbalance. More than twice the noise has another cause, too."""
+    if done.effects or (done.unknown is not None and done.unknown.depends_on):
+        return done
+    imbalance = unbalanced(done.body, done.searched.without)
+    entry = imbalance_entry(imbalance, done.was.imbalance, radii)
+    if entry is None:
+        return replace(done, imbalance=imbalance)
+    searched = replace(done.searched, found=(), gains=(), rivals=(), fit=done.searched.without)
+    memory, remaining = residual_summary(done.body, searched.fit)
+    return replace(
+        done, effects=(with_plan(entry),), unknown=done.unknown if remaining > TWICE else None, searched=searched,
+        held=replace(done.held, after=done.held.before, gain=np.zeros_like(done.held.gain)), memory=memory,
+        remaining=remaining, imbalance=imbalance,
+    )  # fmt: skip
 
 
 def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:

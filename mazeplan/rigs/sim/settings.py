@@ -166,7 +166,9 @@ class BallSettings(RigSection):
     imbalance_m_s2: float = Field(
         default=0.0, ge=0.0, le=1.0, description="ball with an eccentric mass: largest acceleration on the floor"
     )
-    imbalance_phase_deg: Turn = Field(default=0.0, description="its heavy side at the start: 0 on top, 90 in front")
+    imbalance_phase_deg: Turn = Field(
+        default=0.0, description="its heavy side at the start: 0 on top, 90 counter-clockwise along the ring"
+    )
 
 
 class PlateSettings(RigSection):

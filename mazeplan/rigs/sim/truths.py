@@ -1,8 +1,8 @@
 """True values of a simulated rig, as parameters of mazeplan's effects: rad, m, s, and rad/s^2 along a ring.
 
 The values follow from the settings, without a fit. The values for gravity and for the floor's friction (table,
-friction, hollow, magnet, warp, nap, sticky) hold for a ball that rolls on the floor alone. For a ball that also rolls
-along a wall, they are (1 + k) / (1 + 2 k) times as large; the ball's inertia is k m r^2.
+friction, hollow, magnet, warp, nap, sticky, unbalanced) hold for a ball that rolls on the floor alone. For a ball that
+also rolls along a wall, they are (1 + k) / (1 + 2 k) times as large; the ball's inertia is k m r^2.
 """
 
 from __future__ import annotations

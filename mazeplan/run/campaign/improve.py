@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +112,7 @@ def improve(
                 known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
                 document["model"] = _saved(known, was, here / "model")
                 document["advice"] = advice(done, document["model"])
+            was = replace(was, imbalance=max(was.imbalance, done.imbalance))  # no news in the next round
             new = document["model"]
             before = before or _navigate(rig, path, options, tell, "before", working, advance)
             after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
