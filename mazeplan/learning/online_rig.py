@@ -40,6 +40,7 @@ from mazeplan.learning.networks import Networks
 from mazeplan.learning.online_gp import RULES, OnlineProcess, Walk
 from mazeplan.learning.rig_gp import MOST_FRICTION, SMOOTHING, corrected, effect_sigma, planned
 from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.rigid_body_entries import stamp
 from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
@@ -179,7 +180,10 @@ class OnlineModel:
         kind = self.kind if processes else self.start.kind
         rows = {f"ring{ring}": len(rows) for ring, rows in self.rings.items()}
         scores = {**self.start.scores, "learned_while_running": {"runs": self.now, "rows": rows}}
-        return replace(self.start, kind=kind, balls=balls, processes=processes, scores=scores)
+        body = self.start.body
+        if body is not None and body.of == stamp(self.start.balls):  # it knows place and speed better than the bead
+            body = replace(body, of=stamp(balls))
+        return replace(self.start, kind=kind, balls=balls, processes=processes, scores=scores, body=body)
 
     def _disc_ball(self, ring: int, balls: dict[int, BallModel]) -> BallModel:
         """The ball of a disc: its floor and table change like those of the nearest ring."""

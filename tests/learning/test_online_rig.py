@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.errors import InputError, ModelError, SettingsError
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
@@ -90,6 +91,17 @@ def test_more_friction_is_found_at_once_and_kept(toy, kind):
     disc = [m.ball(5).parameter("dry_friction", "coefficient", 0.0) for m in (toy, online.learned)]
     assert disc[1] == disc[0]  # the nearest ring, 4, was not seen: nothing is known of it
     assert len(online.rings[1]) <= 150
+
+
+def test_the_rigid_body_stays_with_what_is_learned(toy):
+    online = OnlineModel(toy, MAZE, QUICK)
+    online.learn(driven(toy, more_dry=0.15))
+    was, now = body_of(toy), body_of(online.learned)
+    assert dry_of(online.learned) != dry_of(toy)
+    assert was is not None
+    assert now == was
+    other = replace(toy, body=replace(toy.body, of="of other effects"))
+    assert body_of(OnlineModel(other, MAZE, QUICK).learned) is None
 
 
 def test_a_disc_changes_as_the_nearest_ring_does(toy):
