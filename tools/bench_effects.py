@@ -96,8 +96,11 @@ def _found(effect: dict[str, Any], ring: int, model: RigModel | None) -> str:
     """An effect with its values in a ring as the new model has them, and the errors with which they were found."""
     name, parameters = effect["name"], effect["parameters"]
     values = {} if model is None or ring not in effect["rings"] else model.declared(ring).get(name, {})
+    if model is None:  # a report has the values of the first ring
+        values = effect["rings"].get(str(ring), {}).get("after", {})
     numbers = ", ".join(
-        f"{key} {values.get(key, p['value']):.4g}" + (f" ± {p['stderr']:.2g}" if p["stderr"] else "")
+        f"{key} {(value := values.get(key, p['value'])):.4g}"
+        + (f" ± {abs(value / p['value']) * p['stderr']:.2g}" if p["stderr"] and p["value"] else "")
         for key, p in parameters.items()
         if abs(p["value"]) > (p["stderr"] or 0.0)
     )
