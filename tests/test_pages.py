@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any
 import pages
 import pytest
 import typer
+import warm
 from pages import ROOT, Block
 
 OWN_TESTS = {"docs/trees.md", "docs/testing-trees.md"}  # of their Python and files: test_trees_page, test_testing_page
@@ -31,12 +31,11 @@ USAGE: type[Exception] = typer.BadParameter.__base__  # of typer's own
 
 
 def run(words: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
-    if words[0] in ("mazeplan", "pytest"):
+    if words[0] == "mazeplan":
+        return warm.run(words, cwd)
+    if words[0] == "pytest":
         words = [sys.executable, "-m", *words]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
-        words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env={**os.environ, "PYTHONPATH": path}
-    )
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env=warm.found())
 
 
 @pytest.fixture
@@ -118,7 +117,7 @@ PROGRAM_BLOCKS = [
 @pytest.mark.slow
 @pytest.mark.parametrize("block", PROGRAM_BLOCKS, ids=lambda b: f"{b.page}:{b.line}")
 def test_programs_run(block, desk):
-    done = run([sys.executable, "-c", block.text], desk)
+    done = warm.run(["-c", block.text], desk)
     assert done.returncode == 0, done.stderr
     if "print(" in block.text:
         assert done.stdout.startswith("True ")
