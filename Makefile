@@ -75,7 +75,7 @@ test-all: compiled check all
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
+	$(BIN)/pyright --threads $(JOBS)
 	$(BIN)/lint-imports
 
 # Tests start hundreds of programs. Where the environment forbids to write bytecode, each would compile the package anew,

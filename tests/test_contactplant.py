@@ -205,6 +205,7 @@ def test_records_and_rigs_come_back_by_their_seed():
     assert drawn_rig(np.random.default_rng(1)) != drawn()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_each_effect_changes_the_record_the_more_the_larger_it_is(name):
     rig = replace(drawn(), camera=replace(drawn().camera, noise=0.0), sensor_noise=0.0)

@@ -16,6 +16,7 @@ import pages
 import pytest
 import typer
 import warm
+from commands import call
 from pages import ROOT, Block
 
 OWN_TESTS = {"docs/trees.md", "docs/testing-trees.md"}  # of their Python and files: test_trees_page, test_testing_page
@@ -212,7 +213,7 @@ def test_rig_example_has_what_a_rig_needs():
     assert isinstance(names["MyRig"](load_map("cme"), {}), Rig)
 
 
-def test_the_error_shown_is_the_error_got(desk):
+def test_the_error_shown_is_the_error_got(desk, monkeypatch, capsys):
     shown = re.search(r"`runs/mine\.yaml:\d+: (openings\[\d+\]\.angle_deg: [^`]*)`", pages.text_of("docs/maps.md"))
     assert shown
     lines = (ROOT / "maps" / "cme.yaml").read_text(encoding="utf-8").splitlines()
@@ -220,9 +221,10 @@ def test_the_error_shown_is_the_error_got(desk):
     rows = [i for i, line in enumerate(lines) if "angle_deg:" in line and not line.lstrip().startswith("#")]
     lines[rows[index]] = re.sub(r"angle_deg: *[\d.]+", "angle_deg: 400", lines[rows[index]])
     (desk / "runs" / "mine.yaml").write_text("\n".join(lines), encoding="utf-8")
-    done = run(["mazeplan", "map", "check", "runs/mine.yaml"], desk)
-    assert done.returncode == 2
-    assert shown.group(0).strip("`") in done.stderr + done.stdout
+    monkeypatch.chdir(desk)
+    code, _, err = call(monkeypatch, capsys, "map", "check", "runs/mine.yaml")
+    assert code == 2
+    assert shown.group(0).strip("`") in err
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ class CostParameters(PenaltyShapes, StepWeights):
     quadratic:                             errors of theta, speed and lean cost e^2 / 2
     uncertainty:                           price of the variance of a learned model (`uncertain_cost`), s^4/rad^2;
                                            0: none
-    prompt, late_s:                        see `seen_late`
+    prompt, prompt_s, late_s:              see `seen_late`
 
     With the defaults and 5 degrees of tilt, a ball travels pi/4 along ring 2 of the packaged map in 0.65 s, without
     overshoot.
@@ -102,6 +102,7 @@ class CostParameters(PenaltyShapes, StepWeights):
     quadratic: bool = False
     uncertainty: float = 0.0
     prompt: float = 1.0
+    prompt_s: float = 0.0
     late_s: float = 0.06
 
     def __post_init__(self) -> None:
@@ -112,10 +113,11 @@ class CostParameters(PenaltyShapes, StepWeights):
         """The cost for a rig whose commands act `late_s` s after the measurement.
 
         During the delay the ball moves unseen by its speed times the delay, so surprises cost more. Therefore the
-        price of speed grows with the delay: from the share `prompt` without delay to the full price from the field
-        `late_s` on."""
-        share = self.prompt + (1.0 - self.prompt) * min(1.0, late_s / self.late_s)
-        return replace(self, speed=share * self.speed)
+        price of speed grows with the delay: from the share `prompt` for delays up to `prompt_s` to the full price from
+        the field `late_s` on."""
+        begin = min(self.prompt_s, self.late_s)
+        late = min(max(late_s - begin, 0.0) / max(self.late_s - begin, 1e-9), 1.0)
+        return replace(self, speed=(self.prompt + (1.0 - self.prompt) * late) * self.speed)
 
     def pack(self, goal_theta: float, goal_theta_dot: float = 0.0, lean: float = 0.0) -> Array:
         """The vector for the compiled functions: the weights, then the targets (rad, rad/s, rad)."""

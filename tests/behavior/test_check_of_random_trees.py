@@ -50,6 +50,7 @@ def tick_all(tree, case, ticked):
             tree.tick()
 
 
+@pytest.mark.slow
 def test_a_node_that_is_never_ticked_by_a_check_is_not_ticked():
     told = 0
     for seed in range(400):

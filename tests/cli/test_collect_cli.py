@@ -29,6 +29,7 @@ def test_a_model_learned_from_a_collected_log_navigates(call, tmp_path):
     assert call("navigate", "--rig", "ideal", "--from", "ring4", "--model", model)[0] == 0
 
 
+@pytest.mark.slow
 def test_rings_drives_and_place_places(call, tmp_path):
     driven, placed = tmp_path / "driven.mcap", tmp_path / "placed.mcap"
     common = ("collect", "--rig", "ideal", "--map", "lopsided", "--rings", "--seed", "2")

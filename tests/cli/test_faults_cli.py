@@ -102,6 +102,7 @@ def test_kept_runs_are_not_repeated(call, monkeypatch, few, tmp_path):
     assert runs == {"opening_closed": 2, "cable out": 2, "ball_pushed": 2}
 
 
+@pytest.mark.slow
 def test_each_fault_is_its_own_campaign_in_the_folder(call, few, tmp_path):
     folder = tmp_path / "kept"
     plain = (*EVALUATE, "--runs", "1", "--store", folder)

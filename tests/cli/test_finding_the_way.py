@@ -69,6 +69,7 @@ def test_help_is_as_wide_as_the_terminal():
     assert 60 < widest(80) <= 80 < widest(110) <= 110
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

@@ -84,6 +84,7 @@ def test_your_own_leaf_is_checked_shown_listed_and_in_the_palette(call, refused)
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", ["navigate --log run.mcap", "evaluate --runs 1", "evaluate --runs 2 --workers 2"])
 def test_a_run_uses_it(call, place, words):
     code, out, err = call(*words.split(), *OWN, "--json")

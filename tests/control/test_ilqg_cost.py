@@ -128,4 +128,8 @@ def test_the_price_of_speed_grows_with_what_is_seen_late_and_nothing_else_does()
     prices = [cost.seen_late(late).speed for late in (0.0, 0.025, 0.05, 0.1, math.inf)]
     assert prices == pytest.approx([0.12, 0.16, 0.2, 0.2, 0.2])
     assert replace(cost.seen_late(0.0), speed=0.2) == cost
+    cost = replace(cost, prompt_s=0.03)
+    assert [cost.seen_late(late).speed for late in (0.0, 0.03, 0.04, 0.05)] == pytest.approx([0.12, 0.12, 0.16, 0.2])
+    cost = replace(cost, prompt_s=0.07)  # no delay between
+    assert [cost.seen_late(late).speed for late in (0.0, 0.049, 0.051)] == pytest.approx([0.12, 0.12, 0.2])
     assert CostParameters().seen_late(0.0) == CostParameters(), "alike everywhere unless the settings say otherwise"

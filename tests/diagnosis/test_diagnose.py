@@ -119,6 +119,7 @@ def test_beside_an_unknown_what_is_left_is_learned_too():
     assert done.document()["remainder"]["nrmse"] == pytest.approx(done.remainder.nrmse, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_tilt_offset_is_hard_to_tell_from_a_wave_of_the_floor_and_it_says_so():
     done = found(seed=3, offset=(0.006, -0.004))
     assert any({"tilt_offset", "surface_profile"} <= set(group) for group in done.finding.alike)

@@ -52,6 +52,7 @@ def test_a_servo_that_turns_too_little_is_told_from_a_sensor_that_says_so():
     assert sizes(done, "tilt_gain") == pytest.approx({"beta": 1.1, "gamma": 1.0}, abs=4e-3)
 
 
+@pytest.mark.slow
 def test_axes_that_share_commands():
     done = found(recorded([[1.0, 0.08], [-0.05, 1.0]]))
     assert names(done) == ["axis_coupling"]
@@ -59,6 +60,7 @@ def test_axes_that_share_commands():
     assert done.after.rollout40 < 0.5 * done.before.rollout40
 
 
+@pytest.mark.slow
 def test_a_servo_slower_than_the_model_says():
     quick = StageModel(*[StageAxis(1.0, 26.0, DAMPING)] * 2)
     done = found(play(seed=5, seconds=90.0), RigModel(quick, MODEL.balls, kind="pi"))

@@ -97,6 +97,7 @@ def test_a_gate_is_found_wherever_it_is(angle):
     assert effect["evidence"] > 15.0
 
 
+@pytest.mark.slow
 def test_twenty_seconds_are_enough_for_what_is_large_and_name_nothing_else():
     assert names(found(seed=5, seconds=20.0, dry=0.5)) == ["dry_friction"]
     assert found(seed=5, seconds=20.0).verdict == "nothing_missing"

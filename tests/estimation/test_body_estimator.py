@@ -116,6 +116,7 @@ def both(model=None):
     return [Estimator(MAZE, replace(model, body=None)), estimator_for(MAZE, model)]
 
 
+@pytest.mark.slow
 def test_it_knows_place_and_speed_better_than_the_bead():
     errors = np.concatenate([played(both(), seed=seed)[30:] for seed in (0, 1)])
     (bead, speed), (body, faster) = np.median(errors, axis=0)

@@ -92,6 +92,7 @@ def test_innovations_are_remembered_for_the_same_numbers_alone(seen):
         assert body.innovations(other).minus2 == body.run(other).minus2 != first.minus2, name
 
 
+@pytest.mark.slow
 def test_lost_pictures_are_bridged(briefly):
     body, rng = briefly.body, np.random.default_rng(1)
     y = body.pictures.y.copy()
@@ -104,6 +105,7 @@ def test_lost_pictures_are_bridged(briefly):
     assert np.mean(poor.whitened() ** 2) == pytest.approx(1.0, abs=0.1), "as sure as it says"
 
 
+@pytest.mark.slow
 def test_it_goes_on_by_itself_as_the_ball_does(briefly):
     """A second ahead: most windows end within 15 mm of where the camera sees the ball."""
     model, body = briefly.fit.model, briefly.body

@@ -76,6 +76,7 @@ def followed(model, ticks=300):
     return np.sqrt((off[near] ** 2).mean(axis=(0, 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("body", "share"), [(True, 0.6), (False, 0.85)])
 def test_the_prediction_over_the_delay_knows_that_the_balls_meet(body, share):
     model = load_model("toy")

@@ -22,6 +22,7 @@ from mazeplan.learning.smoothing import Smoothing
 # --- which way the tilt is counted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
 def test_a_tilt_that_is_counted_the_other_way_round_is_found(signs):
     table = ring_table((1, 3), 20.0)

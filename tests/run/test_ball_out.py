@@ -30,6 +30,7 @@ HERE = Path(__file__).resolve().parent
 # -- on simulated rigs: ten of ten ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_ten_of_ten_balls_that_jump_over_the_rim_are_told_within_a_fifth_of_a_second(seed, tmp_path):
     rig, result = thrown_run(RIGS[seed % 3], seed, tmp_path / "run.mcap")

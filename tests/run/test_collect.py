@@ -141,6 +141,7 @@ def test_a_tour_gives_each_ring_its_share(tour):
     assert done.failed == 0
 
 
+@pytest.mark.slow
 def test_a_tour_drives_by_the_tree_and_excites_by_sines(short_tour):
     _, done, log, table = short_tour
     leaf, t = log.ticks["leaf"], log.ticks["t"]

@@ -33,6 +33,7 @@ def early(kind, **values):
     return trial(kind, at_s=(0.2, 0.4), **values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "noticed", "within"),
     [

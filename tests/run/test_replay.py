@@ -227,6 +227,7 @@ def one_tick_less(header, messages):
     del messages[of(messages, "/tick", -1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "what", "fields"),
     [

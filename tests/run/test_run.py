@@ -78,14 +78,17 @@ def test_the_tree_commands_no_faster_than_the_slew_limit():
     assert np.abs(np.diff(free.commands, axis=0)).max() > 2.0 * slew / 30.0
 
 
-@pytest.mark.parametrize(("rig", "careful"), [("ideal", False), ("toy", True), ("rough", True)])
-def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful):
+@pytest.mark.parametrize(
+    ("rig", "careful", "share"), [("ideal", False, 0.7), ("toy", True, 0.748), ("rough", True, 1.0)]
+)
+def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful, share):
     """In the speed of arrival and in the price of speed; rigid balls are predicted well enough to try commands."""
     setup = Setup(MAZE, resolve_model(rig, None, MAZE))
     run = Run(PlanarRig(MAZE), setup, Job(1, 5, 0.3), None, NullDisplay())
     travel, cost = run.context.options.travel, run.context.options.cost
     arrival = arrival_speed(run.context, MAZE.opening("1-2@45"), travel)
-    assert all((planner.cost.speed == cost.speed) == careful for planner in run.context.planners.values())
+    for planner in run.context.planners.values():
+        assert planner.cost.speed == pytest.approx(share * cost.speed, abs=1e-3 * cost.speed)
     assert (arrival == travel.speed_m_s) == careful
     assert run.context.rollout is not None
     assert arrival <= travel.fastest_m_s

@@ -50,6 +50,7 @@ def now_and_then(k):
     return k % 9 in (4, 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "what"),
     [

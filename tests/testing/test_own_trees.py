@@ -151,6 +151,7 @@ def coverage():
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", RUNS, ids=lambda run: run.__name__)
 def test_what_a_recovery_promises(run):
     made(run)

@@ -69,6 +69,7 @@ def test_the_tilt_comes_with_it():
         assert math.degrees(abs((seen.gamma or 0.0) - gamma)) < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "look",
     [
@@ -287,6 +288,7 @@ def test_an_edge_that_is_hardly_there_is_none(monkeypatch):
         monkeypatch.undo()
 
 
+@pytest.mark.slow
 def test_a_larger_maze_is_seen_whole_too():
     maze = load_map("seven")
     assert over(TRUE, load_map("detour")) is over(TRUE, MAZE) is TRUE

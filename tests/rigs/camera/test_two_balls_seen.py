@@ -99,6 +99,7 @@ def test_a_rig_with_pictures_measures_both_balls():
     assert max(off) < MAZE.ball.radius  # none swapped
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_measurements():
     def measured():
         rig = SimulatedRig(TWO, {"sense": "camera"})
