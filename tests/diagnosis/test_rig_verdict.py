@@ -110,7 +110,7 @@ def test_what_predicts_the_ball_no_better_is_not_called_found(monkeypatch):
 
 
 def test_a_changed_gain_that_only_the_tilt_shows_has_to_predict_the_tilt(tmp_path, monkeypatch, capsys):
-    logs = [str(tmp_path / f"{seed}.mcap") for seed in range(11)]
+    logs = [str(tmp_path / f"{seed}.mcap") for seed in range(14)]
     for seed, log in enumerate(logs):
         mazeplan.navigate(1, rig="surprise@gain", model="toy", seed=seed, log=log, settings=PATIENT)
 
@@ -161,7 +161,7 @@ def test_many_logs_of_navigation_are_one_record(tmp_path, monkeypatch, capsys):
     toy = (Path(mazeplan.__file__).parent / "rigs" / "toy.yaml").read_text()
     rig.write_text(toy.replace("table_x_deg: 0.3", "table_x_deg: 1.2"))
     logs = []
-    for seed in range(10):
+    for seed in range(20):
         logs.append(str(tmp_path / f"{seed}.mcap"))
         mazeplan.navigate(1, rig=str(rig), seed=seed, start_angle_deg=25 * seed, log=logs[-1], settings=PATIENT)
     code, out, err = call(
@@ -171,7 +171,6 @@ def test_many_logs_of_navigation_are_one_record(tmp_path, monkeypatch, capsys):
     document = json.loads(out)
     assert [e["name"] for e in document["effects"]] == ["tilt_offset"]
     gamma = document["effects"][0]["parameters"]["gamma"]
-    # within 20 %, as everywhere: three of these runs stand at an opening for most of their time
     assert gamma["value"] == pytest.approx(np.radians(1.2), rel=0.2)
     assert any("in navigation" in note for note in document["notes"]), "what feedback hides is said"
     assert (tmp_path / "out" / "report.html").stat().st_size > 20_000
