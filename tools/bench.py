@@ -38,6 +38,7 @@ from bench_growth import growth_section
 from bench_gym import gym_section
 from bench_improve import improve_section
 from bench_learning import learning_section
+from bench_logged_runs import logged_runs_section
 from bench_memory import memory_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
@@ -182,6 +183,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         neural_section(mazeplan, quick),
         predictability_section(quick),
         diagnose_section(quick),
+        logged_runs_section(quick),
         plant_section(quick),
         emps_section(quick),
         body_section(quick),
@@ -218,6 +220,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
+    "loggedruns": logged_runs_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "effects": effects_section,
     "closedloop": closed_loop_section, "body": body_section,

@@ -102,13 +102,14 @@ def measured_section(mazeplan: Mazeplan) -> list[str]:
     return rows
 
 
-def collect_toy(quick: bool) -> tuple[Path, list[str]]:
-    """The log in build/ on which models of the toy are fitted, and the command that wrote it."""
+def collect_toy(quick: bool) -> tuple[Path, str]:
+    """The log in build/ on which models of the toy are fitted, and the command that writes it as toy.mcap."""
     log, seconds = ROOT / "build" / "toy.mcap", "200" if quick else "1500"
     log.parent.mkdir(exist_ok=True)
-    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", str(log), "--force"]
-    subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
-    return log, command
+    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o"]
+    call = [sys.executable, "-m", "mazeplan", *command, str(log), "--force"]
+    subprocess.run(call, check=True, capture_output=True, cwd=ROOT)
+    return log, f"mazeplan {' '.join(command)} toy.mcap"
 
 
 def toy_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
@@ -118,7 +119,7 @@ def toy_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
     got = mazeplan("compare", str(log))
     rows = ["## Models on simulated data of the toy rig", ""]
     rows += [
-        f"`mazeplan {' '.join(command[:-1])} toy.mcap`, `mazeplan compare toy.mcap`.",
+        f"`{command}`, `mazeplan compare toy.mcap`.",
         "",
         *compare_rows(got),
     ]

@@ -42,7 +42,7 @@ def neural_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
         "## Networks and Gaussian processes",
         "",
         f"`mazeplan compare LOG --kinds {','.join(KINDS)}`, on the measured tables and on the log of",
-        f"`mazeplan {' '.join(command[:-1])} toy.mcap` (simulated).",
+        f"`{command}` (simulated).",
         "Test blocks as in the sections on models. The size of the networks (10 of 2 x 16 units) was chosen by the",
         "blocks that its members leave out, on ring 3 of the measured tables, after a look at its test blocks. Beside",
         "each error of the angle: the share of measured angles in the",

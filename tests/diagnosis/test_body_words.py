@@ -28,11 +28,11 @@ ROCKING = {
 UNKNOWN = Unknown("a force along the rings")
 
 
-def done(*effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07):
-    after = {"rollout40": 0.1 if effects else 0.4}
+def done(*effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40):
+    after = {f"rollout{ahead}": 0.1 if effects else 0.4}
     return SimpleNamespace(
         effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
-        before={"rollout40": 0.4}, after=after, held=SimpleNamespace(z_score=z_score),
+        before={f"rollout{ahead}": 0.4}, after=after, held=SimpleNamespace(z_score=z_score, ahead=ahead),
         was=SimpleNamespace(source="the reference", remaining=1.0),
         body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)),
     )  # fmt: skip
@@ -44,6 +44,7 @@ def test_it_says_what_differs_how_sure_that_is_and_what_it_does():
              "1.3 s ahead", "from 22.9 to 5.7 degrees", "1.1 times the noise of the camera")  # fmt: skip
     where = [told.index(part) for part in parts]
     assert where == sorted(where)
+    assert "0.7 s ahead" in sentence(done(FRICTION, ahead=20))
 
 
 @pytest.mark.parametrize(("z_score", "word"), [(9.0, "certain"), (5.0, "sure"), (3.0, "likely")])

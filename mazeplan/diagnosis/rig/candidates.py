@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
@@ -18,7 +19,7 @@ class Candidate:
     fitted_first: numbers to fit before the others
     words: description, if it has no name in the registry
     depends_on: what it depends on, if it has no name in the registry
-    far: changes of the first number at which fits may start, because a large change leaves the parabola at the
+    far: changes of the first numbers at which fits may start, because a large change leaves the parabola at the
         reference
     along: numbers that change with it and are no findings: another ball meets walls in another way
     simpler: effects that are tried as well before this candidate is accepted
@@ -31,7 +32,7 @@ class Candidate:
     fitted_first: tuple[str, ...] = ()
     words: str = ""
     depends_on: tuple[str, ...] = ()
-    far: tuple[float, ...] = ()
+    far: tuple[tuple[float, ...], ...] = ()
     along: tuple[str, ...] = ()
     simpler: tuple[str, ...] = ()
     after: str = ""
@@ -60,20 +61,25 @@ def of_effect(effect: Effect) -> Candidate:
 CONTACT = "contact"  # a candidate that depends on contact is not looked for beside another finding
 LEANS = ("tilt_offset",)
 FRICTIONS = ("dry_friction", "viscous_friction", "quadratic_drag")
+# rad, in eight directions: in records of navigation, a few pictures of balls at edges spoil the parabola
+LEANS_AT = tuple(
+    (size * math.cos(way * math.pi / 4.0), size * math.sin(way * math.pi / 4.0)) for size in (0.006, 0.015)
+    for way in range(8)
+)  # fmt: skip
 CANDIDATES = (
-    Candidate("dry_friction", ("rolling",), far=(-0.02, 0.03, 0.1)),
-    Candidate("viscous_friction", ("viscous",), far=(0.1, 0.3)),
-    Candidate("quadratic_drag", ("quadratic",), far=(1.0, 3.0)),
-    Candidate("rolling_inertia", ("inertia",), far=(-0.15, 0.15, 0.27), along=("restitution", "hold", "spin")),
-    Candidate("wall_friction", ("wall",), far=(-0.2, -0.1, 0.2)),
-    Candidate("wall_friction", ("wall_rolling",), far=(0.02, 0.05)),
-    Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")),
+    Candidate("dry_friction", ("rolling",), far=((-0.02,), (0.03,), (0.1,))),
+    Candidate("viscous_friction", ("viscous",), far=((0.1,), (0.3,))),
+    Candidate("quadratic_drag", ("quadratic",), far=((1.0,), (3.0,))),
+    Candidate("rolling_inertia", ("inertia",), far=((-0.15,), (0.15,), (0.27,)), along=("restitution", "hold", "spin")),
+    Candidate("wall_friction", ("wall",), far=((-0.2,), (-0.1,), (0.2,))),
+    Candidate("wall_friction", ("wall_rolling",), far=((0.02,), (0.05,))),
+    Candidate("tilt_offset", ("tilt_beta", "tilt_gamma"), far=LEANS_AT),
     Candidate("tilt_gain", ("gain_beta", "gain_gamma")),
     Candidate("camera_offset", ("offset_x", "offset_y")),
-    Candidate("axis_misalignment", ("angle",), far=(-0.05, 0.05)),
-    Candidate("camera_scale", ("scale",)),
-    Candidate("sensor_delay", ("delay",), far=(-0.06, -0.03, 0.03, 0.06)),
-    Candidate("lens_distortion", ("bend",), far=(-5.0, -2.0, 2.0, 5.0)),
+    Candidate("axis_misalignment", ("angle",), far=((-0.05,), (0.05,))),
+    Candidate("camera_scale", ("scale",), far=((-0.04,), (-0.02,), (0.02,), (0.04,))),
+    Candidate("sensor_delay", ("delay",), far=((-0.06,), (-0.03,), (0.03,), (0.06,))),
+    Candidate("lens_distortion", ("bend",), far=((-5.0,), (-2.0,), (2.0,), (5.0,))),
     Candidate("constant_torque", ("ring_push.force", "ring_push.turn"), simpler=LEANS),
     Candidate("friction_drift", ("drag_drift.rate", "drag_drift.start"), ("drag_drift.rate",), simpler=FRICTIONS),
     Candidate("surface_profile", ("floor_warp.a", "floor_warp.b", "floor_warp.c"), simpler=LEANS),

@@ -143,7 +143,7 @@ class RigVerdict:
 
 def sentence(done: RigVerdict) -> str:
     """What differs, how much, how sure that is, and what it does to the prediction."""
-    before, after = (errors["rollout40"] for errors in (done.before, done.after))
+    before, after = (errors[f"rollout{done.held.ahead}"] for errors in (done.before, done.after))
     left = f"What remains is {done.remaining:.1f} times the noise of the camera"
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
@@ -155,22 +155,23 @@ def sentence(done: RigVerdict) -> str:
     doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if round(DEG * after, 1) != round(DEG * before, 1):
-        error = f" {_errors(done, before, after)} on held-out parts."
+        error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
     return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 
 
-def _errors(done: RigVerdict, before: float, after: float) -> str:
-    """Errors of roll-outs, rad, in words."""
-    ahead = f"{AHEAD * done.body.pictures.dt:.1f} s ahead"
-    return f"{ahead}, the error of the predicted angle goes from {DEG * before:.1f} to {DEG * after:.1f} degrees"
+def _errors(done: RigVerdict, ahead: int, before: float, after: float) -> str:
+    """Errors of roll-outs, rad, so many samples ahead, in words."""
+    time = f"{ahead * done.body.pictures.dt:.1f} s ahead"
+    return f"{time}, the error of the predicted angle goes from {DEG * before:.1f} to {DEG * after:.1f} degrees"
 
 
 def words_on_test(done: RigVerdict) -> str:
     """The errors on the test record in words; empty without one."""
     if done.test is None:
         return ""
-    before, after = (done.test.errors(which)[f"rollout{AHEAD}"] for which in ("before", "after"))
-    return _errors(done, before, after)
+    ahead = done.test.ahead
+    before, after = (done.test.errors(which)[f"rollout{ahead}"] for which in ("before", "after"))
+    return _errors(done, ahead, before, after)
 
 
 def _surely(done: RigVerdict) -> str:

@@ -19,6 +19,7 @@ from mazeplan.maze.geometry import Maze
 
 EVERY = 7  # pictures between the starts of roll-outs
 FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
+LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
 
 
 class RingError(NamedTuple):
@@ -46,14 +47,23 @@ class HeldOut:
     by_ring: dict[int, RingError] = field(default_factory=dict)
 
     @property
+    def ahead(self) -> int:
+        """Samples ahead at which errors decide: AHEAD, or half of it if the ball is lost by then, as in navigation."""
+        lost = min(_mean(errors[-1]) for errors in (self.before, self.plain, self.after)) > LOST
+        return AHEAD // 2 if lost else AHEAD
+
+    @property
     def ball_effects_not_worse(self) -> bool:
         """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without."""
-        return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.plain[-1]))
+        return self._mean_error(self.after) <= self._mean_error(self.plain)
 
     @property
     def better(self) -> bool:
         """Whether roll-outs with all effects, also of the stage, are at least as accurate as without."""
-        return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.before[-1]))
+        return self._mean_error(self.after) <= self._mean_error(self.before)
+
+    def _mean_error(self, errors: Array) -> float:
+        return float(np.nanmean(errors[self.ahead - 1]))
 
     @property
     def z_score(self) -> float:

@@ -281,10 +281,11 @@ def _fit_start(
 ) -> tuple[float, BodyModel]:
     """-2 log L and the model at which the fit of a candidate starts: a likelier model than the base, which is further
     off; otherwise inf and the base."""
-    tried = [places[c.effect]] if c.effect in places else []
-    if c.far:
-        number, at = number_of(base, c.free[0]), value_of(base, c.free[0])
-        tried += [{c.free[0]: min(max(at + step, number.low), number.high)} for step in c.far]
+    tried = [dict(places[c.effect])] if c.effect in places else []
+    for step in c.far:
+        moved = {name: value_of(base, name) + change for name, change in zip(c.free, step, strict=False)}
+        numbers = {name: number_of(base, name) for name in moved}
+        tried.append({name: min(max(at, numbers[name].low), numbers[name].high) for name, at in moved.items()})
     models = [with_values(base, values) for values in tried]
     scored = [(body.innovations(model).minus2, i) for i, model in enumerate(models)]
     least, i = min(scored, default=(math.inf, 0))

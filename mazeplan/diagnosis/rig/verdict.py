@@ -90,10 +90,11 @@ def verdict_on(
             e["until_s"] = round(seconds_of(body), 3)
     memory, remaining = residual_summary(body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
-    if unknown is None and not effects and not (stage is not None and stage.servos_overtaxed):
+    overtaxed = stage is not None and stage.servos_overtaxed
+    if unknown is None and not effects and not overtaxed:
         unknown = _worse_than_before(held, was)
-    # if commands overtax the servos, the ball is predicted from measured tilt. Only `_gain` judges the servos then
-    by_tilt = ("servo_gain",) if stage is not None and stage.servos_overtaxed else ()
+    # if commands overtax the servos, the ball is predicted from measured tilt. Only `_gain` judges gains then
+    by_tilt = () if not overtaxed else ("servo_gain",) if sensor is None else ("tilt_gain",)
     judged = [e for e in effects if e["name"] not in by_tilt]
     if judged and not held.better:
         names = ", ".join(e["name"].replace("_", " ") for e in judged)
@@ -229,8 +230,8 @@ def _gain(
     if stage.servos_overtaxed:
         had = servo["known_before"]
         clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
-        sure = clear and nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) > BETTER
-        return (servo if sure else None), None
+        if not clear or nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) <= BETTER:
+            return None, None
     if was.body.start is not None:
         return servo, None
     by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
