@@ -29,7 +29,7 @@ from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
 
 TICK = 1.0 / 30.0  # s; how long one command of the law holds
-SUBSTEPS = round(TICK / SUBSTEP)
+SUBSTEPS = round(TICK / SUBSTEP)  # of a tick in a simulation of the planar model
 ASSUMED_SPEED = 0.1  # m/s; assumed speed after the horizon
 HOLD_TICKS = (1, 2, 4)  # ticks that a command is held
 
@@ -42,6 +42,7 @@ class RolloutOptions:
     margin_s:             time by which a command must beat the law, s
     doubt_mm, doubt_m_s:  offsets of the other starts across the opening, mm and m/s
     horizon_s:            duration of one roll-out, s
+    substeps:             steps of a simulation per tick
     late_s:               maximum delay of the measurements for roll-outs, s; with more, the position is too uncertain
     late_body_s:          the same for a ball predicted as a rigid body, s; that prediction is more certain"""
 
@@ -50,11 +51,14 @@ class RolloutOptions:
     doubt_mm: float = 0.8
     doubt_m_s: float = 0.016
     horizon_s: float = 0.5
+    substeps: int = SUBSTEPS
     late_s: float = 0.08
     late_body_s: float = 0.16
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("grid", "horizon_s"), most={"grid": 25, "horizon_s": 5.0})
+        check_numbers(
+            self, positive=("grid", "horizon_s", "substeps"), most={"grid": 25, "horizon_s": 5.0, "substeps": 40}
+        )
 
     def starts(self) -> Array:
         """Offsets (5, 2) of the starts across the opening, m and m/s: none, to either side, faster and slower."""
@@ -85,7 +89,7 @@ class OpeningRollout:
         wall = next(w for w in self._maze.walls if opening in w.openings)
         middle = 0.5 * (wall.inner_radius + wall.outer_radius)
         gap = np.array([math.cos(opening.angle), math.sin(opening.angle), sign, middle])
-        which = _best(z, gap, self._law, self._tried, o.starts(), o.margin_s, o.horizon_s, *self._planar)
+        which = _best(z, gap, self._law, self._tried, o.starts(), o.margin_s, (o.horizon_s, o.substeps), *self._planar)
         return None if which < 0 else Command(float(self._tried[which, 0]), float(self._tried[which, 1]))
 
     def warm_up(self) -> None:
@@ -117,30 +121,33 @@ def law_command(z, gap, law, out):
 
 
 @njit(cache=True, error_model="numpy")
-def passing_time(z, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps):
-    """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3].
+def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps):
+    """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3]. span: horizon, s, and steps per
+    tick
 
     The command u (2,) is held for `held` ticks, then the law follows. A ball that has not arrived by the horizon needs
-    the remaining distance over LEFT in addition."""
+    the remaining distance over ASSUMED_SPEED in addition."""
+    horizon, steps = span
+    h = SUBSTEP * (SUBSTEPS / steps)
     command = u.copy()
     touching = True
     r = math.hypot(z[0], z[1])
     for k in range(round(horizon / TICK)):
         if k >= held:
             law_command(z, gap, law, command)
-        for i in range(SUBSTEPS):
+        for i in range(steps):
             before = r
-            stage_step(z, command[0], command[1], stage, SUBSTEP)
-            touching = ball_step(z, SUBSTEP, scalars, rings, walls, gaps, touching)
+            stage_step(z, command[0], command[1], stage, h)
+            touching = ball_step(z, h, scalars, rings, walls, gaps, touching)
             r = math.hypot(z[0], z[1])
             if gap[2] * (r - gap[3]) >= 0.0:
                 part = (gap[3] - before) / (r - before) if gap[2] * (before - gap[3]) < 0.0 else 0.0
-                return k * TICK + (i + part) * SUBSTEP
+                return k * TICK + (i + part) * h
     return horizon + abs(r - gap[3]) / ASSUMED_SPEED
 
 
 @njit(cache=True, error_model="numpy")
-def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, rings, walls, gaps):
+def _total(z, u, held, gap, law, starts, most, span, scalars, stage, rings, walls, gaps):
     """Sum of the passing times over the starts; stops early at `most`."""
     total = 0.0
     start = np.empty(8)
@@ -150,21 +157,21 @@ def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, rings, w
         start[1] += gap[0] * starts[q, 0]
         start[2] -= gap[1] * starts[q, 1]
         start[3] += gap[0] * starts[q, 1]
-        total += passing_time(start, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps)
+        total += passing_time(start, u, held, gap, law, span, scalars, stage, rings, walls, gaps)
         if total >= most:
             break
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, rings, walls, gaps):
+def _best(z, gap, law, tried, starts, margin, span, scalars, stage, rings, walls, gaps):
     """Index of the best command in `tried`; -1 if the law is to be used."""
     world = scalars, stage, rings, walls, gaps
-    low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, horizon, *world) - margin * starts.shape[0]
+    low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, span, *world) - margin * starts.shape[0]
     which = -1
     for j in range(tried.shape[0]):
         for held in HOLD_TICKS:
-            total = _total(z, tried[j], held, gap, law, starts, low, horizon, *world)
+            total = _total(z, tried[j], held, gap, law, starts, low, span, *world)
             if total < low:
                 low, which = total, j
     return which

@@ -19,7 +19,8 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
-NEWER = {"horizon", "prompt_s"}  # options that texts of `Settings.text` may lack: those of 0.1.0 do not have them
+# options that texts of `Settings.text` may lack: those of 0.1.0 do not have them
+NEWER = {"horizon", "prompt_s", "substeps"}
 FORMAT = 1  # format number; also that of a file without `format`
 
 

@@ -79,12 +79,13 @@ def test_the_law_looks_ahead_with_the_tilt_as_it_is():
     assert level[1] - out[1] == pytest.approx(more / GRAVITY, rel=1e-6)
 
 
-def test_a_ball_in_front_falls_through_as_gravity_has_it():
+@pytest.mark.parametrize("steps", [5, 10])
+def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
     tilt = math.radians(4.0)
     plate = np.array([tilt / math.sqrt(2), -tilt / math.sqrt(2)])  # the opening at 225 degrees: inwards is +x, +y
     state = beside("1-2@225", 0.0, tilt=tuple(plate - BIAS))
     z, where = vector(state), gap("1-2@225")
-    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, 1.0, *PLANAR.arrays())
+    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, (1.0, steps), *PLANAR.arrays())
     pull = FREE_ROLLING * GRAVITY * math.sqrt(2) * math.sin(tilt / math.sqrt(2))
     assert time == pytest.approx(math.sqrt(2 * (state.r - where[3]) / pull), rel=0.04)
     assert math.hypot(z[0], z[1]) == pytest.approx(where[3], abs=2e-3)
@@ -93,7 +94,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it():
 def test_a_ball_that_does_not_come_through_is_later_than_the_horizon():
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])  # outwards at 225 degrees
     time = passing_time(
-        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, 0.4, *PLANAR.arrays()
+        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10), *PLANAR.arrays()
     )
     assert time > 0.4
 
@@ -105,15 +106,35 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
     for across in np.linspace(-0.012, 0.012, 9):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
         command = tries.improved_command(state, MAZE.opening("2-3@90"), 3)
-        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, 0.5, *PLANAR.arrays())
+        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10), *PLANAR.arrays())
         if command is None:
             continue
         chosen += 1
         u = np.array([command.u_beta, command.u_gamma])
         assert np.abs(u).max() <= MAZE.tilt_limit
-        best = min(passing_time(vector(state), u, n, gap("2-3@90"), law, 0.5, *PLANAR.arrays()) for n in (1, 2, 4))
+        best = min(
+            passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10), *PLANAR.arrays()) for n in (1, 2, 4)
+        )
         assert best < by_law - options.margin_s
     assert chosen >= 3
+
+
+def test_half_as_many_steps_choose_nearly_as_good_a_command():
+    law, late = rollout()._law, []
+    for across in np.linspace(-0.012, 0.012, 9):
+        state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
+        times = []
+        for steps in (10, 5):
+            command = rollout(substeps=steps).improved_command(state, MAZE.opening("2-3@90"), 3)
+            u, held = (
+                (np.zeros(2), (0,)) if command is None else (np.array([command.u_beta, command.u_gamma]), (1, 2, 4))
+            )
+            span = (0.5, 40)
+            times.append(
+                min(passing_time(vector(state), u, n, gap("2-3@90"), law, span, *PLANAR.arrays()) for n in held)
+            )
+        late.append(times[1] - times[0])
+    assert max(late) < 0.01
 
 
 def test_nothing_is_better_by_a_margin_that_nothing_can_reach():

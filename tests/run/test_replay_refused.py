@@ -203,6 +203,8 @@ def test_settings_are_told_to_the_last_bit():
     older = settings.text().replace('"horizon": 30, ', "")  # of a log of 0.1.0, when plans had 40 ticks
     assert older != settings.text()
     assert settings_from_text(older) == settings.with_values({"travel": {"horizon": 40}})
+    older = settings.text().replace('"substeps": 5, ', "")
+    assert settings_from_text(older) == settings.with_values({"rollout": {"substeps": 10}})
     broken = settings.text().replace('"deadline_ms": 1000000.0', '"deadline_ms": -1.0')
     with pytest.raises(SettingsError, match="deadline_ms"):
         settings_from_text(broken)
