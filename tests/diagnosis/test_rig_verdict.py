@@ -122,7 +122,8 @@ def test_runs_show_whether_the_gain_of_servo_or_sensor_has_changed(kind, effect,
 
     ((name, numbers),) = effects().items()
     assert name == effect
-    assert numbers["gamma"]["value"] == pytest.approx(gamma, abs=0.03)
+    assert numbers["gamma"]["value"] == pytest.approx(gamma, abs=1.96 * numbers["gamma"]["stderr"])
+    assert numbers["beta"]["value"] == pytest.approx(1.0, abs=1.96 * numbers["beta"]["stderr"])
     monkeypatch.setattr(verdict, "nearer_tilt", lambda *arguments: verdict.BETTER - 0.1)  # the tilt has to agree
     assert effect not in effects()
 

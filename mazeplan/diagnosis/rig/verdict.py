@@ -53,6 +53,7 @@ from mazeplan.physics.rig.stage import StageModel
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
 CLEAR_GAIN = 0.05  # minimum change of a gain, so that overtaxed servos cannot be its cause
+OVERTAXED_ERROR = 0.01  # error of a gain that overtaxed servos cause, over the gain; 0 to 0.02 in simulated records
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
@@ -232,6 +233,8 @@ def _gain(
         clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
         if not clear or nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) <= BETTER:
             return None, None
+        for number in (number for entry in (servo, sensor) for number in entry["parameters"].values()):
+            number["stderr"] = math.hypot(number["stderr"], OVERTAXED_ERROR * number["value"])
     if was.body.start is not None:
         return servo, None
     by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
