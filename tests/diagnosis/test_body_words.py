@@ -28,12 +28,17 @@ ROCKING = {
 UNKNOWN = Unknown("a force along the rings")
 
 
-def done(*effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40):
+WHOLE = SimpleNamespace(servos_overtaxed=False)  # a stage that the record shows well
+
+
+def done(
+    *effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40, stage=WHOLE
+):  # fmt: skip
     after = {f"rollout{ahead}": 0.1 if effects else 0.4}
     return SimpleNamespace(
         effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
         before={f"rollout{ahead}": 0.4}, after=after, held=SimpleNamespace(z_score=z_score, ahead=ahead),
-        was=SimpleNamespace(source="the reference", remaining=1.0),
+        was=SimpleNamespace(source="the reference", remaining=1.0), stage=stage,
         body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)),
     )  # fmt: skip
 
@@ -89,3 +94,6 @@ def test_what_has_no_name_is_told_and_so_is_nothing():
     healthy = done(verdict="nothing_missing")
     assert sentence(healthy).startswith("Nothing is missing: the rig agrees with the reference.")
     assert advice(healthy) == ["Nothing needs to be done. Go on with the same model."]
+    navigation = done(verdict="nothing_missing", stage=SimpleNamespace(servos_overtaxed=True))
+    assert "camera and gains (this record does not show lag, delay and play of the servos): the" in sentence(navigation)
+    assert "in ball, table and camera (this" in sentence(done(verdict="nothing_missing", stage=None))

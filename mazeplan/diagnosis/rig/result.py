@@ -148,7 +148,7 @@ def sentence(done: RigVerdict) -> str:
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
-        return f"Nothing is missing: the rig agrees with {done.was.source}. {left}."
+        return f"Nothing is missing{_as_far_as(done)}: the rig agrees with {done.was.source}. {left}."
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
         parts.append(f"something without a name ({done.unknown.description})")
@@ -157,6 +157,15 @@ def sentence(done: RigVerdict) -> str:
     if round(DEG * after, 1) != round(DEG * before, 1):
         error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
     return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
+
+
+def _as_far_as(done: RigVerdict) -> str:
+    """What a record without a finding does not show, in words; empty if it shows everything."""
+    if done.stage is None:
+        return " in ball, table and camera (this record does not show the servos)"
+    if done.stage.servos_overtaxed:
+        return " in ball, table, camera and gains (this record does not show lag, delay and play of the servos)"
+    return ""
 
 
 def _errors(done: RigVerdict, ahead: int, before: float, after: float) -> str:
