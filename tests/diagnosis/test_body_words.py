@@ -95,5 +95,5 @@ def test_what_has_no_name_is_told_and_so_is_nothing():
     assert sentence(healthy).startswith("Nothing is missing: the rig agrees with the reference.")
     assert advice(healthy) == ["Nothing needs to be done. Go on with the same model."]
     navigation = done(verdict="nothing_missing", stage=SimpleNamespace(servos_overtaxed=True))
-    assert "camera and gains (this record does not show lag, delay and play of the servos): the" in sentence(navigation)
+    assert "missing apart from lag and delay of the servos, which this record does not" in sentence(navigation)
     assert "in ball, table and camera (this" in sentence(done(verdict="nothing_missing", stage=None))

@@ -15,14 +15,16 @@ from contactrig import Rig, record
 from planar_rig import PATIENT
 
 import mazeplan
-from mazeplan.core.logs.table import Table
+from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig import search, verdict
 from mazeplan.diagnosis.rig.imbalance import BALANCED
 from mazeplan.diagnosis.rig.reference import reference_of, textbook
+from mazeplan.diagnosis.rig.reference_file import known_reference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.update import reference_after
-from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.rig.verdict import LOOSE, verdict_on
 from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import DRAG, Effect, Parameter
 
@@ -126,6 +128,22 @@ def test_runs_show_whether_the_gain_of_servo_or_sensor_has_changed(kind, effect,
     assert numbers["beta"]["value"] == pytest.approx(1.0, abs=1.96 * numbers["beta"]["stderr"])
     monkeypatch.setattr(verdict, "nearer_tilt", lambda *arguments: verdict.BETTER - 0.1)  # the tilt has to agree
     assert effect not in effects()
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict", "names", "alike"),
+    [("coupling", "effect_found", {"axis_coupling"}, []), ("backlash", "ambiguous", set(LOOSE), [list(LOOSE)])],
+)
+def test_runs_show_coupling_of_the_servos_and_that_one_has_play(kind, verdict, names, alike, tmp_path):
+    tables = []
+    for seed in range(20):
+        log = tmp_path / f"{seed}.mcap"
+        mazeplan.navigate(1, rig=f"surprise@{kind}", model="toy", seed=seed, log=log, settings=PATIENT)
+        tables.append(read_table(log))
+    done = verdict_on(join(tables), MAZE, known_reference("toy", load_model("toy"), MAZE)).document()
+    assert done["verdict"] == verdict
+    assert {e["name"] for e in done["effects"]} <= names
+    assert done["ambiguous_with"] == alike
 
 
 def test_a_healthy_rig_that_loses_pictures_is_left_alone():

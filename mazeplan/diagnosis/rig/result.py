@@ -164,7 +164,7 @@ def _as_far_as(done: RigVerdict) -> str:
     if done.stage is None:
         return " in ball, table and camera (this record does not show the servos)"
     if done.stage.servos_overtaxed:
-        return " in ball, table, camera and gains (this record does not show lag, delay and play of the servos)"
+        return " apart from lag and delay of the servos, which this record does not show"
     return ""
 
 

@@ -40,7 +40,16 @@ from mazeplan.diagnosis.rig.search import (
     search_rig,
     surely_differs,
 )
-from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.comparison import (
+    AXES,
+    DECISIVE,
+    PLAY_AND_DEADBAND,
+    SEEN_IN_NAVIGATION,
+    changed_gain,
+    less_certain,
+    looser,
+    stage_effects,
+)
 from mazeplan.diagnosis.stage.held_out import nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.stage_fit import LEAST_RANGE
@@ -52,11 +61,11 @@ from mazeplan.physics.rig.stage import StageModel
 
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
-CLEAR_GAIN = 0.05  # minimum change of a gain, so that overtaxed servos cannot be its cause
-OVERTAXED_ERROR = 0.01  # error of a gain that overtaxed servos cause, over the gain; 0 to 0.02 in simulated records
+CLEAR_GAIN = 0.07  # minimum change of a gain, so that overtaxed servos cannot be its cause
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
+LOOSE = tuple(effect.name for effect in PLAY_AND_DEADBAND)  # navigation does not tell them apart
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
 
 
@@ -94,8 +103,8 @@ def verdict_on(
     overtaxed = stage is not None and stage.servos_overtaxed
     if unknown is None and not effects and not overtaxed:
         unknown = _worse_than_before(held, was)
-    # if commands overtax the servos, the ball is predicted from measured tilt. Only `_gain` judges gains then
-    by_tilt = () if not overtaxed else ("servo_gain",) if sensor is None else ("tilt_gain",)
+    by_tilt = _names_by_tilt(sensor) if overtaxed else frozenset()
+    alike += [LOOSE] if overtaxed and any(e["name"] in LOOSE for e in effects) else []
     judged = [e for e in effects if e["name"] not in by_tilt]
     if judged and not held.better:
         names = ", ".join(e["name"].replace("_", " ") for e in judged)
@@ -104,7 +113,8 @@ def verdict_on(
             refused.append(looks)
         else:
             unknown = Unknown(looks, ("tilt",))
-        effects, alike, found = [e for e in effects if e["name"] in by_tilt], [], ()
+        effects, found = [e for e in effects if e["name"] in by_tilt], ()
+        alike = [LOOSE] if LOOSE in alike else []
     standing = _standing(searched, found, effects)
     if standing is not searched:
         memory, remaining = residual_summary(body, standing.fit)
@@ -114,6 +124,13 @@ def verdict_on(
     )  # fmt: skip
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _names_by_tilt(sensor: Entry | None) -> frozenset[str]:
+    """Effects that commands and measured tilt alone show in a record whose commands overtax the servos.
+
+    The measured tilt moves the plate of the model then, so roll-outs of the ball cannot judge these effects."""
+    return frozenset({*(e.name for e in SEEN_IN_NAVIGATION), "servo_gain" if sensor is None else "tilt_gain"})
 
 
 def _standing(searched: SearchResult, found: Sequence[Candidate], effects: Sequence[Entry]) -> SearchResult:
@@ -208,8 +225,8 @@ def _notes(table: Table, stage: Stage | None, was: RigReference) -> list[str]:
         notes.append(f"{_why_no_stage(table)}: servos cannot be checked, and the tilt is smoothed")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
-            "commands changed faster than the servos can follow, as in navigation: lag, delay and play of the "
-            "servos were not compared; mazeplan collect makes a record that shows them"
+            "commands changed faster than the servos can follow, as in navigation: lag and delay of the servos "
+            "were not compared; mazeplan collect makes a record that shows them"
         )
     if was.body.open and was.friction is not None:
         notes.append(
@@ -231,10 +248,10 @@ def _gain(
     if stage.servos_overtaxed:
         had = servo["known_before"]
         clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
-        if not clear or nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) <= BETTER:
+        # a servo with play turns the plate less
+        if not clear or looser(stage, was.stage) or nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) <= BETTER:
             return None, None
-        for number in (number for entry in (servo, sensor) for number in entry["parameters"].values()):
-            number["stderr"] = math.hypot(number["stderr"], OVERTAXED_ERROR * number["value"])
+        servo, sensor = less_certain(servo), less_certain(sensor)
     if was.body.start is not None:
         return servo, None
     by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
@@ -254,7 +271,7 @@ def _of_the_stage(
     found: Sequence[Candidate],
 ) -> list[Entry]:  # fmt: skip
     """Effects of stage and tilt sensor, the same in all rings."""
-    effects = stage_effects(None if stage is not None and stage.servos_overtaxed else stage, was.stage)
+    effects = stage_effects(stage, was.stage)
     if sensor is not None:
         effects.append(sensor)
     elif servo is not None and not any(c.effect == "tilt_gain" for c in found):
