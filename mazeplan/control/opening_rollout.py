@@ -23,12 +23,14 @@ from numba import njit
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.tilt import Plate, room
 from mazeplan.core.constants import GRAVITY
+from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
 
 TICK = 1.0 / 30.0  # s; how long one command of the law holds
+LEAST_SUBSTEPS = 4
 SUBSTEPS = round(TICK / SUBSTEP)  # of a tick in a simulation of the planar model
 ASSUMED_SPEED = 0.1  # m/s; assumed speed after the horizon
 HOLD_TICKS = (1, 2, 4)  # ticks that a command is held
@@ -59,6 +61,9 @@ class RolloutOptions:
         check_numbers(
             self, positive=("grid", "horizon_s", "substeps"), most={"grid": 25, "horizon_s": 5.0, "substeps": 40}
         )
+        if self.substeps < LEAST_SUBSTEPS:
+            expected = f"{LEAST_SUBSTEPS} to 40: with fewer, a simulated ball jumps over walls"
+            raise SettingsError(f"got {self.substeps}, expected {expected}", key="substeps")
 
     def starts(self) -> Array:
         """Offsets (5, 2) of the starts across the opening, m and m/s: none, to either side, faster and slower."""

@@ -120,7 +120,7 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
 
 
 def test_half_as_many_steps_choose_nearly_as_good_a_command():
-    law, late = rollout()._law, []
+    law, late, chosen = rollout()._law, [], 0
     for across in np.linspace(-0.012, 0.012, 9):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
         times = []
@@ -129,12 +129,24 @@ def test_half_as_many_steps_choose_nearly_as_good_a_command():
             u, held = (
                 (np.zeros(2), (0,)) if command is None else (np.array([command.u_beta, command.u_gamma]), (1, 2, 4))
             )
+            chosen += command is not None
             span = (0.5, 40)
             times.append(
                 min(passing_time(vector(state), u, n, gap("2-3@90"), law, span, *PLANAR.arrays()) for n in held)
             )
         late.append(times[1] - times[0])
     assert max(late) < 0.01
+    assert chosen >= 6
+
+
+def test_so_few_steps_that_a_ball_jumps_over_walls_are_refused():
+    with pytest.raises(SettingsError, match="got 3, expected 4 to 40"):
+        RolloutOptions(substeps=3)
+    held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])
+    for speed in (0.2, 0.5, 0.8):  # beside the opening at 225 degrees, towards the wall
+        z = vector(beside("1-2@225", 0.03))
+        z[2:4] = -speed * z[:2] / math.hypot(z[0], z[1])
+        assert passing_time(z, held, 100, gap("1-2@225"), rollout()._law, (0.2, 4), *PLANAR.arrays()) > 0.2
 
 
 def test_nothing_is_better_by_a_margin_that_nothing_can_reach():

@@ -95,5 +95,25 @@ def test_what_has_no_name_is_told_and_so_is_nothing():
     assert sentence(healthy).startswith("Nothing is missing: the rig agrees with the reference.")
     assert advice(healthy) == ["Nothing needs to be done. Go on with the same model."]
     navigation = done(verdict="nothing_missing", stage=SimpleNamespace(servos_overtaxed=True))
-    assert "missing apart from lag and delay of the servos, which this record does not" in sentence(navigation)
-    assert "in ball, table and camera (this" in sentence(done(verdict="nothing_missing", stage=None))
+    assert sentence(navigation).startswith("Nothing is missing, as far as this record shows: the rig agrees")
+    assert sentence(navigation).endswith("Of the servos, it shows large changes only.")
+    assert sentence(done(verdict="nothing_missing", stage=None)).endswith("It does not show the servos.")
+
+
+def test_changes_of_servos_without_a_size_are_told_as_they_are():
+    look = ("Look at the servos",)
+    alone = done(verdict="unknown_effect", unknown=Unknown(look=look, servos=("the servo of beta is slower",)))
+    assert sentence(alone).startswith("The rig differs from the reference: the servo of beta is slower.")
+    assert advice(alone) == ["Look at the servos."]
+    both = Unknown("a force", ("time",), look, ("the servo of beta is slower",))
+    told = sentence(done(verdict="unknown_effect", unknown=both))
+    assert "something without a name (a force); the servo of beta is slower." in told
+    assert both.document()["description"] == "a force; the servo of beta is slower"
+
+
+def test_errors_of_the_ball_are_not_told_of_findings_that_only_the_tilt_shows():
+    overtaxed = SimpleNamespace(servos_overtaxed=True)
+    gain = {**FRICTION, "name": "servo_gain"}
+    assert "s ahead" not in sentence(done(gain, stage=overtaxed))
+    assert "s ahead" in sentence(done(gain, FRICTION, stage=overtaxed))
+    assert "s ahead" in sentence(done(gain))

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mazeplan.diagnosis.stage.comparison import NAVIGATION_ERRORS, Known, stage_effects
+from mazeplan.diagnosis.stage.comparison import Known, stage_effects
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.rig.stage import StageAxis, StageModel
@@ -20,8 +20,8 @@ AXIS = StageAxis(1.0, 24.0, 0.9, stderr=ERRORS)
 KNOWN = Known.of_model(RigModel(StageModel(AXIS, AXIS), {1: BallModel(())}, kind="pi"))
 
 
-def found(overtaxed=False, **beta):
-    stage = SimpleNamespace(axes=(replace(AXIS, **beta), AXIS), servos_overtaxed=overtaxed)
+def found(**beta):
+    stage = SimpleNamespace(axes=(replace(AXIS, **beta), AXIS))
     return {effect["name"]: effect["parameters"] for effect in stage_effects(stage, KNOWN)}
 
 
@@ -43,13 +43,3 @@ def test_the_smaller_one_counts_only_if_it_is_no_fourth_of_the_larger_one():
 
 def test_no_play_is_named_below_its_smallest_size():
     assert found(backlash=5e-4) == {}
-
-
-def test_overtaxed_servos_show_play_and_coupling_with_larger_errors_and_neither_lag_nor_delay():
-    changed = {"natural_frequency": 12.0, "dead_time": 0.05, "deadband": 0.01, "coupling": 0.1}
-    errors = {**ERRORS, "coupling": 1e-3}
-    assert set(found(**changed, stderr=errors)) == {"servo_lag", "command_delay", "deadband", "axis_coupling"}
-    effects = found(overtaxed=True, **changed, stderr=errors)
-    assert set(effects) == {"deadband", "axis_coupling"}
-    for name, numbers in effects.items():
-        assert all(number["stderr"] >= NAVIGATION_ERRORS[name] for number in numbers.values())

@@ -14,7 +14,6 @@ from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.diagnosis.stage.plate_motion import Stage
-from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.physics.registry import EFFECTS
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
@@ -40,23 +39,27 @@ REPAIRS = {
     "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
     "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
 }  # fmt: skip
+OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something without a name.
+    """Something without a name, or of unknown cause and size.
 
-    description: words for it
+    description: words for what has no name, "" if there is nothing
     depends_on: what it depends on
-    look: advice where to look"""
+    look: advice where to look
+    servos: what servos do that did not do it before; the record does not show the cause or the size"""
 
-    description: str
+    description: str = ""
     depends_on: tuple[str, ...] = ()
     look: tuple[str, ...] = ()
+    servos: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """As in the JSON document."""
-        out: dict[str, Any] = {"depends_on": list(self.depends_on), "description": self.description}
+        words = "; ".join(word for word in (self.description, *self.servos) if word)
+        out: dict[str, Any] = {"depends_on": list(self.depends_on), "description": words}
         return out | ({"look": list(self.look)} if self.look else {})
 
 
@@ -112,9 +115,11 @@ class RigVerdict:
         return [sentence(self), *advice(self)]
 
     def document(self) -> dict[str, Any]:
-        """The document of `diagnose --json`. Every effect has the errors of all effects together, 40 samples ahead."""
+        """The document of `diagnose --json`. Every effect has the errors of all effects together, at the samples ahead
+        that decide."""
         before, after = self.before, self.after
-        errors = {"before": before[f"rollout{AHEAD}"], "after": after[f"rollout{AHEAD}"]}
+        decides = f"rollout{self.held.ahead}"
+        errors = {"before": before[decides], "after": after[decides]}
         numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
         test = {}
         if self.test is not None:
@@ -148,24 +153,33 @@ def sentence(done: RigVerdict) -> str:
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
-        return f"Nothing is missing{_as_far_as(done)}: the rig agrees with {done.was.source}. {left}."
+        far, limits = _as_far_as(done)
+        return f"Nothing is missing{far}: the rig agrees with {done.was.source}. {left}.{limits}"
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
-        parts.append(f"something without a name ({done.unknown.description})")
+        parts += [f"something without a name ({done.unknown.description})"] if done.unknown.description else []
+        parts += done.unknown.servos
     doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
-    if round(DEG * after, 1) != round(DEG * before, 1):
+    if round(DEG * after, 1) != round(DEG * before, 1) and not _by_tilt_alone(done):
         error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
     return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 
 
-def _as_far_as(done: RigVerdict) -> str:
-    """What a record without a finding does not show, in words; empty if it shows everything."""
+def _as_far_as(done: RigVerdict) -> tuple[str, str]:
+    """What a record without a finding does not show: a part of a sentence, and a sentence; empty if it shows all."""
+    far = ", as far as this record shows"
     if done.stage is None:
-        return " in ball, table and camera (this record does not show the servos)"
+        return far, " It does not show the servos."
     if done.stage.servos_overtaxed:
-        return " apart from lag and delay of the servos, which this record does not show"
-    return ""
+        return far, " Of the servos, it shows large changes only."
+    return "", ""
+
+
+def _by_tilt_alone(done: RigVerdict) -> bool:
+    """Whether all findings are of a stage whose servos are overtaxed. Roll-outs of the ball say nothing about these."""
+    names = {e["name"] for e in done.effects}
+    return done.stage is not None and done.stage.servos_overtaxed and bool(names) and names <= OF_THE_STAGE
 
 
 def _errors(done: RigVerdict, ahead: int, before: float, after: float) -> str:
@@ -290,6 +304,7 @@ def advice(
     if done.unknown is not None:
         look = done.unknown.look or ("One cause has no name yet",)
         out += [line if line.endswith("?") else f"{line}." for line in look]
+    if done.unknown is not None and done.unknown.description:
         out.append(f"If that is how the rig has to be, learn the model again: mazeplan learn {logs} -o FOLDER.")
     elif done.verdict == "nothing_missing" and done.remaining > TWICE:
         out.append(

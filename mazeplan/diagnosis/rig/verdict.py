@@ -40,17 +40,13 @@ from mazeplan.diagnosis.rig.search import (
     search_rig,
     surely_differs,
 )
-from mazeplan.diagnosis.stage.comparison import (
-    AXES,
-    DECISIVE,
-    PLAY_AND_DEADBAND,
-    SEEN_IN_NAVIGATION,
-    changed_gain,
-    less_certain,
-    looser,
-    stage_effects,
+from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.navigation import (
+    coupling_in_navigation,
+    gain_in_navigation,
+    hidden_gain,
+    servos_look_changed,
 )
-from mazeplan.diagnosis.stage.held_out import nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.stage_fit import LEAST_RANGE
 from mazeplan.maze.geometry import Maze
@@ -61,11 +57,9 @@ from mazeplan.physics.rig.stage import StageModel
 
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
-CLEAR_GAIN = 0.07  # minimum change of a gain, so that overtaxed servos cannot be its cause
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
-LOOSE = tuple(effect.name for effect in PLAY_AND_DEADBAND)  # navigation does not tell them apart
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
 
 
@@ -83,6 +77,7 @@ def verdict_on(
     tell("stage")
     body, stage = body_filter(table, maze)
     check_map(body, maze, table.place)
+    overtaxed = stage is not None and stage.servos_overtaxed
     servo, sensor = _gain(body, record_of(table), stage, was)
     searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
@@ -91,20 +86,19 @@ def verdict_on(
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
     found = searched.found if held.z_score > BETTER and held.ball_effects_not_worse else ()
     radii = _radii(maze, searched.fit.filtered)
-    effects = _of_the_stage(stage, was, radii, servo, sensor, found)
+    staged = _of_the_stage(record_of(table), stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
-    effects = _with_asymmetry([*effects, *ball]) + _of_open_numbers(body, searched, was, radii)
+    effects = _with_asymmetry([*staged, *ball]) + _of_open_numbers(body, searched, was, radii)
     effects = [with_plan(effect) for effect in effects]
     for e in effects:
         if e["name"] == "friction_drift":
             e["until_s"] = round(seconds_of(body), 3)
     memory, remaining = residual_summary(body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
-    overtaxed = stage is not None and stage.servos_overtaxed
     if unknown is None and not effects and not overtaxed:
         unknown = _worse_than_before(held, was)
-    by_tilt = _names_by_tilt(sensor) if overtaxed else frozenset()
-    alike += [LOOSE] if overtaxed and any(e["name"] in LOOSE for e in effects) else []
+    # overtaxed servos: the measured tilt moves the plate, so roll-outs of the ball cannot judge the stage
+    by_tilt = {e["name"] for e in staged} if overtaxed else set[str]()
     judged = [e for e in effects if e["name"] not in by_tilt]
     if judged and not held.better:
         names = ", ".join(e["name"].replace("_", " ") for e in judged)
@@ -113,8 +107,8 @@ def verdict_on(
             refused.append(looks)
         else:
             unknown = Unknown(looks, ("tilt",))
-        effects, found = [e for e in effects if e["name"] in by_tilt], ()
-        alike = [LOOSE] if LOOSE in alike else []
+        effects, alike, found = [e for e in effects if e["name"] in by_tilt], [], ()
+    unknown = _with_servos(unknown, stage, was)
     standing = _standing(searched, found, effects)
     if standing is not searched:
         memory, remaining = residual_summary(body, standing.fit)
@@ -126,11 +120,13 @@ def verdict_on(
     return done if test is None else replace(done, test=_on_test(test, maze, done))
 
 
-def _names_by_tilt(sensor: Entry | None) -> frozenset[str]:
-    """Effects that commands and measured tilt alone show in a record whose commands overtax the servos.
-
-    The measured tilt moves the plate of the model then, so roll-outs of the ball cannot judge these effects."""
-    return frozenset({*(e.name for e in SEEN_IN_NAVIGATION), "servo_gain" if sensor is None else "tilt_gain"})
+def _with_servos(unknown: Unknown | None, stage: Stage | None, was: RigReference) -> Unknown | None:
+    """What is unknown, with what overtaxed servos do that they did not do before."""
+    words = servos_look_changed(stage, was.stage) if stage is not None and stage.servos_overtaxed else ()
+    if not words:
+        return unknown
+    other, look = unknown or Unknown(), "Look at the servos and their linkage. A log of mazeplan collect shows more"
+    return Unknown(other.description, (*other.depends_on, "command"), (*other.look, look), tuple(words))
 
 
 def _standing(searched: SearchResult, found: Sequence[Candidate], effects: Sequence[Entry]) -> SearchResult:
@@ -225,9 +221,11 @@ def _notes(table: Table, stage: Stage | None, was: RigReference) -> list[str]:
         notes.append(f"{_why_no_stage(table)}: servos cannot be checked, and the tilt is smoothed")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
-            "commands changed faster than the servos can follow, as in navigation: lag and delay of the servos "
-            "were not compared; mazeplan collect makes a record that shows them"
+            "commands changed faster than the servos can follow, as in navigation, so only large changes of the "
+            "servos were looked for; mazeplan collect makes a record that shows them"
         )
+        if hidden_gain(stage, was.stage):
+            notes.append("gains of the servos were not compared: play or a dead band makes them look smaller")
     if was.body.open and was.friction is not None:
         notes.append(
             "the model keeps no record of the rig as it was: walls were not compared, and friction only "
@@ -242,16 +240,12 @@ def _gain(
     """A changed gain as an entry of the servo, or of the tilt sensor; the other entry is None.
 
     It belongs to the tilt sensor if the ball felt tilts of the old size."""
-    servo, sensor = changed_gain(stage, was.stage)
-    if stage is None or servo is None or sensor is None:
+    if stage is not None and stage.servos_overtaxed:
+        servo, sensor = gain_in_navigation(record, stage, was.stage)
+    else:
+        servo, sensor = changed_gain(stage, was.stage)
+    if servo is None or sensor is None:
         return None, None
-    if stage.servos_overtaxed:
-        had = servo["known_before"]
-        clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
-        # a servo with play turns the plate less
-        if not clear or looser(stage, was.stage) or nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) <= BETTER:
-            return None, None
-        servo, sensor = less_certain(servo), less_certain(sensor)
     if was.body.start is not None:
         return servo, None
     by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
@@ -267,11 +261,14 @@ def _felt(was: RigReference, sensor: Entry) -> Reference:
 
 
 def _of_the_stage(
-    stage: Stage | None, was: RigReference, radii: dict[int, float], servo: Entry | None, sensor: Entry | None,
-    found: Sequence[Candidate],
+    record: RingRecord, stage: Stage | None, was: RigReference, radii: dict[int, float],
+    servo: Entry | None, sensor: Entry | None, found: Sequence[Candidate],
 ) -> list[Entry]:  # fmt: skip
     """Effects of stage and tilt sensor, the same in all rings."""
-    effects = stage_effects(stage, was.stage)
+    if stage is not None and stage.servos_overtaxed:
+        effects = coupling_in_navigation(record, stage, was.stage)
+    else:
+        effects = stage_effects(stage, was.stage)
     if sensor is not None:
         effects.append(sensor)
     elif servo is not None and not any(c.effect == "tilt_gain" for c in found):

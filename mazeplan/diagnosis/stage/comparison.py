@@ -27,10 +27,6 @@ AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
 PLAY_AND_DEADBAND = (rig.backlash, rig.deadband)
 COMPARED_EFFECTS = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *PLAY_AND_DEADBAND)
-# If commands overtax the servos, as in navigation, lag and delay cannot be compared. The fit takes play for dead band,
-# too. Errors of the other numbers, seen in 47 simulated records, are larger than those of the fit:
-SEEN_IN_NAVIGATION = (rig.axis_coupling, *PLAY_AND_DEADBAND)
-NAVIGATION_ERRORS = {"servo_gain": 0.02, "tilt_gain": 0.02, "axis_coupling": 0.02, "backlash": 0.015, "deadband": 0.015}
 
 
 @dataclass(frozen=True)
@@ -100,27 +96,18 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
     """Effects of the stage that differ from the known ones, except the gain."""
     if stage is None:
         return []
-    compared = SEEN_IN_NAVIGATION if stage.servos_overtaxed else COMPARED_EFFECTS
-    like = [effect for effect in compared if effect not in PLAY_AND_DEADBAND or looser(stage, known)]
+    like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or _looser(stage, known)]
     found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
     names = {effect.name for effect in PLAY_AND_DEADBAND}
     gears = {made["name"]: _largest_change(made) for made in found if made["name"] in names}
-    found = [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
-    return [less_certain(made) for made in found] if stage.servos_overtaxed else found
+    return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
 
 
 def _largest_change(effect: Entry) -> float:
     return float(max(abs(value - effect["known_before"][key]) for key, value in values_of(effect).items()))
 
 
-def less_certain(entry: Entry) -> Entry:
-    """The entry of an effect of the stage with the error that overtaxed servos cause."""
-    numbers = entry["parameters"].items()
-    more = NAVIGATION_ERRORS[entry["name"]]
-    return entry | {"parameters": {key: n | {"stderr": math.hypot(n["stderr"], more)} for key, n in numbers}}
-
-
-def looser(stage: Stage, known: Known) -> bool:
+def _looser(stage: Stage, known: Known) -> bool:
     """Whether play and dead band together changed by more than their smallest size.
 
     They count together, because a little play looks like a little dead band."""
