@@ -21,10 +21,13 @@ from mazeplan.maze.mapfile import load_map
 MAZE = load_map("cme")
 
 
-def on_circles(maze, count, rng):
-    """Positions (count, 2), m, somewhere on the tracks of the rings."""
-    tracks = [ring.track_radius for ring in maze.rings if not ring.is_disc]
-    r, theta = rng.choice(tracks, count), rng.uniform(-math.pi, math.pi, count)
+def in_channels(maze, count, rng):
+    """Positions (count, 2), m, somewhere in the channels of the rings, all but a few along their walls."""
+    channels = [(ring.inner_radius, ring.outer_radius) for ring in maze.rings if not ring.is_disc]
+    low, high = np.array(channels)[rng.integers(len(channels), size=count)].T
+    at = np.clip(rng.uniform(-1.0, 2.0, count), 0.0, 1.0)
+    r = low + maze.ball.radius + at * (high - low - 2.0 * maze.ball.radius)
+    theta = rng.uniform(-math.pi, math.pi, count)
     return np.column_stack([r * np.cos(theta), r * np.sin(theta)])
 
 
@@ -39,15 +42,15 @@ def in_openings(maze, each):
 
 
 def test_a_ball_that_lies_in_openings_is_on_the_map():
-    y = np.concatenate([on_circles(MAZE, 300, np.random.default_rng(0)), in_openings(MAZE, 100)])
+    y = np.concatenate([in_channels(MAZE, 300, np.random.default_rng(0)), in_openings(MAZE, 100)])
     check_map(body_of(y), MAZE, "a.csv")
     y[300:] = [0.5 * (MAZE.ring(1).outer_radius + 0.13), 0.0]  # outside of all rings
-    with pytest.raises(TableError, match=r"a\.csv.*in no ring of the map in [0-9]+% .* --map"):
+    with pytest.raises(TableError, match=r"a\.csv: away from openings, .* in no ring .* in [0-9]+% .* --map"):
         check_map(body_of(y), MAZE, "a.csv")
 
 
 def test_a_ball_that_lies_in_openings_all_the_time_says_nothing_about_the_map():
-    few = on_circles(load_map("seven"), FEWEST // 2, np.random.default_rng(0))
+    few = in_channels(load_map("seven"), FEWEST // 2, np.random.default_rng(0))
     check_map(body_of(np.concatenate([few, in_openings(MAZE, 100)])), MAZE, None)
 
 
@@ -81,3 +84,11 @@ def test_a_fit_of_a_lean_may_start_far_off_in_any_direction(lean):
     start = np.array([value_of(model, "tilt_beta"), value_of(model, "tilt_gamma")])
     assert np.hypot(*(start - lean)) < 0.5 * np.hypot(*lean)
     assert minus2 == pytest.approx(1e4 * np.hypot(*(start - lean)))
+
+
+@pytest.mark.parametrize("other", ["seven", "lopsided"])  # the first has openings at other places, in the same rings
+def test_runs_on_another_map_are_seen(other):
+    y = np.concatenate([in_channels(MAZE, 600, np.random.default_rng(0)), in_openings(MAZE, 20)])
+    check_map(body_of(y), MAZE, None)
+    with pytest.raises(TableError, match="in no ring of the map"):
+        check_map(body_of(y), load_map(other), None)

@@ -93,7 +93,5 @@ def check_map(body: BodyFilter, maze: Maze, file: str | None) -> None:
     ticks = np.arange(-FURTHEST, FURTHEST + STEP, 4.0 * STEP).tolist()
     share = max(places.share((x, z, scale)) for x in ticks for z in ticks for scale in SCALES[::5])
     if share < MIN_CHANNEL_SHARE:
-        problem = (
-            f"the ball is in no ring of the map in {1.0 - share:.0%} of the samples that show it, openings left out"
-        )
+        problem = f"away from openings, the ball is in no ring of the map in {1.0 - share:.0%} of the samples"
         raise TableError(f"{problem}, wherever the camera is; expected --radius M, or another --map", file=file)

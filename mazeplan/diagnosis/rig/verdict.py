@@ -77,8 +77,8 @@ def verdict_on(
     tell("stage")
     body, stage = body_filter(table, maze)
     check_map(body, maze, table.place)
-    overtaxed = stage is not None and stage.servos_overtaxed
-    servo, sensor = _gain(body, record_of(table), stage, was)
+    record, overtaxed = record_of(table), stage is not None and stage.servos_overtaxed
+    servo, sensor = _gain(body, record, stage, was)
     searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
@@ -86,7 +86,7 @@ def verdict_on(
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
     found = searched.found if held.z_score > BETTER and held.ball_effects_not_worse else ()
     radii = _radii(maze, searched.fit.filtered)
-    staged = _of_the_stage(record_of(table), stage, was, radii, servo, sensor, found)
+    staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
     effects = _with_asymmetry([*staged, *ball]) + _of_open_numbers(body, searched, was, radii)
     effects = [with_plan(effect) for effect in effects]
