@@ -54,6 +54,7 @@ from bench_realtime import realtime_section
 from bench_replay import replay_section
 from bench_rig import rig_section
 from bench_solver import solver_section
+from bench_strange import drawn_section, strange_section
 from bench_supply import supply_section
 from bench_trees import trees_section
 from bench_view import view_section
@@ -232,6 +233,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "trees": trees_section, "waypoints": waypoints_section, "balls": balls_section, "policy": policy_section,
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
+    "strange": strange_section, "drawn": drawn_section,  # an hour, so only when it is asked for
     "firmware": firmware_section, "supply": supply_section,
     "growth": growth_section, "realtime": realtime_section, "memory": memory_section,
     "mutants": mutants_section,  # hours as well

@@ -29,6 +29,12 @@ from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Command, Failure, FailureKind, Plan, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
+from mazeplan.physics.rig.stage import StageModel
+
+USUAL_LAG = StageModel().lag  # s
+ENTRY = (
+    1.4  # of the change of the lag; set after trials on seven rigs whose servos follow at once (tools/bench_strange.py)
+)
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,13 @@ class LeafOptions:
     rollout: RolloutOptions = field(default_factory=RolloutOptions)
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     settle: SettleOptions = field(default_factory=SettleOptions)
+
+    def on_stage(self, stage: StageModel) -> LeafOptions:
+        """The options for this stage. A servo with less lag than the usual one has less of `gate.lead_s` and
+        `gate.entry_s`: commands of the next move would hold a ball back that is not in yet."""
+        more = min(stage.lag - USUAL_LAG, 0.0)
+        lead, entry = max(self.gate.lead_s + more, 0.0), max(self.gate.entry_s + ENTRY * more, 0.0)
+        return replace(self, gate=replace(self.gate, lead_s=lead, entry_s=entry))
 
 
 class TwoCommandsError(CommandError, AssertionError):

@@ -21,6 +21,7 @@ from mazeplan.core.events import OpeningPassed
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import Opening
 
+TOO_MANY = 2  # missed openings after which the model is not believed any more
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
 
 if TYPE_CHECKING:  # a check of a tree needs no run
@@ -66,8 +67,12 @@ class Align(MazeLeaf):
 
 def gets_in(run: RunContext, opening: Opening, target: int) -> bool:
     """Whether the ball will soon be in the next ring, even if it is a little to one side of its estimate. This matters
-    because the opening is hardly wider than the ball."""
+    because the opening is hardly wider than the ball.
+
+    Missed openings show that the model is not good enough to say so."""
     gate = run.options.gate
+    if run.count(FailureKind.MISSED_OPENING) >= TOO_MANY:
+        return False
     across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
     places = (0.0, -1.0, 1.0) if gate.entry_doubt_mm > 0.0 else (0.0,)
     return all(run.ahead(gate.entry_s, (k * across[0], k * across[1])).ring == target for k in places)

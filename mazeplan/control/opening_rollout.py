@@ -75,10 +75,15 @@ class OpeningRollout:
     """Roll-outs through the openings of one maze on one model. Commands are at most `plate.limit`, rad."""
 
     def __init__(
-        self, maze: Maze, planar: PlanarModel, plate: Plate, gate: OpeningOptions, options: RolloutOptions
-    ) -> None:
+        self, maze: Maze, planar: PlanarModel, plate: Plate, gate: OpeningOptions, options: RolloutOptions,
+        tick_s: float = TICK,
+    ) -> None:  # fmt: skip
+        """tick_s: time from command to command, s"""
         self._maze, self._planar, self._limit = maze, planar.arrays(), plate.limit
         self._options = options
+        # a command is held for a tick of the rig; a faster rig simulates no finer
+        tick = tick_s * max(round(TICK / tick_s), 1)
+        self._span = options.horizon_s, max(round(options.substeps * tick / TICK), LEAST_SUBSTEPS), tick
         axis = np.linspace(-plate.limit, plate.limit, options.grid)
         self._tried = np.array([[a, b] for a in axis for b in axis])
         push = GRAVITY * math.radians(gate.push_deg)
@@ -94,7 +99,7 @@ class OpeningRollout:
         wall = next(w for w in self._maze.walls if opening in w.openings)
         middle = 0.5 * (wall.inner_radius + wall.outer_radius)
         gap = np.array([math.cos(opening.angle), math.sin(opening.angle), sign, middle])
-        which = _best(z, gap, self._law, self._tried, o.starts(), o.margin_s, (o.horizon_s, o.substeps), *self._planar)
+        which = _best(z, gap, self._law, self._tried, o.starts(), o.margin_s, self._span, *self._planar)
         return None if which < 0 else Command(float(self._tried[which, 0]), float(self._tried[which, 1]))
 
     def warm_up(self) -> None:
@@ -127,17 +132,17 @@ def law_command(z, gap, law, out):
 
 @njit(cache=True, error_model="numpy")
 def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps):
-    """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3]. span: horizon, s, and steps per
-    tick
+    """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3]. span: horizon, s, steps per tick,
+    and tick, s
 
     The command u (2,) is held for `held` ticks, then the law follows. A ball that has not arrived by the horizon needs
     the remaining distance over ASSUMED_SPEED in addition."""
-    horizon, steps = span
-    h = SUBSTEP * (SUBSTEPS / steps)
+    horizon, steps, tick = span
+    h = tick / steps
     command = u.copy()
     touching = True
     r = math.hypot(z[0], z[1])
-    for k in range(round(horizon / TICK)):
+    for k in range(round(horizon / tick)):
         if k >= held:
             law_command(z, gap, law, command)
         for i in range(steps):
@@ -147,7 +152,7 @@ def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps)
             r = math.hypot(z[0], z[1])
             if gap[2] * (r - gap[3]) >= 0.0:
                 part = (gap[3] - before) / (r - before) if gap[2] * (before - gap[3]) < 0.0 else 0.0
-                return k * TICK + (i + part) * h
+                return k * tick + (i + part) * h
     return horizon + abs(r - gap[3]) / ASSUMED_SPEED
 
 

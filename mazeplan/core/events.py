@@ -94,6 +94,14 @@ class DoubtRaised:
 
 
 @dataclass(frozen=True, slots=True)
+class MisfitSeen:
+    """The rig does not behave as the model says; adopted: the run goes on with what it saw."""
+
+    words: str
+    adopted: bool
+
+
+@dataclass(frozen=True, slots=True)
 class GoalChanged:
     """Go to another ring from now on, and also close these openings."""
 
@@ -164,6 +172,7 @@ RunEvent = (
     | FailureReported
     | RecoveryChosen
     | DoubtRaised
+    | MisfitSeen
     | Request
     | ExcitationStarted
     | DriveStarted
@@ -183,6 +192,7 @@ KINDS: dict[str, type[RunEvent]] = {
     "failure": FailureReported,
     "recovery": RecoveryChosen,
     "doubt": DoubtRaised,
+    "misfit": MisfitSeen,
     "goal": GoalChanged,
     "closed": OpeningClosed,
     "opened": OpeningReopened,

@@ -37,7 +37,8 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a rig measured at one sample. x = y = None when the ball is not seen.
+    """What a rig measured at one sample. x = y = None when the ball is not seen; beta and gamma are NaN (or None) on a
+    rig without a tilt sensor.
 
     others: on a rig with several balls, the same sample for each ball after the first, always in the same order."""
 
@@ -239,6 +240,7 @@ class FailureKind(StrEnum):
     RIG_FAILED = "rig_failed"
     LOG_FAILED = "log_failed"
     LEFT_THE_CENTRE = "left_the_centre"
+    MISFIT = "misfit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,11 +274,21 @@ class Doubt:
     far:      the ball is metres away
     ball:     the ball is far from where it could be
     tilt:     the tilt is not a number, or leaps
+    no_tilt:  the tilt was never measured: the commands move the model's plate
     plate:    the plate does not follow the commands
     """
 
     what: str
     t: float
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """The rig does not behave as the model says, seen at rig time t, s. adopted: the run goes on with what it saw"""
+
+    words: str
+    t: float
+    adopted: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +336,7 @@ class NavigationResult:
     doubts:     measurements that were wrong or not used
     start:      None if the run ended before the ball was placed
     others:     balls after the first
+    misfits:    how the rig does not behave as the model says
     """
 
     success: bool
@@ -341,6 +354,7 @@ class NavigationResult:
     doubts: tuple[Doubt, ...] = ()
     start: Start | None = None
     others: tuple[OtherBall, ...] = ()
+    misfits: tuple[Misfit, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that `navigate --json` prints. Its keys are fixed by the contract, except `detail` and the keys

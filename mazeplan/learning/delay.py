@@ -9,6 +9,7 @@ gives its standard error.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,26 +19,31 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.smoothing import smoothed
 from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
 
-GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s
+STEP, MOST = 1.0 / 120.0, 0.175  # s, of the grid
 START = 7  # samples that give position and velocity at their middle
 AHEAD = 8  # samples from this middle to the predicted position; 0.27 s at 30 Hz
 CAP = 3e-3  # m; larger errors count as this
-HISTORY = 8  # samples of tilt before a start: more than the longest delay of the grid
+HISTORY_S = 0.25  # s of tilt before a start and after a prediction: more than the longest delay
 RESAMPLES = 200
+
+
+def _history(dt: float) -> int:
+    """Samples of HISTORY_S."""
+    return math.ceil(HISTORY_S / dt)
 
 
 def usable_starts(table: Table, starts: IntArray) -> IntArray:
     """The starts from which START and AHEAD samples follow without a gap."""
-    seen, segment = np.isfinite(table["x"]), table.segment
+    seen, segment, around = np.isfinite(table["x"]), table.segment, _history(table.dt)
     need = START // 2 + AHEAD
-    starts = starts[(starts >= HISTORY) & (starts + START + AHEAD + HISTORY < len(table))]
+    starts = starts[(starts >= around) & (starts + START + AHEAD + around < len(table))]
     whole = np.lib.stride_tricks.sliding_window_view(seen, need + START // 2 + 1)[starts].all(axis=1)
-    return starts[whole & (segment[starts - HISTORY] == segment[starts + START + AHEAD + HISTORY])]
+    return starts[whole & (segment[starts - around] == segment[starts + START + AHEAD + around])]
 
 
 def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay: float, dt: float) -> Array:
     """Distance (K,) between prediction and measurement after AHEAD samples, m."""
-    grid = np.arange(len(table)) * dt
+    grid, around = np.arange(len(table)) * dt, _history(dt)
     tilts = np.ascontiguousarray(np.stack([smoothed(table[axis], 5) for axis in ("beta", "gamma")], axis=1))
     tau = (np.arange(START) - START // 2) * dt
     smoother = np.linalg.pinv(np.stack([np.ones(START), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
@@ -47,7 +53,7 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
     for i, start in enumerate(starts):
         k = int(start) + START // 2
         z = np.array([x[i, 0], y[i, 0], x[i, 1], y[i, 1], 0.0, 0.0, 0.0, 0.0])
-        window = slice(k - HISTORY, k + AHEAD + 2)
+        window = slice(max(k - around, 0), k + AHEAD + around)
         predict_given_tilt(
             z, grid[k] - delay, grid[k + AHEAD] - delay, grid[window], tilts[window],
             model.scalars, model.rings, model.walls, model.gaps,
@@ -57,23 +63,26 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
 
 
 def best_delay(
-    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
-) -> tuple[float, float]:
+    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float,
+    least: float = 0.0, seed: int = 0,
+) -> tuple[float, float]:  # fmt: skip
     """Delay and its standard error, s.
 
     starts (K,):  first samples of the stretches
     blocks (K,):  block of each start
-    model_at:     model_at(delay) gives the planar model fitted with this delay"""
+    model_at:     model_at(delay) gives the planar model fitted with this delay
+    least:        smallest possible delay, s: no picture shows the ball before it was there"""
+    delays = np.arange(least, MOST + 1e-9, STEP)
     losses = np.array(
-        [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in GRID]
+        [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in delays]
     )
     names, at = np.unique(blocks, return_inverse=True)
     sums = np.stack([np.bincount(at, weights=row, minlength=len(names)) for row in losses])
     counts = np.bincount(at, minlength=len(names)).astype(float)
     rng = np.random.default_rng(seed)
     draws = [rng.integers(0, len(names), len(names)) for _ in range(RESAMPLES)]
-    again = [vertex(GRID, sums[:, d].sum(axis=1) / counts[d].sum()) for d in draws]
-    return vertex(GRID, losses.mean(axis=1)), float(np.std(again))
+    again = [vertex(delays, sums[:, d].sum(axis=1) / counts[d].sum()) for d in draws]
+    return vertex(delays, losses.mean(axis=1)), float(np.std(again))
 
 
 def vertex(grid: Sequence[float] | Array, values: Array) -> float:

@@ -18,7 +18,8 @@ have large residuals and therefore small weights (Huber). Standard errors are ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
+FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
 LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
 
@@ -136,7 +138,7 @@ def weak_rows(table: Table, windows: WeakWindows, delay: float, dt: float) -> tu
     return target, np.stack(columns, axis=1)
 
 
-def _per_radius(radius: float) -> Array:
+def per_radius(radius: float) -> Array:
     """Factors (5,) that turn the features of a ring into those of `radius * theta_dd`, with dry friction in m/s^2."""
     return np.array([radius, radius, 1.0, radius, radius])
 
@@ -188,7 +190,10 @@ class _BallFit:
         values = np.concatenate([self.weights[nearest], self.offset])
         if maze.ring(ring).is_disc:
             values[0] = FREE_ROLLING
-        return effect_ball(values, np.concatenate([self.sigma[nearest], self.offset_sigma]))
+        ball = effect_ball(values, np.concatenate([self.sigma[nearest], self.offset_sigma]))
+        return replace(
+            ball, effects=tuple(term for term in ball.effects if term.name not in FRICTION or any(term.numbers))
+        )
 
     def balls(self, maze: Maze) -> dict[int, BallModel]:
         """The balls of all rings."""
@@ -202,7 +207,7 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
     radius = {w.ring: w.radius for w in windows}
     # pooled along the channel, in m/s^2: noise, impacts and dry friction are then alike in all rings
     y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
-    X = np.concatenate([F * _per_radius(radius[ring]) for ring, (_, F) in data.items()])
+    X = np.concatenate([F * per_radius(radius[ring]) for ring, (_, F) in data.items()])
     block = np.concatenate([blocks[ring] for ring in data])
     mean = np.array([WALL_ROLLING, 0.0, 0.0, 0.0, 0.0])
     pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, 0.1, 0.1]), block)
@@ -239,7 +244,9 @@ def _check_follows(ring: int, factor: float) -> None:
         )
 
 
-def _best_delay(table: Table, windows: list[WeakWindows], maze: Maze, dt: float) -> tuple[float, float]:
+def _best_delay(
+    table: Table, windows: list[WeakWindows], maze: Maze, dt: float, stage: StageModel
+) -> tuple[float, float]:
     """Delay of the camera and its standard error, s, with the ball fitted anew at each delay."""
     starts = np.concatenate([w.start for w in windows])
     blocks = np.concatenate([w.block for w in windows])
@@ -248,7 +255,7 @@ def _best_delay(table: Table, windows: list[WeakWindows], maze: Maze, dt: float)
     def model_at(delay: float) -> PlanarModel:
         return PlanarModel.build(maze, RigModel(StageModel(), _fit_balls(table, windows, delay, dt).balls(maze)))
 
-    return best_delay(table, starts[usable], blocks[usable], model_at, dt)
+    return best_delay(table, starts[usable], blocks[usable], model_at, dt, -stage.dead_time)
 
 
 def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float, dt: float) -> dict[str, float]:
@@ -263,11 +270,13 @@ def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float
 
 
 def fit_rig(
-    table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, progress: Words = no_words
-) -> RigFit:
+    table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, stage: StageModel | None = None,
+    progress: Words = no_words,
+) -> RigFit:  # fmt: skip
     """Fit stage, ball and camera delay to a table.
 
     sources:   files of the table, for the model file
+    stage:     the stage, where the table has no measured tilt to fit it to
     progress:  receives each step in words
 
     Raises ValueError if the table lacks a column or free motion of the ball. Raises TableError if the table has a ring
@@ -281,7 +290,11 @@ def fit_rig(
     dt = table.dt
     progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
-    beta, gamma = (fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+    if stage is None:
+        beta, gamma = (fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+        stage = StageModel(beta.axis, gamma.axis)
+    else:
+        beta, gamma = (StageFit(axis, math.nan, 0) for axis in (stage.beta, stage.gamma))
     # train on the first part of each segment, score on the last
     found = [find_windows(table, maze, ring.number, dt) for ring in maze.rings if not ring.is_disc]
     train = [w for w in (_part(w, table, True) for w in found) if len(w.start) >= MIN_WINDOWS]
@@ -294,7 +307,7 @@ def fit_rig(
             f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
         )
     progress("how late the camera is")
-    delay, delay_sigma = _best_delay(table, train, maze, dt)
+    delay, delay_sigma = _best_delay(table, train, maze, dt, stage)
     progress("ball")
     fit = _fit_balls(table, train, delay, dt)
     scores: dict[str, Any] = {
@@ -302,7 +315,7 @@ def fit_rig(
         for name, windows in (("train", train), ("test", test))
     }
     model = RigModel(
-        stage=StageModel(beta.axis, gamma.axis),
+        stage=stage,
         balls=fit.balls(maze),
         camera_delay=delay,
         camera_delay_stderr=delay_sigma,

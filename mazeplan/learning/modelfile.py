@@ -4,7 +4,7 @@
     kind: pi
     rate_hz: 30
     camera_delay_s: {value: 0.0667, stderr: 0.0004}
-    stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {...}}
+    stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {follows: at once, ...}}
     camera: {offset_x: {value: 0.001, unit: m}, offset_y: ..., angle: {value: 0.01, unit: rad}}
     tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
@@ -50,16 +50,23 @@ from mazeplan.physics.effect import Effect, Term
 from mazeplan.physics.effects.local_forces import FAMILY as LOCAL
 from mazeplan.physics.registry import EFFECTS, make_term
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
-from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage import ORDERS, PROMPT, StageAxis, StageModel
 
 Part = TypeVar("Part")
 RATES = (1.0, 1000.0)  # Hz, samples of a rig
 FORMAT = 1
+ROUNDED = 1e-6  # s; precision of a delay in a file
 PROCESSES, NETWORKS = ("np", "sp"), ("nn", "spnn")
 KINDS = ("p", "pi", *PROCESSES, *NETWORKS)
 PACKAGED = resources.PACKAGE / "learning" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
-AXIS_MORE = {"backlash": "rad", "deadband": "rad", "coupling": "1"}  # written if not 0
+AXIS_MORE = {
+    "backlash": "rad",
+    "deadband": "rad",
+    "coupling": "1",
+    "rate_limit": "rad/s",
+    "resolution": "rad",
+}  # unless default
 CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
 CAMERA_MORE = {"scale": "1", "distortion": "1/m^2", "distortion_x": "m", "distortion_y": "m"}  # written if not default
 SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
@@ -184,9 +191,12 @@ class _Reader:
         check_format(self._tree, FORMAT, file=self._path, error=ModelError)
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
-        if not 0.0 <= delay <= 0.5:
-            raise self.fail(f"got {delay}, expected 0 to 0.5 s{unit_hint(delay, 's', 0.0, 0.5)}", "camera_delay_s")
-        stage = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
+        axes = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
+        stage = StageModel(*(self.axis(axes[name], name) for name in ("beta", "gamma")))
+        least = 0.0 - stage.dead_time
+        if not least - ROUNDED <= delay <= 0.5:
+            expected = f"expected {least:.3g} to 0.5 s{unit_hint(delay, 's', least, 0.5)}"
+            raise self.fail(f"got {delay}, {expected}", "camera_delay_s")
         rings = self.section(root["rings"], ("rings",))
         if not rings:
             raise self.fail("expected at least one ring", "rings")
@@ -205,7 +215,7 @@ class _Reader:
         scores = {} if root.get("scores") is None else root["scores"]
         camera, sensor = ({} if root.get(name) is None else root[name] for name in ("camera", "tilt_sensor"))
         return RigModel(
-            stage=StageModel(*(self.axis(stage[name], name) for name in ("beta", "gamma"))),
+            stage=stage,
             balls={self.ring_number(name): self.ball(node, name) for name, node in rings.items()},
             camera_delay=delay,
             camera_delay_stderr=delay_stderr,
@@ -244,8 +254,20 @@ class _Reader:
         return int(name)
 
     def axis(self, node: Any, name: str) -> StageAxis:
-        """One axis of the stage."""
-        return self.part(node, ("stage", name), AXIS_UNITS | AXIS_MORE, lambda v, s: StageAxis(**v, stderr=s))
+        """One axis of the stage. An axis that follows at once has no frequency, one of first order no damping."""
+        order, node = 2, dict(self.section(node, ("stage", name)))
+        if "follows" in node:
+            if (kind := node.pop("follows")) not in ORDERS:
+                raise self.fail(f"got {shown(kind)}, expected {one_of(ORDERS, str(kind))}", "stage", name, "follows")
+            order = ORDERS.index(kind)
+        if order == 0 and isinstance(node.get("natural_frequency"), dict):
+            at_least = self.section(node["natural_frequency"], ("stage", name, "natural_frequency"))
+            node["natural_frequency"] = at_least.get("faster_than", PROMPT)
+        usual = {} if order == 2 else {"damping": 1.0}
+        return self.part(
+            node, ("stage", name), AXIS_UNITS | AXIS_MORE,
+            lambda v, s: StageAxis(**{**usual, **v}, stderr=s, order=order),
+        )  # fmt: skip
 
     def ball(self, node: Any, ring: str) -> BallModel:
         """The effects of one ring."""
@@ -288,6 +310,19 @@ def _entries(
     return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
 
 
+def _axis_entries(axis: StageAxis) -> dict[str, Any]:
+    """The entries of an axis, without numbers that its kind does not have."""
+    entries = _entries(axis, AXIS_UNITS, AXIS_MORE)
+    if axis.dead_time == 0.0:
+        del entries["dead_time"]
+    if axis.order < 2:
+        del entries["damping"]
+        if axis.order == 0:
+            entries["natural_frequency"] = {"faster_than": axis.natural_frequency, "unit": "rad/s"}
+        return {"follows": ORDERS[axis.order], **entries}
+    return entries
+
+
 def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     return {
         term.name: {
@@ -305,7 +340,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
         "kind": model.kind,
         "rate_hz": model.rate_hz,
         "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
-        "stage": {axis: _entries(getattr(model.stage, axis), AXIS_UNITS, AXIS_MORE) for axis in ("beta", "gamma")},
+        "stage": {name: _axis_entries(getattr(model.stage, name)) for name in ("beta", "gamma")},
     }
     if model.camera != Camera():
         out["camera"] = _entries(model.camera, CAMERA_UNITS, CAMERA_MORE)

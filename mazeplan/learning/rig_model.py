@@ -29,7 +29,7 @@ class RigModel:
 
     stage:                both axes of the plate, with their servos
     balls:                ball model by ring
-    camera_delay:         delay of the ball's position behind the tilt sensor, s
+    camera_delay:         delay of the ball's position behind the tilt sensor, s; at least minus the dead time
     camera_delay_stderr:  its standard error, s; None if unknown
     kind:                 one of `modelfile.KINDS`
     rate_hz:              rate of the samples, Hz
@@ -63,13 +63,12 @@ class RigModel:
     @property
     def delay_known(self) -> bool:
         """Whether the camera's delay was identified or set; otherwise a run has to estimate it."""
-        return self.kind != "p" or self.camera_delay != 0.0 or self.camera_delay_stderr is not None or bool(self.data)
+        return self.kind != "p" or self.camera_delay != 0.0 or self.camera_delay_stderr is not None
 
     @property
     def late_s(self) -> float:
         """Time from a picture to the earliest effect of a command, s; infinite if unknown."""
-        dead_time = max(self.stage.beta.dead_time, self.stage.gamma.dead_time)
-        return self.camera_delay + dead_time if self.delay_known else math.inf
+        return self.camera_delay + self.stage.dead_time if self.delay_known else math.inf
 
     def late_by(self, latency: Latency) -> RigModel:
         """The model with the measured delays of the rig."""
@@ -91,7 +90,7 @@ class RigModel:
             return self.stage
         gains = self.tilt_sensor.gain_beta, self.tilt_sensor.gain_gamma
         axes = zip((self.stage.beta, self.stage.gamma), gains, strict=True)
-        return StageModel(*(replace(axis, gain=axis.gain / k, offset=axis.offset / k) for axis, k in axes))
+        return StageModel(*(axis.by_gain(k) for axis, k in axes))
 
     @classmethod
     def nominal(cls, maze: Maze) -> RigModel:

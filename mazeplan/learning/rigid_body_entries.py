@@ -11,6 +11,7 @@ belongs to the effects that the rings had at that time, and counts as missing in
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -112,6 +113,21 @@ KEPT = (
     "rolling", "spin", "viscous", "quadratic", "inertia", "wall", "wall_rolling", "restitution", "hold",
     "tilt_beta", "tilt_gamma", "delay", "noise", "plane", "strike",
 )  # fmt: skip
+
+
+# numbers that a file leaves out are 0: what the record does not show does not act
+ABSENT = dict.fromkeys(
+    ("rolling", "viscous", "quadratic", "wall", "wall_rolling", "restitution", "hold", "spin", "delay"), 0.0
+)
+NEAR = 1e-6  # share of its range by which a number is at its bound
+
+
+def determined(name: str, value: float, stderr: float | None) -> bool:
+    """Whether a record determines a number: it is not 0 for want of an effect, and not as uncertain as its range."""
+    number = PARAMETERS[name]
+    wide = number.high - number.low
+    nothing = name in ABSENT and name != "delay" and value < NEAR * wide
+    return math.isfinite(value) and not nothing and not (stderr is not None and stderr > wide)
 
 
 @dataclass(frozen=True)

@@ -105,8 +105,8 @@ class SampleOptions:
     def __post_init__(self) -> None:
         if self.rates not in RATE_RULES:
             raise SettingsError(f"got {self.rates!r}, expected one of {', '.join(RATE_RULES)}", key="rates")
-        if not 0.0 <= self.delay < math.inf:
-            raise SettingsError(f"got {self.delay:g}, expected a finite number of s >= 0", key="delay")
+        if not abs(self.delay) < math.inf:
+            raise SettingsError(f"got {self.delay:g}, expected a finite number of s", key="delay")
 
 
 def ring_samples(
@@ -233,11 +233,11 @@ def _averaged(values: Array, segment: Array, lags: IntArray, weights: Array) -> 
 
 
 def _late(values: Array, t: Array, segment: Array, delay: float) -> Array:
-    """The signal `delay` earlier; NaN before the beginning of its segment."""
+    """The signal `delay` earlier; NaN outside its segment."""
     out = np.full(len(values), np.nan)
     for number in np.unique(segment):
         rows = np.flatnonzero(segment == number)
-        out[rows] = np.interp(t[rows] - delay, t[rows], values[rows], left=np.nan)
+        out[rows] = np.interp(t[rows] - delay, t[rows], values[rows], left=np.nan, right=np.nan)
     return out
 
 

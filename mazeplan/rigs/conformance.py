@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 
 import numpy as np
@@ -60,6 +60,8 @@ class RigTrial:
         if not isinstance(sample, Observation):
             got = type(sample).__name__
             raise UnfitError(f"observe() returned {got}, expected Observation(t, x, y, beta, gamma)")
+        if sample.beta is None and sample.gamma is None:  # a rig without a tilt sensor
+            sample = replace(sample, beta=math.nan, gamma=math.nan)
         others, balls = len(sample.others), traits(self.rig).balls
         if others != balls - 1:
             raise UnfitError(f"others: got {others} samples, expected {balls - 1} of a rig with balls = {balls}")
@@ -134,8 +136,9 @@ def _observation(trial: RigTrial) -> str | None:
     trial.reset(theta=1.0)
     samples = trial.run(0.5)
     for o in samples:
-        if not all(math.isfinite(v) for v in (o.t, o.beta, o.gamma)):
-            return f"t, beta, gamma: got {o.t}, {o.beta}, {o.gamma}, expected finite numbers"
+        unmeasured = math.isnan(o.beta) and math.isnan(o.gamma)
+        if not (math.isfinite(o.t) and (unmeasured or (math.isfinite(o.beta) and math.isfinite(o.gamma)))):
+            return f"t, beta, gamma: got {o.t}, {o.beta}, {o.gamma}, expected finite numbers, or no tilt in both axes"
         if (o.x is None) != (o.y is None):
             return "x and y must both be None or both be numbers"
         if o.x is not None and o.y is not None and not math.isfinite(o.x + o.y):
@@ -226,7 +229,7 @@ def _level(trial: RigTrial) -> str | None:
     samples = [trial.observe() for _ in range(max(2, round((SETTLE_S + 0.4) / trial.dt)))]
     late = samples[-max(2, round(0.4 / trial.dt)) :]
     worst = max(abs(float(np.mean([getattr(o, axis) for o in late]))) for axis in ("beta", "gamma"))
-    return None if worst < SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"
+    return None if not worst >= SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"
 
 
 def _refuses(trial: RigTrial, value: float) -> str | None:
@@ -247,7 +250,7 @@ def _limit(trial: RigTrial) -> str | None:
     samples = trial.run(SETTLE_S + 0.4, limit, limit)
     late = samples[-max(2, round(0.4 / trial.dt)) :]
     worst = max(float(np.mean([getattr(o, axis) for o in late])) for axis in ("beta", "gamma"))
-    return None if worst <= limit + SETTLED else f"the plate went to {math.degrees(worst):.2f} deg at the limit"
+    return None if not worst > limit + SETTLED else f"the plate went to {math.degrees(worst):.2f} deg at the limit"
 
 
 def _repeatable(trial: RigTrial) -> str | None:

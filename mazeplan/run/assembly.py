@@ -58,13 +58,15 @@ def planners_of(
     }
 
 
-def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float) -> OpeningRollout | None:
+def rollout_of(
+    maze: Maze, model: RigModel, options: LeafOptions, late_s: float, rate_hz: float = 30.0
+) -> OpeningRollout | None:
     """The roll-outs that try commands in front of openings; None if the delay `late_s` (s) is too long for them."""
     most = options.rollout.late_s if body_of(model) is None else options.rollout.late_body_s
     if late_s > most:
         return None
     planar = PlanarModel.build(maze, model)
-    return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)
+    return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout, 1.0 / rate_hz)
 
 
 def safety_filter_of(maze: Maze, model: RigModel) -> SafetyFilter | None:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from mazeplan.behavior.context import BallView
-from mazeplan.control.estimation.delay_bank import estimator_for
+from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.encounter import update_balls
+from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import Command, Observation, State
+from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import crowded
 from mazeplan.maze.mapschema import MAX_BALLS
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.run.specification import Job, Setup
+
+RECENT_S = 2.0  # s of samples and commands that new estimators take in
 
 
 def with_balls(maze: Maze, balls: int | None) -> Maze:
@@ -54,10 +59,27 @@ class Balls:
 
     def __init__(self, setup: Setup, rate_hz: float) -> None:
         maze, options = setup.maze, setup.settings.estimator
-        self._radius = maze.ball.radius
+        self._setup, self._rate_hz, self._radius = setup, rate_hz, maze.ball.radius
         self._camera = setup.driving_model.camera
-        self._all = [estimator_for(maze, setup.driving_model, options, rate_hz) for _ in range(maze.balls)]
+        self._all = self._estimators(setup.driving_model)
+        self._recent: deque[Sequence[Observation] | tuple[Command, float]] = deque(
+            maxlen=round(2.0 * RECENT_S * rate_hz)
+        )
         self._rims = [] if setup.out_s is None else [RimWatch(maze, options.camera_sigma) for _ in range(maze.balls)]
+
+    def _estimators(self, model: RigModel) -> list[Estimator | DelayBank]:
+        maze, options = self._setup.maze, self._setup.settings.estimator
+        return [estimator_for(maze, model, options, self._rate_hz) for _ in range(maze.balls)]
+
+    def adopt(self, model: RigModel) -> None:
+        """Go on with another model: new estimators take in the last RECENT_S of samples and commands."""
+        self._camera, self._all = model.camera, self._estimators(model)
+        for one in self._recent:
+            if isinstance(one[0], Command):
+                for estimator in self._all:
+                    estimator.sent(*one)  # pyright: ignore[reportArgumentType]
+            else:
+                update_balls(self._all, one, self._radius)  # pyright: ignore[reportArgumentType]
 
     @property
     def ahead(self) -> tuple[Callable[..., State], ...]:
@@ -75,6 +97,7 @@ class Balls:
 
     def sent(self, command: Command, t: float) -> None:
         """Note a command given to the rig at time t."""
+        self._recent.append((command, t))
         for estimator in self._all:
             estimator.sent(command, t)
 
@@ -85,6 +108,7 @@ class Balls:
         each = (observation, *observation.others)
         if len(each) != len(self._all):
             raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
+        self._recent.append(each)
         states = update_balls(self._all, each, self._radius)
         return tuple(BallView(s, e.filtered or s) for s, e in zip(states, self._all, strict=True))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from time import perf_counter
 from weakref import WeakMethod
 
@@ -23,12 +24,14 @@ from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
 from mazeplan.control.backlash import BacklashCompensator
 from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.display import Display
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.events import (
     DoubtRaised,
     GoalChanged,
+    MisfitSeen,
     OpeningClosed,
     OpeningReopened,
     RunEvent,
@@ -41,6 +44,7 @@ from mazeplan.core.records import (
     Failure,
     FailureKind,
     GoalGiven,
+    Misfit,
     NavigationResult,
     Observation,
     Plan,
@@ -87,26 +91,55 @@ class Run:
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self._most, self.last_wanted = slew / rig.rate_hz, LEVEL
-        self._backlash = BacklashCompensator(model.stage, setup.maze.tilt_limit)
         self._balls = Balls(setup, rig.rate_hz)
         self._sample_check = SampleCheck(rig.rate_hz)
-        # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
-        self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
+        self._fit = FitWatch(setup.maze, model, rig.rate_hz)
         self._stopwatch = watch or Live()
-        leaves, watch = setup.settings.leaves, self._stopwatch
-        self._planners = planners_of(
-            setup.maze, model, leaves.cost, watch, late_s=self._late_s, horizon=leaves.travel.horizon
-        )
-        self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
-        self._keeper = safety_filter_of(setup.maze, model)
+        self._slew = slew
+        self._prepare_control()
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._last_sent = LEVEL  # the last command sent to the rig
         self._seen_at = 0.0  # rig time when the ball was seen last, s
+        self._misfits: list[Misfit] = []
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
         self._warm_up()
+
+    def _prepare_control(self) -> None:
+        """Everything that steers by the model: planners, roll-outs, and the options of the leaves."""
+        setup, model = self._setup, self._model
+        # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
+        self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / self._slew
+        self._backlash = BacklashCompensator(model.stage, setup.maze.tilt_limit)
+        self._leaf_options = leaves = setup.settings.leaves.on_stage(model.true_stage)
+        self._planners = planners_of(
+            setup.maze, model, leaves.cost, self._stopwatch, late_s=self._late_s, horizon=leaves.travel.horizon
+        )
+        self._rollout = rollout_of(setup.maze, model, leaves, self._late_s, self._rig.rate_hz)
+        self._keeper = safety_filter_of(setup.maze, model)
+
+    def _check_fit(self, observation: Observation) -> None:
+        """Look whether the rig behaves as the model says; go on with the stage that it shows, if there is one."""
+        seen = self._fit.update(observation)
+        if seen is None:
+            return
+        words, stage = seen
+        self._report(MisfitSeen(words, stage is not None))
+        self._misfits.append(Misfit(words, observation.t, stage is not None))
+        if stage is None:
+            self.context.failed(Failure(FailureKind.MISFIT, "run", observation.t, words))
+            return
+        delay = max(self._model.camera_delay, -stage.dead_time)
+        self._model = replace(self._model, stage=stage, camera_delay=delay)
+        self._balls.adopt(self._model)
+        self._prepare_control()
+        run = self.context
+        run.options, run.planners = self._leaf_options, self._planners
+        run.rollout, run.late_s = self._rollout, self._late_s
+        run.balls.aheads, run.balls.keeper = self._balls.ahead, self._keeper
+        run.ahead = run.balls.aheads[run.balls.led - 1]
 
     def _towards(
         self, goal: int, closed: Collection[str], t: float = 0.0, via: Sequence[int] = ()
@@ -125,7 +158,7 @@ class Run:
             planners=self._planners,
             ahead=self._balls.ahead[0],
             report=_weak_reporter(WeakMethod(self._report)),
-            options=setup.settings.leaves,
+            options=self._leaf_options,
             late_s=self._late_s,
             rollout=self._rollout,
             policy=setup.policy,
@@ -221,6 +254,8 @@ class Run:
                 return self._end(False, str(FailureKind.BALL_OUT))
             if self._unseen_for_long(observation):
                 return self._end(False, str(FailureKind.BALL_LOST))
+            if any(not misfit.adopted for misfit in self._misfits):
+                return self._end(False, str(FailureKind.MISFIT))
             late = observation.t - self._goals[-1].t >= job.time_limit
             if (status == "RUNNING" and not late) or not (self._requests is None or self._requests.over()):
                 continue
@@ -327,6 +362,7 @@ class Run:
         began = perf_counter()
         run = self.context
         self._see(observation)
+        self._check_fit(observation)
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
         else:
@@ -352,6 +388,7 @@ class Run:
             command = self._backlash.lead(command) if lead else command
             passed_on = self._backlash.sent(command)
         self._last_sent = command
+        self._fit.sent(command, observation.t)
         self._rig.command(command.u_beta, command.u_gamma)
         self._balls.sent(passed_on, observation.t)
         self._record.tick(
@@ -382,7 +419,7 @@ class Run:
         """The result of the run until now."""
         return self._record.result(
             self.context, self._job, success, reason,
-            rig=self._setup.rig_name, goals=self._goals, doubts=self._sample_check.doubts,
+            rig=self._setup.rig_name, goals=self._goals, doubts=self._sample_check.doubts, misfits=self._misfits,
         )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from mazeplan.core.display import Display
 from mazeplan.core.events import (
     DoubtRaised,
     FailureReported,
+    MisfitSeen,
     OtherEntered,
     PlacedElsewhere,
     RecoveryChosen,
@@ -26,6 +27,7 @@ from mazeplan.core.records import (
     Command,
     Doubt,
     GoalGiven,
+    Misfit,
     NavigationResult,
     Observation,
     OtherBall,
@@ -155,7 +157,7 @@ class RunRecorder:
 
     def result(
         self, context: RunContext, job: Job, success: bool, reason: str, *, rig: str, goals: Sequence[GoalGiven],
-        doubts: Sequence[Doubt],
+        doubts: Sequence[Doubt], misfits: Sequence[Misfit] = (),
     ) -> NavigationResult:  # fmt: skip
         """The result of the run until now."""
         ways = {ball: way.until(context.now) for ball, way in self._histories.items()}
@@ -175,6 +177,7 @@ class RunRecorder:
             doubts=tuple(doubts),
             start=self._start,
             others=tuple(OtherBall(ball, rings) for ball, rings in ways.items() if ball > 1),
+            misfits=tuple(misfits),
         )
 
 
@@ -216,6 +219,8 @@ def _words(timed: TimedEvent) -> str:
             return f"ball {ball} is in ring {ring}"
         case PlacedElsewhere(_, asked):
             return f"the ball is not in ring {asked}, where it was to begin"
+        case MisfitSeen(words, adopted):
+            return f"{words}; the run goes on with this" if adopted else words
         case DoubtRaised("rate"):
             return "the rig's samples do not come at the rate_hz that it says"
         case event if isinstance(event, Request):

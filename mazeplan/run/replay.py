@@ -341,7 +341,7 @@ class _Script:
 
 def _observation(document: dict[str, Any]) -> Observation:
     doubts = str(document.get("doubts", "")).split()  # a log holds only finite numbers
-    untold = {"beta": math.nan, "gamma": math.nan} if "tilt" in doubts else {}
+    untold = {"beta": math.nan, "gamma": math.nan} if {"tilt", "no_tilt"} & set(doubts) else {}
     t, beta, gamma = (float({**untold, **document}[name]) for name in ("t", "beta", "gamma"))
     unseen = math.nan if "position" in doubts else 2.0 * FAR_M if "far" in doubts else None  # raises the doubt again
     x, y = (unseen if document.get(name) is None else float(document[name]) for name in ("x", "y"))

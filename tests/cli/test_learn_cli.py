@@ -13,15 +13,11 @@ from commands import plain
 from planar_rig import PlanarRig
 from ring_record import write_csv
 
-from mazeplan.apps.cli.learn import rows_line, with_rigid_ball
-from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import body_of, with_values
+from mazeplan.apps.cli.learn import rows_line
+from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.resources import to_install
-from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.reference_file import load_reference
-from mazeplan.diagnosis.rig.search import Reference
-from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, load_model
@@ -65,33 +61,6 @@ def test_rows_without_the_ball_are_counted():
     assert rows_line(Table({"t": np.arange(1.0), "theta": theta[:1]})) == "log          1 row"
 
 
-@pytest.mark.parametrize(
-    ("remaining", "line"),
-    [
-        (1.2, "rolling friction 0.0500 ± 0.0010 m/s^2, friction at walls 0.300 ± 0.020; what remains is 1.2 times the "
-              "noise of the camera"),
-        (1.6, "none: what remains is 1.6 times the noise of the camera; is the camera in the middle, and to scale?"),
-        (None, "none: the record has no x"),
-    ],
-)  # fmt: skip
-def test_a_model_has_the_rigid_ball_of_its_reference_where_this_ball_explains_the_logs(remaining, line):
-    ball = with_values(BodyModel(), {"rolling": 0.05, "wall": 0.3, "offset_x": 0.002, "noise": 1e-5 * (1.0 - 1e-9)})
-    body = Reference(ball, {"rolling": 0.001, "wall": 0.02})
-    reference, asked = None if remaining is None else RigReference(body, Known({}, {})), list[BodyModel]()
-
-    def remains(used: BodyModel) -> float:
-        asked.append(used)
-        return remaining
-
-    model, words = with_rigid_ball(RigModel.nominal(MAZE), reference, "the record has no x", remains)
-    assert words == f"rigid ball   {line}"
-    found = body_of(model)
-    assert (found is not None) == (remaining == 1.2)
-    assert found is None or found.ball == ball.ball
-    for used in asked:
-        assert used.view.offset_x == 0.0, "as a run knows it"
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["p", "pi"])
@@ -101,7 +70,7 @@ def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     for begin in ("log          1800 rows", "stage beta", "stage gamma", "camera", "ring 1", "ring 5", "wrote "):
         assert any(line.startswith(begin) for line in out.splitlines())
     assert "Gaussian process" not in out
-    assert ("rigid ball   none: it was not looked at" in out) == (kind == "pi")
+    assert "rigid ball   none: it was not looked at" in out
     model = load_model(tmp_path / "model")
     assert (model.kind, dict(model.processes)) == (kind, {})
     nominal = RigModel.nominal(MAZE).ball(2).parameter("rolling_inertia", "factor", 1.0)
@@ -118,16 +87,18 @@ def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
     assert (code, err) == (0, "")  # progress is for terminals
     model = load_model(tmp_path / "model")
     assert model.kind == kind
-    assert 2 in model.processes
-    assert len(model.processes[2]) <= 300
     for ring, process in model.processes.items():
         [line] = [line for line in out.splitlines() if line.startswith(f"ring {ring} Gaussian process: ")]
         assert f"{len(process)} rows, nRMSE of theta_dd on test blocks" in line
+        assert len(process) <= 300
     scores = model.scores
+    with_it, before = scores[f"nrmse_test_{kind}"], scores["nrmse_test_effects"]
+    useful = {ring for ring in with_it if kind == "np" or with_it[ring] <= before[ring]}  # np has nothing else
+    assert {f"ring{ring}" for ring in model.processes} == useful
     assert scores["smoothing"]["method"] == "savgol"
-    # of 300 rows, with a ball that also hits walls, a Gaussian process alone cannot make much
-    assert 0.0 < scores[f"nrmse_test_{kind}"]["ring2"] < (0.7 if kind == "sp" else 0.95)
-    assert scores["nrmse_test_effects"]["ring2"] < 0.7
+    # of 300 rows, with a ball that also hits walls, a Gaussian process cannot make much
+    assert 0.0 < with_it["ring2"] < 0.95
+    assert before["ring2"] < 0.7
     assert f"wrote {tmp_path / 'model' / 'model.yaml'}" in out
 
 
@@ -152,7 +123,8 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypat
     for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d? %  left 0:00:\d\d"):
         assert re.search(rf"learning .*{words}", plain(err)), words
     # the written model predicts, and not the same everywhere
-    assert np.ptp(load_model(tmp_path / "model").processes[2].mean(inputs(STATES))) > 0.01
+    assert all(np.ptp(process.mean(inputs(STATES))) > 0.01 for process in model.processes.values())
+    assert model.processes
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.opening import OpeningOptions, opening_command
-from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions, law_command, passing_time
+from mazeplan.control.opening_rollout import TICK, OpeningRollout, RolloutOptions, law_command, passing_time
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import FREE_ROLLING, GRAVITY
 from mazeplan.core.errors import SettingsError
@@ -85,7 +85,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
     plate = np.array([tilt / math.sqrt(2), -tilt / math.sqrt(2)])  # the opening at 225 degrees: inwards is +x, +y
     state = beside("1-2@225", 0.0, tilt=tuple(plate - BIAS))
     z, where = vector(state), gap("1-2@225")
-    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, (1.0, steps), *PLANAR.arrays())
+    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, (1.0, steps, TICK), *PLANAR.arrays())
     pull = FREE_ROLLING * GRAVITY * math.sqrt(2) * math.sin(tilt / math.sqrt(2))
     assert time == pytest.approx(math.sqrt(2 * (state.r - where[3]) / pull), rel=0.04)
     assert math.hypot(z[0], z[1]) == pytest.approx(where[3], abs=2e-3)
@@ -94,7 +94,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
 def test_a_ball_that_does_not_come_through_is_later_than_the_horizon():
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])  # outwards at 225 degrees
     time = passing_time(
-        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10), *PLANAR.arrays()
+        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10, TICK), *PLANAR.arrays()
     )
     assert time > 0.4
 
@@ -106,14 +106,14 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
     for across in np.linspace(-0.012, 0.012, 9):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
         command = tries.improved_command(state, MAZE.opening("2-3@90"), 3)
-        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10), *PLANAR.arrays())
+        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR.arrays())
         if command is None:
             continue
         chosen += 1
         u = np.array([command.u_beta, command.u_gamma])
         assert np.abs(u).max() <= MAZE.tilt_limit
         best = min(
-            passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10), *PLANAR.arrays()) for n in (1, 2, 4)
+            passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR.arrays()) for n in (1, 2, 4)
         )
         assert best < by_law - options.margin_s
     assert chosen >= 3
@@ -130,7 +130,7 @@ def test_half_as_many_steps_choose_nearly_as_good_a_command():
                 (np.zeros(2), (0,)) if command is None else (np.array([command.u_beta, command.u_gamma]), (1, 2, 4))
             )
             chosen += command is not None
-            span = (0.5, 40)
+            span = (0.5, 40, TICK)
             times.append(
                 min(passing_time(vector(state), u, n, gap("2-3@90"), law, span, *PLANAR.arrays()) for n in held)
             )
@@ -146,7 +146,7 @@ def test_so_few_steps_that_a_ball_jumps_over_walls_are_refused():
     for speed in (0.2, 0.5, 0.8):  # beside the opening at 225 degrees, towards the wall
         z = vector(beside("1-2@225", 0.03))
         z[2:4] = -speed * z[:2] / math.hypot(z[0], z[1])
-        assert passing_time(z, held, 100, gap("1-2@225"), rollout()._law, (0.2, 4), *PLANAR.arrays()) > 0.2
+        assert passing_time(z, held, 100, gap("1-2@225"), rollout()._law, (0.2, 4, TICK), *PLANAR.arrays()) > 0.2
 
 
 def test_nothing_is_better_by_a_margin_that_nothing_can_reach():

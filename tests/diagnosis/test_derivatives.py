@@ -11,15 +11,23 @@ from mazeplan.diagnosis.ring.candidates import ring_library, stage_errors
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.diagnosis.stage.plate_motion import fit_stage, plate_motion
 
+ROWS = np.ones(1800, dtype=bool)
+
 
 @pytest.fixture(scope="module")
-def likelihood():
-    seen = record(seed=3, seconds=60.0)
-    rows = np.ones(1800, dtype=bool)
-    stage = fit_stage(seen, rows)
-    assert stage is not None
+def seen():
+    return record(seed=3, seconds=60.0)
+
+
+@pytest.fixture(scope="module")
+def stage(seen):
+    return fit_stage(seen, ROWS)
+
+
+@pytest.fixture(scope="module")
+def likelihood(seen, stage):
     system = RingSystem(seen.t, seen.theta, seen.begins, 0.0925, plate_motion(seen, stage), DECLARED)
-    return Likelihood(system, [*ring_library(), stage_errors(stage.directions)], rows)
+    return Likelihood(system, [*ring_library(), stage_errors(stage.directions)], ROWS)
 
 
 SMOOTH = ["rolling_inertia", "viscous_friction", "quadratic_drag", "tilt_offset", "constant_torque", "surface_profile",
@@ -40,14 +48,17 @@ def test_derivatives_are_those_of_whole_passes(likelihood, name):
     for j, (_, key, step) in enumerate(steps):
         up, down = ({name: {**start, key: start[key] + sign * step}} for sign in (1.0, -1.0))
         slope = (likelihood.whitened(up, 30.0)[0] - likelihood.whitened(down, 30.0)[0]) / (2.0 * step)
+        if name == "stage" and not np.any(slope):  # of a number that the kind of axis does not have
+            assert not np.any(J[:, j])
+            continue
         off = np.linalg.norm(J[:, j] - slope) / np.linalg.norm(slope)
         assert off < 0.1, (key, off)
 
 
-def test_directions_of_the_stage_are_one_standard_error_long(likelihood):
+def test_directions_of_the_stage_are_one_standard_error_long(likelihood, stage):
     """The tilt that each of them moves is worth one unit of the sensor's -2 log L, or less where it is cut."""
     tilt = likelihood.system.tilt
-    assert len(tilt.by_stage) == 10
-    for name, change in tilt.by_stage.items():
-        moved = change[::6, 0 if name.startswith("beta") else 3]
-        assert 0.0 < np.sum(moved**2) / 8e-4**2 < 3.0
+    moved = [change[::6, 0 if name.startswith("beta") else 3] for name, change in tilt.by_stage.items()]
+    worth = np.array([np.sum(angle**2) / 8e-4**2 for angle in moved])
+    assert np.sum(worth > 0.0) == sum(3 + axis.order for axis in stage.axes)  # a direction for each number of its kind
+    assert worth.max() < 3.0

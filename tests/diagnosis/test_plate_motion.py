@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.diagnosis.stage.plate_motion import FINE, simulated
+from mazeplan.diagnosis.stage.plate_motion import FINE
 from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import fine_motion
 
 
 def test_an_axis_begins_at_rest_and_settles_where_gain_and_offset_say():
     axis, dt = StageAxis(1.1, 24.0, 0.9, offset=0.01), 1.0 / 30.0
     u = np.repeat([-0.04, 0.05], 60)
-    motion = simulated(u, axis, dt)
+    motion = fine_motion(axis, u, dt, FINE)
     assert motion.shape == (len(u) * FINE, 3)
     middle = len(motion) // 2
     assert np.allclose(motion[: middle - FINE], [1.1 * -0.04 + 0.01, 0.0, 0.0], atol=1e-12)

@@ -123,7 +123,7 @@ def test_ripples_for_which_a_model_has_no_place_are_told():
 def test_values_outside_what_a_model_may_have_become_the_nearest():
     found = [effect("sensor_delay", delay=(-0.01, 0.001)), effect("quadratic_drag", coefficient=(-1, 1))]
     new = updated(TOY, {1: found})
-    assert new.camera_delay == 0.0
+    assert new.camera_delay == -TOY.stage.dead_time
     assert new.ball(1).parameter("quadratic_drag", "coefficient", 1.0) == 0.0
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from strange_rigs import StrangeRig
 
 import mazeplan.control.estimation.estimator as estimator_module
-from mazeplan.control.estimation.delay_bank import FRAMES, DelayBank, estimator_for
+from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.core.records import Command
 from mazeplan.learning.modelfile import RigModel
@@ -20,9 +22,12 @@ MAZE = load_map("cme")
 NOMINAL = RigModel.nominal(MAZE)
 
 
-def driven(bank, seconds=3.0, **settings):
-    """Delays believed, one a sample, while the plate is swayed on a simulated rig."""
-    rig = SimulatedRig(MAZE, {"wall_grip": 0.3, "rolling_friction_m": 5e-5, **settings})
+def simulated(**settings):
+    return SimulatedRig(MAZE, {"wall_grip": 0.3, "rolling_friction_m": 5e-5, **settings})
+
+
+def driven(bank, rig, seconds=3.0):
+    """Delays believed, one a sample, while the plate of a rig is swayed."""
     rig.reset(ring=1, theta=0.4, rng=np.random.default_rng(1))
     believed = []
     for i in range(round(30 * seconds)):
@@ -37,9 +42,18 @@ def driven(bank, seconds=3.0, **settings):
 
 @pytest.mark.parametrize("frames", [0, 1, 2, 3])
 def test_the_delay_is_found_and_kept(frames):
-    believed = driven(DelayBank(MAZE, NOMINAL), camera_delay_frames=frames, camera_noise_mm=0.5)
+    believed = driven(DelayBank(MAZE, NOMINAL), simulated(camera_delay_frames=frames, camera_noise_mm=0.5))
     assert np.abs(believed[45:] * 30.0 - frames).max() <= 1.0
     assert np.ptp(believed[60:]) <= 1.0 / 30.0 + 1e-9
+
+
+@pytest.mark.parametrize("late_ms", [0.0, 33.0, 67.0])
+def test_a_picture_may_be_earlier_than_the_tilt_by_as_much_as_the_dead_time(late_ms):
+    axes = {name: replace(getattr(NOMINAL.stage, name), dead_time=1e-3 * late_ms) for name in ("beta", "gamma")}
+    bank = DelayBank(MAZE, replace(NOMINAL, stage=replace(NOMINAL.stage, **axes)))
+    believed = driven(bank, StrangeRig(MAZE, {"tilt_late_ms": late_ms}))
+    assert np.abs(believed[45:] + 1e-3 * late_ms).max() <= 1.0 / 30.0
+    assert believed.min() >= -1e-3 * late_ms
 
 
 def test_while_the_ball_stands_nothing_is_concluded():
@@ -49,7 +63,7 @@ def test_while_the_ball_stands_nothing_is_concluded():
     for _ in range(60):
         bank.update(rig.observe())
         rig.command(0.0, 0.0)
-    assert bank.camera_delay == FRAMES[0]
+    assert bank.camera_delay == 0.0
 
 
 def test_it_speaks_as_the_estimator_it_believes():

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, servo_transition
+from mazeplan.control.estimation.plate import AxisFilter, PlateNoise
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.planar import PlanarModel, predict
+from mazeplan.physics.rig.stage import StageAxis
 
 MAZE = load_map("cme")
 DT = 1.0 / 30.0
@@ -24,25 +25,35 @@ def model(delay_frames: float = 2.0) -> RigModel:
 
 
 class Played:
-    """A ball played by the planar model under commands, seen late and with noise: truth is known at each moment."""
+    """A ball played by the planar model under commands, seen late and with noise: truth is known at each moment.
 
-    def __init__(self, rig_model: RigModel, theta: float = 0.3, noise: float = 0.0, seed: int = 0) -> None:
+    tilt_late: how late the tilt is measured, s; if it is given, the past is known at half ticks, too"""
+
+    def __init__(
+        self, rig_model: RigModel, theta: float = 0.3, noise: float = 0.0, seed: int = 0, tilt_late: float | None = None
+    ) -> None:
         self.model, self.noise, self.rng = rig_model, noise, np.random.default_rng(seed)
+        self.tilt_late, self.parts = tilt_late or 0.0, 1 if tilt_late is None else 2
         self.planar = PlanarModel.build(MAZE, rig_model)
         radius = MAZE.track_radius(1)
         self.z = np.array([radius * math.cos(theta), radius * math.sin(theta), 0, 0, 0, 0, 0, 0], dtype=float)
         self.history, self.t = [self.z.copy()], 0.0
 
+    def past(self, late: float) -> np.ndarray:
+        return self.history[max(0, len(self.history) - 1 - round(self.parts * late / DT))]
+
     def observation(self) -> Observation:
-        late = round(self.model.camera_delay / DT)
-        x, y = self.history[max(0, len(self.history) - 1 - late)][:2] + self.noise * self.rng.standard_normal(2)
-        return Observation(self.t, float(x), float(y), float(self.z[4]), float(self.z[6]))
+        x, y = self.past(self.model.camera_delay)[:2] + self.noise * self.rng.standard_normal(2)
+        tilts = self.past(self.tilt_late)[[4, 6]]
+        return Observation(self.t, float(x), float(y), *map(float, tilts))
 
     def step(self, command: Command) -> None:
-        u = np.array([[command.u_beta, command.u_gamma]])
-        predict(self.z, self.t, self.t + DT, np.array([self.t]), u, *self.planar.arrays())
+        u, h = np.array([[command.u_beta, command.u_gamma]]), DT / self.parts
+        for k in range(self.parts):
+            t = self.t + k * h
+            predict(self.z, t, t + h, np.array([t]), u, *self.planar.arrays())
+            self.history.append(self.z.copy())
         self.t += DT
-        self.history.append(self.z.copy())
 
 
 def wave(t: float) -> Command:
@@ -74,6 +85,42 @@ def test_the_delay_is_taken_out(delay_frames):
 def test_an_estimator_that_knows_of_no_delay_lags():
     errors = follow(Played(model(2.0)), Estimator(MAZE, model(0.0)), 120)
     assert max(errors[20:]) > 4e-3
+
+
+def test_a_tilt_that_is_late_costs_nothing():
+    """By the clock of the tilt, the plate follows after a dead time, and a picture shows the ball of the future.
+
+    Half of the pictures are lost, so that the tilt counts."""
+    late, rig = 0.05, model(0.0)
+    axes = {name: replace(getattr(rig.stage, name), dead_time=late) for name in ("beta", "gamma")}
+    shifted = replace(rig, stage=replace(rig.stage, **axes), camera_delay=-late)
+
+    def error(believed: RigModel, tilt_late: float) -> float:
+        errors = follow(Played(rig, tilt_late=tilt_late), Estimator(MAZE, believed), 240, lost=lambda k: k % 24 >= 12)
+        return float(np.sqrt(np.mean(np.square(errors[20:]))))
+
+    prompt = error(rig, 0.0)
+    assert error(shifted, late) < 1.1 * prompt
+    assert error(rig, late) > 3.0 * prompt  # of one that does not know that the tilt is late
+
+
+def test_without_a_tilt_sensor_the_commands_move_the_plate():
+    rig = model()
+    estimator, played, ever = Estimator(MAZE, rig), Played(rig), set()
+    for k in range(120):
+        state = estimator.update(replace(played.observation(), beta=math.nan, gamma=math.nan))
+        ever |= estimator.doubts
+        if k > 20:
+            assert (state.beta, state.gamma) == pytest.approx((played.z[4], played.z[6]), abs=1e-3)
+            assert math.hypot(state.x - played.z[0], state.y - played.z[1]) < 0.5e-3
+        estimator.sent(wave(played.t), played.t)
+        played.step(wave(played.t))
+    assert ever == {"no_tilt"}
+    estimator.update(played.observation())
+    assert estimator.doubts == set()
+    played.step(wave(played.t))
+    estimator.update(replace(played.observation(), beta=math.nan, gamma=math.nan))
+    assert estimator.doubts == {"tilt"}  # that sensor was there before
 
 
 def test_noise_is_filtered():
@@ -142,7 +189,7 @@ def test_plate_filter_follows_the_servo_through_noise():
     for k in range(300):
         u = 0.06 * math.copysign(1.0, math.sin(0.2 * k))
         target = np.array([axis.gain * u + axis.offset, 0.0])
-        truth = target + servo_transition(axis.natural_frequency, axis.damping, DT) @ (truth - target)
+        truth = target + axis.transition(DT) @ (truth - target)
         plate.predict(u, DT)
         measured = truth[0] + 1e-3 * rng.standard_normal()
         plate.update(measured)
@@ -158,7 +205,7 @@ def test_servo_transition_against_the_matrix_exponential(damping):
 
     wn, dt = 26.0, 0.03
     a = np.array([[0.0, 1.0], [-(wn**2), -2.0 * damping * wn]])
-    assert np.allclose(servo_transition(wn, damping, dt), expm(a * dt), atol=1e-10)
+    assert np.allclose(StageAxis(1.0, wn, damping).transition(dt), expm(a * dt), atol=1e-10)
 
 
 def test_ahead_is_the_state_later_with_the_last_command_held():

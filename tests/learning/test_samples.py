@@ -165,8 +165,8 @@ def test_what_is_missing_is_said(more, options, maze, said):
 def test_wrong_options_are_named():
     with pytest.raises(SettingsError, match="rates: got 'late', expected one of smoothed, delayed, filtered"):
         SampleOptions(rates="late")
-    for delay in (-0.1, np.nan, np.inf):
-        with pytest.raises(SettingsError, match=r"delay: got .*, expected a finite number of s >= 0"):
+    for delay in (np.nan, np.inf):
+        with pytest.raises(SettingsError, match=r"delay: got .*, expected a finite number of s"):
             SampleOptions(delay=delay)
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from stage_kinds import DEGREE, DT, KINDS, jumps
 
-from mazeplan.learning.stage_fit import fit_axis
+from mazeplan.learning.stage_fit import FLOOR, LIMITS, STEADY_S, fit_axis
 from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import simulate_axis
+from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 from mazeplan.run.excitation import multisine
-
-DT = 1.0 / 30.0
-
 
 NOISE = 9e-4  # rad, 0.05 deg
 AXES = {
@@ -24,8 +25,9 @@ CLOSE = {"gain": 5e-3, "natural_frequency": 2.5, "damping": 0.12, "dead_time": 6
 
 @pytest.mark.parametrize("name", AXES)
 def test_fit_finds_the_axis_through_noise(name):
+    """Commands that jump: slow ones do not tell the second order from the first with a longer dead time."""
     true, rng = AXES[name], np.random.default_rng(0)
-    u = multisine(rng, 130.0, 30.0, 0.087)[:, 0]
+    u = jumps(0, 3900)[:, 0]
     fit = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT)
     for parameter, close in CLOSE.items():
         error = abs(getattr(fit.axis, parameter) - getattr(true, parameter))
@@ -69,29 +71,39 @@ def test_a_slow_axis_that_starts_elsewhere_is_waited_for():
     assert fit.axis.dead_time == pytest.approx(0.1, abs=2e-3)
 
 
-def test_what_the_record_does_not_tell_has_a_large_standard_error():
+def test_a_pole_that_the_record_does_not_tell_is_left_out():
     """A pole at 224 rad/s behind one of 16 rad/s and a dead time, commands of 1.5 Hz."""
-    rng = np.random.default_rng(1)
+    true, rng = StageAxis(0.8, 60.0, 2.0, 0.2), np.random.default_rng(1)
     u = multisine(rng, 60.0, 30.0, 0.087)[:, 0]
-    angle = simulate_axis(StageAxis(0.8, 60.0, 2.0, 0.2), u, DT) + NOISE * rng.standard_normal(len(u))
-    axis = fit_axis(u, angle, DT).axis
-    assert axis.stderr["natural_frequency"] > 5.0
-    assert axis.stderr["gain"] < 0.01
+    axis = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT).axis
+    assert axis.order == 1
+    seen = {"natural_frequency": true.slowest(), "dead_time": true.dead_time + 1.0 / 224.0, "gain": true.gain}
+    for parameter, value in seen.items():
+        assert abs(getattr(axis, parameter) - value) < 4.0 * axis.stderr[parameter], parameter
+
+
+@pytest.mark.parametrize("seed", [1, 6, 7, 17])
+def test_an_axis_that_follows_at_once_is_not_taken_for_a_fast_lag(seed):
+    """Samples show only between which two of them it jumps: no lag that begins with the first of these is known."""
+    true, rng = StageAxis.prompt(dead_time=0.06), np.random.default_rng(seed)
+    u = multisine(rng, 60.0, 30.0, 0.087)[:, 0]
+    axis = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT).axis
+    assert axis.order == 0
+    assert abs(axis.dead_time - true.dead_time) < 4.0 * axis.stderr["dead_time"]
 
 
 def test_standard_errors_are_the_scatter_of_repeated_fits():
     true, rng = AXES["underdamped"], np.random.default_rng(5)
     scores = []
-    for _ in range(8):
-        u = multisine(rng, 40.0, 30.0, 0.087)[:, 0]
+    for seed in range(8):
+        u = jumps(seed, 1200)[:, 0]
         axis = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT).axis
         scores.append([(getattr(axis, p) - getattr(true, p)) / axis.stderr[p] for p in ("gain", "damping", "offset")])
     assert 0.5 < np.std(scores) < 1.7
 
 
 def test_fit_respects_breaks_and_says_what_is_missing():
-    axis, t = StageAxis(), np.arange(900) * DT
-    u = 0.05 * np.sin(4.0 * t)
+    axis, u = StageAxis(), jumps(2, 900)[:, 0]
     angle = np.concatenate([simulate_axis(axis, u[:450], DT), simulate_axis(axis, u[450:], DT)])
     breaks = np.zeros(900, dtype=bool)
     breaks[[0, 450]] = True
@@ -105,7 +117,33 @@ def test_fit_respects_breaks_and_says_what_is_missing():
 def test_an_axis_beyond_the_grid_is_found():
     """Faster than any pole of the grid, ringing, and late; a fit from too slow a start ends at another minimum."""
     true, rng = StageAxis(1.4, 110.0, 0.36, 0.1), np.random.default_rng(7)
-    u = multisine(rng, 60.0, 30.0, 0.087)[:, 0]
+    u = jumps(7, 1800)[:, 0]
     fit = fit_axis(u, simulate_axis(true, u, DT) + 1e-5 * rng.standard_normal(len(u)), DT)
     assert fit.rms == pytest.approx(1e-5, rel=0.1)
     assert fit.axis.dead_time == pytest.approx(0.1, abs=1e-3)
+
+
+PLAY = replace(KINDS["first order"], backlash=0.15 * DEGREE)
+TOLD = {**{name: (axis, 0.0) for name, axis in KINDS.items()}, "backlash": (PLAY, 0.1 * DEGREE)}  # and its resolution
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+@pytest.mark.parametrize("name", TOLD)
+def test_the_kind_of_an_axis_is_found_with_its_numbers(name, noise):
+    (true, step), rng = TOLD[name], np.random.default_rng(3)
+    u = jumps(3, 2400)[:, 0]
+    tilt = simulate_axis(true, actuator_output(u, true), DT) + noise * rng.standard_normal(len(u))
+    fit = fit_axis(u, np.round(tilt / step) * step if step else tilt, DT)
+    axis = fit.axis
+    assert axis.order == true.order
+    assert math.isfinite(axis.rate_limit) == math.isfinite(true.rate_limit)
+    assert (axis.backlash > 0.0, axis.resolution) == (true.backlash > 0.0, 0.0)
+    for parameter, stderr in axis.stderr.items():
+        value, (low, high) = getattr(axis, parameter), LIMITS[parameter]
+        assert abs(value - getattr(true, parameter)) < 4.0 * stderr, parameter
+        assert low < value < high, parameter
+    assert fit.times_noise < 1.1
+    # with more unknowns than gain and offset, they are less certain than these
+    floor = max(FLOOR, step / math.sqrt(12.0)) * math.sqrt(STEADY_S / DT / fit.samples)
+    assert axis.stderr["gain"] > 0.9 * floor / np.std(u)
+    assert axis.stderr["offset"] > 0.99 * floor

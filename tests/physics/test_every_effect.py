@@ -32,6 +32,7 @@ from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics
 from mazeplan.physics.rig.entries import part_values, with_part
+from mazeplan.physics.rig.stage import second_order_transition
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "outside"))
 from outside_cart import wind_of_a_fan
@@ -209,11 +210,9 @@ def settled(model: RigModel) -> tuple[np.ndarray, np.ndarray]:
         stage_step(z, u[0], u[1], planar.stage, 1e-3)
     exact = []
     for i, (own, other) in enumerate(((u[0], u[1]), (u[1], u[0]))):
-        gain, wn, zeta, offset, coupling = planar.stage[i]
-        from mazeplan.physics.dynamics.ring_parameters import stage_transition
-
+        gain, wn, zeta, offset, coupling, _ = planar.stage[i]
         rest = gain * (own + coupling * other) + offset
-        M = stage_transition(wn, zeta, 1.0 / 30.0)
+        M = second_order_transition(wn, zeta, 1.0 / 30.0)
         exact += [rest * (1.0 - M[0, 0]), -rest * M[1, 0]]
     return np.concatenate([s[2:], first]), np.concatenate([z[4:], exact])
 

@@ -18,12 +18,10 @@ from mazeplan.physics.dynamics.ring_parameters import (
     FASTEST,
     AxisParameters,
     RingParameters,
-    resolved,
-    stage_transition,
 )
 from mazeplan.physics.effects.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
 from mazeplan.physics.registry import make_term
-from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage import PROMPT, WIDE, StageAxis, StageModel, second_order_transition
 
 PLAIN = RingParameters(0.0689)
 FULL = ring_of(
@@ -134,7 +132,7 @@ def test_a_share_of_a_command_reaches_the_other_axis():
 def test_the_transition_matrix_is_the_matrix_exponential(zeta):
     wn, t = 26.0, 1.0 / 30.0
     M = np.array([[0.0, 1.0], [-wn * wn, -2.0 * zeta * wn]])
-    np.testing.assert_allclose(stage_transition(wn, zeta, t), expm(M * t), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(second_order_transition(wn, zeta, t), expm(M * t), rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -217,11 +215,15 @@ def test_a_plate_that_answers_like_a_lag_of_first_order(natural_frequency, dampi
 
 def test_a_stage_that_can_be_resolved_is_as_it_is():
     for numbers in ((26.0, 0.9), (26.0, 1.2), (61.0, 1.43), (150.0, 0.5)):
-        assert resolved(*numbers) == numbers
-    w, z = resolved(240.0, 4.76)
+        assert StageAxis(1.0, *numbers).careful(FASTEST) == numbers
+    w, z = StageAxis(1.0, 240.0, 4.76).careful(FASTEST)
     poles = sorted(-np.roots([1.0, 2.0 * z * w, w * w]).real)
     assert poles == pytest.approx([240.0 * (4.76 - math.sqrt(4.76**2 - 1.0)), FASTEST])
-    assert resolved(300.0, 0.7) == (FASTEST, 0.7)
+    assert StageAxis(1.0, 300.0, 0.7).careful(FASTEST) == (FASTEST, 0.7)
+    assert StageAxis.prompt().careful(FASTEST) == (PROMPT, 1.0)  # no faster than what the record shows
+    slow = StageAxis(1.0, 100.0, 0.9, rate_limit=0.5).careful(FASTEST)
+    assert slow[0] * WIDE / math.e == pytest.approx(0.5)  # the largest rate of a critically damped axis
+    assert slow[1] >= 1.0
 
 
 def test_without_a_rolling_effect_the_ball_slides():

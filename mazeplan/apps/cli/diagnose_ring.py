@@ -157,7 +157,7 @@ def _known_stage(model: RigModel, known: Values, declare: Sequence[str]) -> Know
         name: {key: error for key, error in stderr.items() if f"{name}.{key}" not in given}
         for name, stderr in of.stderr.items()
     }
-    return Known({**of.values, **{name: known[name] for name in declared}}, errors)
+    return Known({**of.values, **{name: known[name] for name in declared}}, errors, of.kind)
 
 
 def ring_openings(maze: Maze, ring: int) -> Openings:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +11,18 @@ from mazeplan.apps.cli.output import plural, print_json
 from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
-    from mazeplan.control.estimation.rigid_body_filter import BodyModel
     from mazeplan.core.logs.table import Table
-    from mazeplan.diagnosis.rig.reference import RigReference
     from mazeplan.learning.ball_models import BallModel
     from mazeplan.learning.identification import RigFit
     from mazeplan.learning.modelfile import RigModel
     from mazeplan.learning.rig_gp import RingLearning
+    from mazeplan.learning.stage_fit import StageFit
     from mazeplan.maze.geometry import Maze
+    from mazeplan.physics.rig.stage import StageAxis
+    from mazeplan.run.learn import Drive, Learned
 
+RUNS = 8  # of each model on a simulated rig
 TABLE = "tilt_offset"  # an effect of the table, the same for all rings
-WITH_BODY = ("pi", "sp", "spnn")  # kinds with effects that were fitted; the others leave physics out on purpose
 
 
 def learn(
@@ -34,24 +33,26 @@ def learn(
     most: opt.LearnRows = 4000,
     smoothing: opt.Smoothing = "rts",
     seed: opt.Seed = 0,
+    rig: opt.DrivenRig = None,
     map_: opt.MapOfLog = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""
-    from mazeplan.core.logs.table import check_there, join, read_table
+    from mazeplan.core.logs.table import check_there, read_table
 
     for log in logs:  # checked before torch loads
         check_there(log)
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.words import verdict_lines
+    from mazeplan.core.logs.table import join
+    from mazeplan.learning.fits import fits_words
     from mazeplan.learning.fitting import NETWORKS, FitOptions
     from mazeplan.learning.gp_training import TrainingOptions, require_torch
-    from mazeplan.learning.identification import fit_rig
-    from mazeplan.learning.modelfile import RigModel, model_document, save_model
-    from mazeplan.learning.rig_gp import learn_processes
+    from mazeplan.learning.modelfile import model_document, save_model
     from mazeplan.learning.smoothing import Smoothing
+    from mazeplan.run.learn import learn as learn_model
 
     learns = kind not in ("p", "pi")
     if device == "cuda" and (not learns or kind in NETWORKS):
@@ -66,33 +67,53 @@ def learn(
     with ProgressBar("learning") as bar:
         bar.show("reading")
         tables = [read_table(log) for log in logs]
-        table = join(tables)
         try:
-            fit = fit_rig(table, maze, tuple(table.source for table in tables), progress=bar.show)
+            done = learn_model(
+                tables, maze, kind, options, smoothing=chosen, progress=bar.show, advance=bar.advance,
+                drive=None if rig is None else _drive(rig, maze),
+            )  # fmt: skip
         except ValueError as problem:
             raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
-        model, learned = fit.model, {}
-        if kind == "p":
-            model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
-        if learns:
-            model, learned = learn_processes(
-                table, maze, model, kind, options, smoothing=chosen, progress=bar.show, advance=bar.advance
-            )
-        path = save_model(model, output)
+        path = save_model(done.model, output)
+        kept = _keep_reference(done, output)
         bar.show("judging")
-        verdict = _verdict(model, tables, maze, output)
-        bar.show("reference for later diagnoses")
-        kept, model, body = _keep_reference(table, maze, model, output, kind in WITH_BODY)
-        if model.body is not None:
-            save_model(model, output)
+        verdict = _verdict(done.model, tables, maze, output)
     if as_json:
-        kept = None if kept is None else str(kept)
-        written = {"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows}
-        print_json(written | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
+        written = {"model": str(path), "reference": kept, **model_document(done.model), "windows": done.fit.windows}
+        judged = {"fits": done.fits(), "judged": done.judgement.document()}
+        print_json(written | judged | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        lines = [rows_line(table), *model_lines(fit, model), *_learned_lines(learned, kind)]
-        lines += [*([body] if body else []), f"wrote {path}"]
+        lines = [rows_line(join(tables)), *model_lines(done.fit, done.model), *_learned_lines(done.rings, kind)]
+        lines += [
+            _ball_line(done),
+            f"fit          {fits_words(done.model)}",
+            done.judgement.words(),
+            *_driven_line(done.model),
+            f"wrote {path}",
+        ]
         print("\n".join([*lines, *verdict_lines(verdict)]))
+
+
+def _drive(rig: str, maze: Maze) -> Drive:
+    """Does a few runs on a simulated rig. Raises InputError for a rig in real time."""
+    from mazeplan.rigs.interface import traits
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.run.campaign.one_run import start_angle
+    from mazeplan.run.execution import attempt_job
+    from mazeplan.run.specification import Job, Setup
+
+    if traits(make_rig(rig, maze)).realtime:
+        raise InputError(f"got {rig}, a rig in real time; expected a simulated one: learn would drive it", key="--rig")
+
+    def times(model: RigModel) -> list[float]:
+        out = []
+        for i in range(RUNS):
+            job = Job(1, len(maze.rings), start_angle(i), i)
+            result, _ = attempt_job(make_rig(rig, maze), Setup(maze, model, rig_name=rig), job)
+            out.append(result.time_s if result.success else math.inf)
+        return out
+
+    return times
 
 
 def _learned_lines(learned: dict[int, RingLearning], kind: str) -> list[str]:
@@ -128,67 +149,69 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
     return document
 
 
-def _keep_reference(
-    table: Table, maze: Maze, model: RigModel, folder: Path, body: bool
-) -> tuple[Path | None, RigModel, str]:
-    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one.
-
-    body: whether to add the rigid ball to the model. Returns the file, the model, and a line about the ball"""
-    from mazeplan.diagnosis.rig.record import body_filter, remaining_of, why_not_whole
-    from mazeplan.diagnosis.rig.reference import reference_of, shortened
+def _keep_reference(done: Learned, folder: Path) -> str | None:
+    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
     from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
 
-    why, reference, kept = why_not_whole([table]), None, None
-    if why:
+    if done.reference is None:
         reference_path(folder).unlink(missing_ok=True)
-    else:
-        reference = reference_of([shortened(table)], maze, model)
-        kept = save_reference(reference, model, folder)
-    if not body:
-        return kept, model, ""
-    new, line = with_rigid_ball(
-        model, reference, why, lambda ball: remaining_of(body_filter(shortened(table), maze)[0], ball)
+        return None
+    return str(save_reference(done.reference, done.model, folder))
+
+
+def _ball_line(done: Learned) -> str:
+    """The rigid ball of the model, or why it has none."""
+    body = done.model.body
+    if body is None:
+        return f"rigid ball   none: {done.why or 'a bead in each ring predicts as well, or the kind leaves it out'}"
+    shown = (
+        ("rolling", "rolling friction", " m/s^2"),
+        ("wall", "friction at walls", ""),
+        ("restitution", "rebound", ""),
     )
-    return kept, new, line
+    words = [
+        f"{name} {body.values.get(key, 0.0):.3f} ± {body.stderr.get(key, math.nan):.3f}{unit}"
+        for key, name, unit in shown
+    ]
+    return f"rigid ball   {', '.join(words)}"
 
 
-def with_rigid_ball(
-    model: RigModel, reference: RigReference | None, why: str, remaining: Callable[[BodyModel], float]
-) -> tuple[RigModel, str]:
-    """The model with the rigid ball of the reference, if this ball explains the logs, and a line about it.
+def _driven_line(model: RigModel) -> list[str]:
+    """How each model drove the simulated rig."""
+    driven: dict[str, float] = model.scores.get("driven_s", {})
+    return [f"driven       {', '.join(f'{name} {time:.2f} s' for name, time in driven.items())}"] if driven else []
 
-    why: why there is no reference
-    remaining: size of the innovations of a ball over the noise of the camera. A run knows the ball by the camera and
-        the tilt sensor of the model, which the fit of the reference left free"""
-    from mazeplan.control.estimation.rigid_body_parameters import body_of, with_body
-    from mazeplan.diagnosis.rig.result import REMAINS
 
-    if reference is None:
-        return model, f"rigid ball   none: {why}"
-    ball, stderr = reference.body.model.ball, reference.body.stderr
-    new = with_body(model, reference.body.model, stderr)
-    used = body_of(new)
-    left = math.inf if used is None else remaining(used)
-    words = f"what remains is {left:.1f} times the noise of the camera"
-    if not left <= REMAINS:  # also NaN
-        return model, f"rigid ball   none: {words}; is the camera in the middle, and to scale?"
-    friction = f"rolling friction {ball.rolling:.4f} ± {stderr['rolling']:.4f} m/s^2"
-    return new, f"rigid ball   {friction}, friction at walls {ball.wall:.3f} ± {stderr['wall']:.3f}; {words}"
+def _measured_by(found: StageFit) -> str:
+    """What an axis was fitted to."""
+    if math.isnan(found.rms):
+        return "by the ball, as no tilt was measured"
+    return f"{found.times_noise:.1f} times the noise of the tilt sensor"
+
+
+def axis_words(axis: StageAxis) -> str:
+    """How an axis follows its commands, with standard errors."""
+    e = {**dict.fromkeys(("gain", "natural_frequency", "damping", "dead_time"), math.nan), **axis.stderr}
+    kind = (
+        f"follows at once: faster than {axis.natural_frequency:.0f} rad/s",
+        f"first order, {axis.natural_frequency:.1f} ± {e['natural_frequency']:.1f} rad/s",
+        f"second order, {axis.natural_frequency:.1f} ± {e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} "
+        f"± {e['damping']:.2f}",
+    )[axis.order]
+    more = [f"gain {axis.gain:.4f} ± {e['gain']:.4f}"]
+    more += [f"dead time {1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms"] if axis.dead_time else []
+    more += [f"rate at most {math.degrees(axis.rate_limit):.0f} deg/s"] if math.isfinite(axis.rate_limit) else []
+    more += [f"backlash {math.degrees(axis.backlash):.2f} deg"] if axis.backlash else []
+    more += [f"steps of {math.degrees(axis.resolution):.2f} deg"] if axis.resolution else []
+    return ", ".join([kind, *more])
 
 
 def model_lines(fit: RigFit, model: RigModel) -> list[str]:
     """The fitted parameters with their standard errors."""
-    lines = []
-    for name, axis, found in (("beta", model.stage.beta, fit.stage[0]), ("gamma", model.stage.gamma, fit.stage[1])):
-        e = axis.stderr
-        poles = ", ".join(f"{pole.real:.1f}{pole.imag:+.1f}j" for pole in axis.poles())
-        lines.append(
-            f"stage {name:5s}  gain {axis.gain:.4f} ± {e['gain']:.4f}, {axis.natural_frequency:.1f} ± "
-            f"{e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} ± {e['damping']:.2f}, dead time "
-            f"{1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms, poles {poles} rad/s, rms {found.rms:.2g} rad"
-        )
-        if e["natural_frequency"] > axis.natural_frequency:
-            lines.append(f"stage {name:5s}  the record shows only the slower pole; the faster one is too fast for it")
+    lines = [
+        f"stage {name:5s}  {axis_words(axis)}; {_measured_by(found)}"
+        for name, axis, found in zip(("beta", "gamma"), (model.stage.beta, model.stage.gamma), fit.stage, strict=True)
+    ]
     delay, error = 1e3 * model.camera_delay, 1e3 * (model.camera_delay_stderr or 0.0)
     lines.append(f"camera       {delay:.1f} ± {error:.1f} ms behind the tilt sensor")
     own = {*fit.windows, *model.processes}

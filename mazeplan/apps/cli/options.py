@@ -40,6 +40,15 @@ RigName = Annotated[
         help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.",
     ),
 ]
+DrivenRig = Annotated[
+    str | None,
+    Option(
+        "--rig",
+        autocompletion=names.RIGS,
+        metavar="RIG",
+        help="Simulated rig on which to drive a few runs; the model that drives best is kept.",
+    ),
+]
 RigFileName = Annotated[
     str,
     Option(

@@ -28,16 +28,19 @@ def navigation_job(
 
 
 def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
-    """Print a note if the run has no fitted model and uses nominal physics: no camera delay, no tilt of the table.
+    """Print how well the model fits its machine, or a note if the run has no fitted model and uses nominal physics.
 
     Raises InputError or RigError for a rig that cannot be made, and for a model that does not exist."""
-    from mazeplan.learning.modelfile import model_names, model_path
+    from mazeplan.learning.fits import fits_words
+    from mazeplan.learning.modelfile import load_model, model_names, model_path
     from mazeplan.rigs.registry import make_rig, rig_model_hint, warn_of_idle_keys
 
     make_rig(rig, maze, sense)
     warn_of_idle_keys(rig)
     if model is not None:
         model_path(model)
+        if words := fits_words(load_model(model)):
+            say(f"model {model}: {words}")
     if model is None and rig not in model_names() and rig_model_hint(rig) is None:
         say(f"no model for rig {rig}: using nominal physics; fit a model with `mazeplan collect` and `learn`")
 

@@ -16,6 +16,7 @@ def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_js
     from mazeplan.apps.report.learned import learned_from
     from mazeplan.apps.report.model_score import ring_errors, score_document
     from mazeplan.core.logs.table import read_table
+    from mazeplan.learning.fits import fits_words
     from mazeplan.learning.modelfile import load_model
 
     found, maze = load_model(model), logged_map(map_, *logs).maze
@@ -27,6 +28,9 @@ def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_js
             ring_errors(found, tables, maze), model, str(logs[0]), [r.number for r in maze.rings[:-1]]
         )
     document["learned_from"] = learned_from(found, logs)
+    document["fits"] = found.scores.get("fits")
+    if words := fits_words(found):
+        say(words)
     if document["learned_from"]:
         say(f"the model was learned from {', '.join(document['learned_from'])}: on new logs it may be worse")
     if as_json:

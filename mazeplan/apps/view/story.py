@@ -38,6 +38,7 @@ from mazeplan.core.events import (
     DoubtRaised,
     FailureReported,
     GoalChanged,
+    MisfitSeen,
     OpeningChosen,
     OpeningClosed,
     OpeningPassed,
@@ -292,6 +293,8 @@ def _words(event: RunEvent) -> str:
             return f"{opening} open again"
         case StopRequested():
             return "stopped from outside"
+        case MisfitSeen(words):
+            return words
         case DoubtRaised(what):
             return f"not believed: {what}"
     return ""

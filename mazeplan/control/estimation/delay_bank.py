@@ -20,7 +20,7 @@ from mazeplan.core.records import Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 
-FRAMES = (0.0, 1.0, 2.0, 3.0, 4.0)  # delays tried, samples
+DELAYS = tuple(k / 30.0 for k in range(-3, 5))  # s, tried; negative ones only down to minus the dead time
 MEMORY = 0.98  # share of a score kept per sample: a memory of 50 samples
 MOVING = 0.03  # m/s; a slower ball shows friction rather than delay
 LEAST = 1e-8  # m^2; limits the ratio of scores for a camera without noise
@@ -35,12 +35,13 @@ class DelayBank:
         self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
     ) -> None:
         self._options = options or EstimatorOptions()
-        self._delays = [frames / rate_hz for frames in FRAMES]
+        least = -model.stage.dead_time - 0.5 / rate_hz if model.stage.dead_time > 0.5 / rate_hz else 0.0
+        self._delays = [max(delay, -model.stage.dead_time) for delay in DELAYS if delay >= least]
         self._bank = [
             Estimator(maze, replace(model, camera_delay=delay), self._options, rate_hz) for delay in self._delays
         ]
         self._scores, self._samples = np.zeros(len(self._bank)), 0.0
-        self._best = 0
+        self._best = self._delays.index(min(self._delays, key=abs))
 
     @property
     def camera_delay(self) -> float:
@@ -55,17 +56,22 @@ class DelayBank:
     @property
     def innovation(self) -> float:
         """As `Estimator.innovation`, m."""
-        return self._bank[self._best].innovation
+        return self.current.innovation
 
     @property
     def filtered(self) -> State | None:
         """As `Estimator.filtered`."""
-        return self._bank[self._best].filtered
+        return self.current.filtered
 
     @property
     def doubts(self) -> set[str]:
         """As `Estimator.doubts`."""
-        return self._bank[self._best].doubts
+        return self.current.doubts
+
+    @property
+    def current(self) -> Estimator:
+        """The estimator in use."""
+        return self._bank[self._best]
 
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
@@ -92,7 +98,7 @@ class DelayBank:
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """See `Estimator.ahead`."""
-        return self._bank[self._best].ahead(seconds, beside)
+        return self.current.ahead(seconds, beside)
 
 
 def estimator_for(

@@ -1,6 +1,8 @@
 """State estimator: ball and plate at the moment when the next command acts.
 
-The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`. At each sample
+The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`. Times are those of the tilt sensor: if
+it is later than the camera, the delay is negative, and the picture shows the ball after the measured tilt. At each
+sample
 
 1. the plate's axes are filtered to now (`plate.AxisFilter`) and their tilt is kept;
 2. the planar model (walls and openings included) predicts the ball from the last measured moment to the new one under
@@ -20,11 +22,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, TiltCheck
+from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, TiltCheck, servo_step
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import LEVEL, Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
@@ -80,6 +83,8 @@ class Estimator:
         self._by_commands = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
         self._mismatched = 0
         self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
+        self._coming: list[tuple[float, list[Array]]] = []  # (t, angle and rate of each axis) up to the picture
+        self._blind = True  # no tilt was measured yet: the commands alone move the axes
         self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
         self._z: Array | None = None  # (9,) ball at the last measured moment
         self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
@@ -97,7 +102,7 @@ class Estimator:
     @property
     def dead_time(self) -> float:
         """Seconds between sending a command and its first effect on the plate."""
-        return max(self._model.stage.beta.dead_time, self._model.stage.gamma.dead_time)
+        return self._model.stage.dead_time
 
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
@@ -140,14 +145,20 @@ class Estimator:
         elif self._z is not None:
             self._predict_to(moment)
 
-    def predicted(self, t: float) -> Array:
-        """State (9,) when a command sent at t will act, predicted from the last measured moment; zeros before it."""
+    def predicted(self, t: float, until: float | None = None) -> Array:
+        """State (9,) when a command sent at t will act, predicted from the last measured moment; zeros before it.
+
+        until: the moment of the state, s, in place of that when the command acts"""
         z = self.ball()
         if self._z is not None:
             self.advance(z, self._measured_at, t)
         self.set_tilt(z)
-        self.predict_queued(z, t, t + self.dead_time)
+        self.predict_queued(z, self.known_until(t), t + self.dead_time if until is None else until)
         return z
+
+    def known_until(self, t: float) -> float:
+        """The later one of t and of the moment of a picture that came at t, s."""
+        return max(t, self._measured_at) if self._z is not None else t
 
     def finish(self, observation: Observation, z: Array) -> State:
         """The state for z (9,), which is kept for `ahead`."""
@@ -164,6 +175,11 @@ class Estimator:
         """When the picture of a sample was taken, s."""
         return observation.t - self._model.camera_delay
 
+    @property
+    def moment_delay(self) -> float:
+        """Delay of the pictures, s."""
+        return self._model.camera_delay
+
     def ball(self) -> Array:
         """A copy of the state (9,) of the ball at the last measured moment; zeros before the first sample."""
         return np.zeros(SIZE) if self._z is None else self._z.copy()
@@ -174,8 +190,8 @@ class Estimator:
         return None if self._z is None else self._measured_at
 
     def set_tilt(self, z: Array) -> None:
-        """Write the filtered tilt of now into z (9,)."""
-        z[4:6], z[6:8] = self._axes[0].mean, self._axes[1].mean
+        """Write the tilt of `known_until` into z (9,)."""
+        z[4:6], z[6:8] = self._coming[-1][1] if self._coming else (self._axes[0].mean, self._axes[1].mean)
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """The state returned by `update`, predicted `seconds` further with the last command held.
@@ -201,11 +217,13 @@ class Estimator:
                     for axis, value in zip(axes, reached, strict=True):
                         axis.predict(value, end - start)
         tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
+        self._blind = self._blind and not any(map(math.isfinite, tilts))
         for axis, check, angle in zip(self._axes, self._checks, tilts, strict=True):
             if check.admit(angle, float(axis.mean[0])):
                 axis.update(angle)
             else:
-                self.doubts.add("tilt")
+                self.doubts.add("no_tilt" if self._blind else "tilt")
+        self._coming = self._plate_until(t, self.moment(observation))
         apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
         self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
         if self._mismatched >= MISMATCHED_SAMPLES:
@@ -213,6 +231,19 @@ class Estimator:
         self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
         while self._tilts[0][0] < t - HISTORY_S:
             self._tilts.popleft()
+
+    def _plate_until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
+        """Angle and rate (2,) of each axis from the filtered ones at start up to end, at the ends of pieces."""
+        plate, out = [axis.mean for axis in self._axes], []
+        for a, b, u in self._acting(start, end):
+            plate = self.turned(plate, u, b - a)
+            out.append((b, plate))
+        return out
+
+    def turned(self, plate: Sequence[Array], u: tuple[float, float], dt: float) -> list[Array]:
+        """Angle and rate (2,) of each axis dt s later, with the command u acting."""
+        reached = zip(self._axes, plate, self._stage.mixed(*u), strict=True)
+        return [servo_step(axis.axis, state, command, dt) for axis, state, command in reached]
 
     def _acting(self, start: float, end: float) -> list[Piece]:
         """Pieces of the time between start and end, each with the command that acted."""
@@ -228,7 +259,7 @@ class Estimator:
     # -- ball -----------------------------------------------------------------------------------------------------
 
     def _tilt_history(self) -> tuple[Array, Array]:
-        history = np.array(self._tilts)
+        history = np.array([*self._tilts, *((t, plate[0][0], plate[1][0]) for t, plate in self._coming)])
         return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
 
     def advance(self, z: Array, start: float, end: float) -> None:

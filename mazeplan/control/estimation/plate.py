@@ -13,6 +13,7 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import SUBSTEP
 
 NEAR = math.radians(2.5)  # rad; a servo of 60 deg/s turns less in one sample
 AGREE = 4  # outliers in a row that agree
@@ -40,7 +41,7 @@ class AxisFilter:
 
     def predict(self, command: float, dt: float) -> None:
         """Advance by dt, s, with `command` acting all the time."""
-        transition = servo_transition(self.axis.natural_frequency, self.axis.damping, dt)
+        transition = self.axis.transition(dt)
         self.mean = servo_step(self.axis, self.mean, command, dt)
         q = self.noise.acceleration**2
         spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
@@ -83,19 +84,14 @@ class TiltCheck:
 def servo_step(axis: StageAxis, state: Array, command: float, dt: float) -> Array:
     """Angle and rate (2,) of an axis dt s later, `command` acting all the time."""
     target = np.array([axis.gain * command + axis.offset, 0.0])
-    return target + servo_transition(axis.natural_frequency, axis.damping, dt) @ (state - target)
-
-
-def servo_transition(natural_frequency: float, damping: float, dt: float) -> Array:
-    """Exact transition (2, 2) of (angle error, rate) of x_dd + 2 z w x_d + w^2 x = 0 over dt, for any damping >= 0."""
-    w, z = natural_frequency, damping
-    decay = math.exp(-z * w * dt)
-    if abs(z - 1.0) < 1e-6:
-        c, s = 1.0, dt
-    elif z < 1.0:
-        wd = w * math.sqrt(1.0 - z * z)
-        c, s = math.cos(wd * dt), math.sin(wd * dt) / wd
-    else:
-        wd = w * math.sqrt(z * z - 1.0)
-        c, s = math.cosh(wd * dt), math.sinh(wd * dt) / wd
-    return decay * np.array([[c + z * w * s, s], [-w * w * s, c - z * w * s]])
+    limit = axis.rate_limit
+    if math.isinf(limit):
+        return target + axis.transition(dt) @ (state - target)
+    count = max(math.ceil(dt / SUBSTEP - 1e-9), 1)
+    h, M = dt / count, axis.transition(dt / count)
+    for _ in range(count):
+        new = target + M @ (state - target)
+        turn = min(max(float(new[0] - state[0]), -limit * h), limit * h)
+        rate = turn / h if axis.order == 0 else float(new[1])
+        state = np.array([state[0] + turn, min(max(rate, -limit), limit)])
+    return state

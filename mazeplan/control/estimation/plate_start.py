@@ -14,7 +14,6 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.physics.dynamics.plate import PlateMotion
-from mazeplan.physics.dynamics.ring_parameters import stage_transition
 from mazeplan.physics.rig.stage import StageAxis
 
 LOOKED_AT = 0.4  # s of samples for the fit
@@ -49,10 +48,10 @@ def with_true_starts(
 
 def _free(axis: StageAxis, step: float, count: int) -> Array:
     """Free motion (count, 3, 2) of an axis: angle, rate, acceleration, for a start at angle 1 and for one at rate 1."""
-    wn, zeta = axis.natural_frequency, axis.damping
-    M, now = stage_transition(wn, zeta, step), np.eye(2)
+    M, now = axis.transition(step), np.eye(2)
     out = np.empty((count, 3, 2))
     for i in range(count):
-        out[i, :2], out[i, 2] = now, -wn * wn * now[0] - 2.0 * zeta * wn * now[1]
+        out[i, :2] = now
+        out[i, 2] = [axis.acceleration(*start) for start in now.T]
         now = M @ now
     return out

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 from mazeplan.control.estimation.estimator import HISTORY_S, HIT, SPIN, Estimator, EstimatorOptions, Piece
-from mazeplan.control.estimation.plate import servo_step
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
     CameraView,
@@ -35,6 +34,7 @@ from mazeplan.physics.dynamics.walls import pack_walls
 
 BALL = [0, 1, 2, 3, SPIN]  # indices of the ball's state in z
 BEFORE = 1e-9  # s
+JUMP_S = 1e-6  # s; duration of a jump of an axis that is not of second order
 SUBSTEP = 1.0 / 150.0  # s, at most
 UNSURE = 3e-4  # m^2/s^3; minimum white acceleration: a run knows the tilt only from sensor and commands
 LONGEST = 0.5  # s; maximum prediction without a picture; after it the ball stays in place
@@ -69,8 +69,10 @@ class BodyEstimator(Estimator):
         wander = body.wander._replace(plane=max(body.wander.plane, UNSURE))
         self._kf = filter_core(CameraView(noise=body.view.noise), wander)
         self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
+        self._jumps = min(self._stage.beta.order, self._stage.gamma.order) < 2
         self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
         self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) at t
+        self._preview: list[tuple[float, ...]] = []  # the same, from now to the moment of the picture
 
     def _twin(self) -> Estimator:
         return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
@@ -86,27 +88,27 @@ class BodyEstimator(Estimator):
         self._motions[-1] = (t, *self._plate_motion([axis.mean for axis in self._axes], pieces[-1][2]))
         while self._motions[0][0] < t - HISTORY_S:
             self._motions.popleft()
+        plate = [axis.mean for axis in self._axes]
+        self._preview = self._plate_motions(plate, self._acting(t, self.moment(observation)))
 
     def _plate_motion(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
         """The plate's motion (6): angle and rate (2,) of each axis, and the acceleration that the command gives it."""
         row: list[float] = []
         for axis, (angle, rate), command in zip(self._axes, plate, self._stage.mixed(*u), strict=True):
-            wn = axis.axis.natural_frequency
             rest = axis.axis.gain * command + axis.axis.offset
-            row += [angle, rate, wn * wn * (rest - angle) - 2.0 * axis.axis.damping * wn * rate]
+            row += [angle, rate, axis.axis.acceleration(angle - rest, rate)]
         return tuple(row)
 
     def _plate_motions(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
         """The plate's motion at the end of each piece; plate: angle and rate of each axis at the beginning.
 
         In between, the acceleration changes gradually, because a servo's set point runs to its command without a jump.
-        """
+        Where an axis jumps with its command, there is a row right after the jump, too."""
         rows = []
         for start, end, u in pieces:
-            plate = [
-                servo_step(axis.axis, state, command, end - start)
-                for axis, state, command in zip(self._axes, plate, self._stage.mixed(*u), strict=True)
-            ]
+            if self._jumps and end - start > 2.0 * JUMP_S:
+                rows.append((start + JUMP_S, *self._plate_motion(self.turned(plate, u, JUMP_S), u)))
+            plate = self.turned(plate, u, end - start)
             rows.append((end, *self._plate_motion(plate, u)))
         return rows
 
@@ -124,7 +126,7 @@ class BodyEstimator(Estimator):
 
     def advance(self, z: Array, start: float, end: float) -> None:
         """See `Estimator.advance`."""
-        self._roll(z, self._motions, start, end)
+        self._roll(z, [*self._motions, *self._preview], start, end)
 
     def predict_queued(self, z: Array, start: float, end: float) -> None:
         """See `Estimator.predict_queued`."""
@@ -149,7 +151,9 @@ class BodyEstimator(Estimator):
         assert self._z is not None
         if moment <= self._measured_at + 1e-9:
             return
-        rows, h = self._rows(self._motions, self._measured_at, min(moment, self._measured_at + LONGEST))
+        rows, h = self._rows(
+            [*self._motions, *self._preview], self._measured_at, min(moment, self._measured_at + LONGEST)
+        )
         _predict_rows(self._ball, self._walls, self._effects, self._kf, rows, h, self._mean, self._P, self._room)
         self._measured_at = moment
         self._z[BALL] = self._mean

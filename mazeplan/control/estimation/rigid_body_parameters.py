@@ -8,7 +8,17 @@ from dataclasses import replace
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, REACH, Body, Number, stamp, to_body_unit
+from mazeplan.learning.rigid_body_entries import (
+    ABSENT,
+    KEPT,
+    PARAMETERS,
+    REACH,
+    Body,
+    Number,
+    determined,
+    stamp,
+    to_body_unit,
+)
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import BALL
@@ -109,8 +119,8 @@ def body_of(rig: RigModel) -> BodyModel | None:
     """The rigid ball of a rig's model; None if there is none, or if it was identified with other effects."""
     if rig.body is None or rig.body.of != stamp(rig.balls):
         return None
-    values = dict(rig.body.values)
-    values["delay"] = max(rig.camera_delay + values.get("delay", 0.0), 0.0)
+    values = {**ABSENT, **rig.body.values}
+    values["delay"] = max(rig.camera_delay + values["delay"], -rig.stage.dead_time)
     return with_values(BodyModel(), values)._replace(terms=rig.body.terms)
 
 
@@ -122,4 +132,5 @@ def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> R
     for name, value in values.items():  # a search of logarithms may end beside a bound, by rounding
         number = PARAMETERS[name]
         values[name] = min(max(value, -number.high if name == "delay" else number.low), number.high)
-    return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}, terms))
+    known = {name: value for name, value in values.items() if determined(name, value, stderr.get(name))}
+    return replace(rig, body=Body(known, stamp(rig.balls), {k: s for k, s in stderr.items() if k in known}, terms))

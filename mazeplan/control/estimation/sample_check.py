@@ -56,6 +56,8 @@ class SampleCheck:
         if not isinstance(observation, Observation):
             got = type(observation).__name__
             raise RigError(f"observe() of the rig returned {got}, expected Observation(t, x, y, beta, gamma)")
+        if observation.beta is None and observation.gamma is None:  # a rig without a tilt sensor
+            observation = replace(observation, beta=math.nan, gamma=math.nan)
         self._numbers(observation)
         t, last = observation.t, self._last
         if not math.isfinite(t) or (last is not None and t <= last):

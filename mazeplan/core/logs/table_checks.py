@@ -16,6 +16,7 @@ from mazeplan.core.records import Array, IntArray
 
 BALL = ("x", "y", "theta", "r")  # may be missing in single rows: the ball was not seen
 RATES = tuple(f"{name}_{order}" for order in ("dot", "ddot") for name in ("theta", "beta", "gamma"))
+TILTS = ("beta", "gamma")
 EVERYWHERE = ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")  # if present, a number in each row
 KNOWN = (*EVERYWHERE, *BALL, *RATES)
 
@@ -93,6 +94,12 @@ def _check_present(columns: dict[str, Array], file: Path) -> None:
         raise TableError(f"got {len(columns['t'])} rows, expected at least 2: record for longer", file=file)
 
 
+def _unmeasured(columns: dict[str, Array]) -> bool:
+    """Whether the rig has no tilt sensor: commands, but no tilt in any row."""
+    there = all(name in columns for name in ("u_beta", "u_gamma"))
+    return there and not any(np.isfinite(columns[name]).any() for name in TILTS)
+
+
 def _usual_step(t: Array, segment: Array) -> float:
     steps = np.diff(t)[np.diff(segment) == 0.0]
     return float(np.median(steps)) if steps.size else float("nan")
@@ -104,7 +111,8 @@ def _first(bad: np.ndarray) -> int:
 
 
 def _check_numbers(columns: dict[str, Array], rows: Rows) -> None:
-    for name in EVERYWHERE:
+    needed = [name for name in EVERYWHERE if not (name in TILTS and _unmeasured(columns))]
+    for name in needed:
         if name in columns and (row := _first(~np.isfinite(columns[name]))) >= 0:
             rows.refuse(name, row, "a finite number")
     for name in (*BALL, *RATES):

@@ -22,7 +22,7 @@ from mazeplan.control.estimation.rigid_body_parameters import bead_values, numbe
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import RingRecord, record_of
-from mazeplan.diagnosis.stage.plate_motion import Stage, commanded, fit_stage, from_sensor
+from mazeplan.diagnosis.stage.plate_motion import USUAL, Stage, commanded, fit_stage, from_sensor
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.plate import PlateMotion
@@ -117,8 +117,23 @@ def _play(table: Table) -> float:
     return math.sqrt(max(float(np.quantile(parts.var(axis=1, ddof=1), 0.9) - noise), 0.0))
 
 
-def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
-    """The filter for a record with x and y, and the fitted stage, None without commands. Raises TableError."""
+def body_filter(table: Table, maze: Maze, kind: StageModel = USUAL) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the fitted stage, None without commands. Raises TableError.
+
+    kind: a stage whose axes have the same orders"""
+    record = _whole_record(table)
+    stage = fit_stage(record, np.ones(len(record), dtype=bool), kind)
+    moves = None if stage is None or stage.servos_overtaxed else StageModel(*stage.axes)
+    return filter_of(table, record, maze, moves), stage
+
+
+def filter_on_stage(table: Table, maze: Maze, stage: StageModel) -> BodyFilter:
+    """The filter for a record with x and y and commands, with a stage that is known. Raises TableError."""
+    return filter_of(table, _whole_record(table), maze, stage)
+
+
+def _whole_record(table: Table) -> RingRecord:
+    """The record of all rows. Raises TableError if it does not show the ball often enough."""
     file = table.place
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=file)
@@ -127,9 +142,7 @@ def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
     if seen < FEWEST:
         least = f"{FEWEST} at least ({FEWEST * table.dt:.0f} s)"
         raise TableError(f"got {seen} pictures of the ball, expected {least}", file=file)
-    stage = fit_stage(record, np.ones(len(record), dtype=bool))
-    moves = None if stage is None or stage.servos_overtaxed else StageModel(*stage.axes)
-    return filter_of(table, record, maze, moves), stage
+    return record
 
 
 def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | None) -> BodyFilter:

@@ -20,7 +20,9 @@ from mazeplan.diagnosis.rig.record import body_filter, first_guess, residual_sum
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
 from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rigid_body_entries import LEAST_INERTIA
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
 
@@ -28,9 +30,11 @@ GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 FITTED = (  # numbers that are fitted for a reference
     *DEFAULT_FREE, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
+REST = tuple(name for name in FITTED if name != "inertia")
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball; its standard error
+SLIDES, FASTEST_ROLLING = 1.2 * LEAST_INERTIA, 0.8  # inertia of a ball that slides; factor of no ball that rolls
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
@@ -58,11 +62,15 @@ class RigReference:
 
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
     """The reference from records of a time when the model was right. Raises TableError."""
-    body, stage = body_filter(tables[0] if len(tables) == 1 else join(tables), maze)
-    fit = _fitted(body, first_guess(model, maze))
-    known = Known({}, {})
-    if stage is not None:
-        known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+    kind = USUAL if model is None else model.stage
+    body, stage = body_filter(tables[0] if len(tables) == 1 else join(tables), maze, kind)
+    known = Known({}, {}) if stage is None else Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+    return reference_by_filter(body, known, maze, model)
+
+
+def reference_by_filter(body: BodyFilter, known: Known, maze: Maze, model: RigModel | None) -> RigReference:
+    """The reference from pictures that are ready to be filtered, and the stage that moved the plate."""
+    fit = _fitted(body, first_guess(model, maze), SLIDES if model is not None and _slides(model) else SOLID)
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
     errors = {ring: error.mean for ring, error in found.items()}
@@ -72,14 +80,13 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     )  # fmt: skip
 
 
-def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
-    """The likeliest numbers of a reference. The ball is solid unless the record contradicts.
+def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyFit:
+    """The likeliest numbers of a reference. The ball has this inertia unless the record contradicts.
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
     change the other numbers, too."""
-    rest = tuple(name for name in FITTED if name != "inertia")
-    near = fit_body(alternate(body), with_values(guess, {"inertia": SOLID}), rest, enough=ENOUGH)
-    solid = fit_body(body, near.model, rest, enough=ENOUGH)
+    near = fit_body(alternate(body), with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
+    solid = fit_body(body, near.model, REST, enough=ENOUGH)
     free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
     if solid.minus2 - free.minus2 > NEEDED:
         return free
@@ -123,6 +130,12 @@ def textbook() -> RigReference:
     body = with_values(BodyModel(), ideal)
     reference = Reference(body, {"inertia": ROUND}, names, start=BodyModel())
     return RigReference(reference, Known({}, {}), source="a textbook ball")
+
+
+def _slides(model: RigModel) -> bool:
+    """Whether the ball of a model accelerates faster than any ball that rolls."""
+    factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
+    return max(factors, default=0.0) > FASTEST_ROLLING
 
 
 def _inertia(model: RigModel) -> float:

@@ -28,7 +28,7 @@ from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, t
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
-from mazeplan.learning.rigid_body_entries import PARAMETERS, stamp
+from mazeplan.learning.rigid_body_entries import ABSENT, PARAMETERS, determined, stamp
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Term
@@ -51,7 +51,8 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
     document = {
         "format": FORMAT, "of": stamp(model.balls),
         "body": {name: _entry(value_of(body, name), was.body.stderr.get(name), number.unit)
-                 for name, number in PARAMETERS.items() if math.isfinite(value_of(body, name))},
+                 for name, number in PARAMETERS.items()
+                 if determined(name, value_of(body, name), was.body.stderr.get(name))},
         "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
         "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
         "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
@@ -97,7 +98,9 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
         values[name] = _number(node, "value", path, f"body.{name}", number.low, number.high)
         if "stderr" in node:
             stderr[name] = _number(node, "stderr", path, f"body.{name}", 0.0, math.inf)
-    body = with_values(BodyModel(), values)._replace(terms=_terms(_section(document, "terms", path), path))
+    body = with_values(BodyModel(), {**ABSENT, **values})._replace(
+        terms=_terms(_section(document, "terms", path), path)
+    )
     memory, remaining = (_number(document, key, path, key, 0.0, math.inf) for key in ("memory", "remaining"))
     known = Known.of_model(model)
     node = _section(document, "errors", path)

@@ -75,7 +75,7 @@ def verdict_on(
     own: effects of a user, to look for as well"""
     own, refused = _for_a_rigid_body(own)
     tell("stage")
-    body, stage = body_filter(table, maze)
+    body, stage = body_filter(table, maze, was.stage.kind)
     check_map(body, maze, table.place)
     record, overtaxed = record_of(table), stage is not None and stage.servos_overtaxed
     servo, sensor = _gain(body, record, stage, was)

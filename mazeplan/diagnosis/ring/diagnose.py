@@ -123,7 +123,8 @@ def diagnose(
     seen = np.isfinite(record.theta)
     share = float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
     tell("stage")
-    stage, known = fit_stage(record, rows), known or Known(declared, {})
+    known = known or Known(declared, {})
+    stage = fit_stage(record, rows, known.kind)
     tilt = plate_motion(record, stage)
     effects = [*stage_effects(stage, known), *(camera or [])]
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None

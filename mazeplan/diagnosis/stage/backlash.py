@@ -3,45 +3,46 @@
     play:       passed on_k = clip(passed on_(k-1), u_k - b/2, u_k + b/2)
     dead band:  obeyed_k = u_k where |u_k - obeyed_(k-1)| >= d, else obeyed_(k-1)
 
-The axis is fitted to the passed-on or obeyed command, with the b or the d that fits best. The better one of these two
-fits is kept.
+`fit_axis` finds play. Here the axis is also fitted to the obeyed command, with the d that fits best. The better one of
+these two fits is kept.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from mazeplan.core.records import Array
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import apply_backlash, apply_deadband, simulate_axis
+from mazeplan.physics.rig.stage_simulation import apply_deadband, simulate_axis
 
-TRIED = 0.005  # rad, play in the first test
-MOST = 0.08  # rad, maximum play or dead band
-ENOUGH = 2400  # samples for the search: play of a fraction of a degree shows in every reversal
-SMALLEST = 2e-3  # rad; smallest play to report
+MOST = 0.08  # rad, maximum dead band
+ENOUGH = 2400  # samples for the search
 SMALLEST_BAND, BANDS = 1e-3, 24  # rad, smallest dead band to report; number of coarse dead bands that are tried
 STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
 LOOKED_AT = 4  # coarse dead bands that are refined
 SURE = 15.0  # of -2 log L
 
 
-def fit_with_play_or_deadband(u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray) -> StageFit:
+def fit_with_play_or_deadband(
+    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, order: int = 2
+) -> StageFit:
     """The axis with the play or the dead band that its record shows, if any. Raises ValueError as `fit_axis`.
 
     u, angle: commands and measured angles (N,), rad
     dt: time between samples, s
     begins: True (N,) where a stretch begins
-    rows: rows (N,) to fit"""
-    plain = fit_axis(u[rows], angle[rows], dt, begins[rows].astype(float))
-    with_play = _fit_with_play(u, angle, dt, begins, rows, plain)
+    rows: rows (N,) to fit
+    order: of the axis"""
+    found = fit_axis(u[rows], angle[rows], dt, begins[rows].astype(float), order=order)
+    plain = found if not found.axis.backlash else fit_axis(
+        u[rows], angle[rows], dt, begins[rows].astype(float), replace(found.axis, backlash=0.0)
+    )  # fmt: skip
     with_band = _fit_with_band(u, angle, dt, begins, rows, plain)
-    return with_band if with_band is not None and with_band.rms < with_play.rms else with_play
+    return with_band if with_band is not None and with_band.rms < found.rms else found
 
 
 def _fit_with_band(
@@ -79,34 +80,3 @@ def _fit_with_band(
         return None
     stderr = {**found.axis.stderr, "deadband": width}
     return replace(found, axis=replace(found.axis, deadband=band, stderr=stderr))
-
-
-def _fit_with_play(
-    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, plain: StageFit
-) -> StageFit:
-    """The axis with play, if its record shows any. plain: the fit without play"""
-
-    def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
-        return fit_axis(apply_backlash(u, backlash)[of], angle[of], dt, begins[of].astype(float), near)
-
-    left = (angle - simulate_axis(plain.axis, u, dt))[rows]
-    late = (simulate_axis(plain.axis, apply_backlash(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
-    fits = float(left @ late) / max(float(np.linalg.norm(left) * np.linalg.norm(late)), 1e-300)
-    if fits <= 0.0 or -plain.samples * math.log1p(-min(fits * fits, 0.999)) < SURE:
-        return plain
-    few = rows & (np.cumsum(rows) <= ENOUGH)
-    found: Any = minimize_scalar(
-        lambda b: fitted(b, few, plain.axis).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 2e-4}
-    )
-    best = float(found.x)
-    with_play = fitted(best, rows)
-    gain = 2.0 * plain.samples * math.log(plain.rms / with_play.rms)
-    if best < SMALLEST or gain < SURE:
-        return plain
-    slope = (
-        simulate_axis(with_play.axis, apply_backlash(u, best + 1e-4), dt)
-        - simulate_axis(with_play.axis, apply_backlash(u, best), dt)
-    ) / 1e-4
-    sigma = with_play.rms / max(float(np.linalg.norm(slope[rows])), 1e-300)
-    stderr = {**with_play.axis.stderr, "backlash": sigma}
-    return replace(with_play, axis=replace(with_play.axis, backlash=best, stderr=stderr))

@@ -8,7 +8,7 @@ ball can, since it feels the true tilt: the likelier scale of the tilt decides.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
@@ -31,16 +31,17 @@ COMPARED_EFFECTS = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *PLAY_A
 
 @dataclass(frozen=True)
 class Known:
-    """The stage of the model: values of its effects, and standard errors if known."""
+    """The stage of the model: values of its effects, standard errors if known, and the kind of its axes."""
 
     values: Values
     stderr: Values
+    kind: StageModel = field(default_factory=StageModel)
 
     @classmethod
     def of_model(cls, model: RigModel) -> Known:
         """The stage of a rig's model."""
         values = declared_parts(model)
-        return cls(values, {e.name: part_stderr(model, e) for e in rig.FAMILY if e.name in values})
+        return cls(values, {e.name: part_stderr(model, e) for e in rig.FAMILY if e.name in values}, model.stage)
 
     def axes(self) -> StageModel | None:
         """The axes, in measured tilt; None if only a part of them is known."""
@@ -50,11 +51,14 @@ class Known:
 
     def _axis(self, axis: str) -> StageAxis:
         gain, lag = self.values["servo_gain"][axis], self.values["servo_lag"]
-        return StageAxis(
-            gain,
-            lag[f"{axis}_natural_frequency"],
-            lag[f"{axis}_damping"],
-            self.values.get("command_delay", {}).get("delay", 0.0),
+        return replace(
+            getattr(self.kind, axis),
+            gain=gain,
+            natural_frequency=lag[f"{axis}_natural_frequency"],
+            damping=lag[f"{axis}_damping"],
+            dead_time=self.values.get("command_delay", {}).get("delay", 0.0),
+            offset=0.0,
+            stderr={},
             backlash=self.values.get("backlash", {}).get(axis, 0.0),
             deadband=self.values.get("deadband", {}).get(axis, 0.0),
             coupling=self.values.get("axis_coupling", {}).get(COUPLINGS[axis], 0.0),

@@ -70,8 +70,12 @@ def servos_look_changed(stage: Stage, known: Known) -> list[str]:
     if was is None:
         return words
     axes = list(zip(AXES, stage.axes, (was.beta, was.gamma), strict=True))
-    slower = [name for name, now, old in axes if now.natural_frequency < SLOWER * old.natural_frequency]
-    later = min(now.dead_time - old.dead_time for _, now, old in axes)
+    slower = [
+        name for name, now, old in axes
+        if now.order == old.order and now.natural_frequency < SLOWER * old.natural_frequency
+    ]  # fmt: skip
+    # a first-order lag with a dead time looks like a second-order servo: their sum counts
+    later = min(now.dead_time + now.lag - old.dead_time - old.lag for _, now, old in axes)
     words += [f"the servo of {axis} is slower" for axis in slower]
     return [*words, "the plate follows commands later"] if later > LATER else words
 

@@ -5,6 +5,7 @@ The motion by commands is free of sensor noise. Without commands the measured ti
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,10 +16,9 @@ from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_fit import StageFit
-from mazeplan.physics.dynamics.ring_parameters import stage_transition
 from mazeplan.physics.effects.rig import axis_coupling
 from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion, simulate_axis
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
@@ -28,6 +28,7 @@ SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
 OVERTAXED_RESIDUAL = (
     3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
 )
+USUAL = StageModel()  # second-order servos
 FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # maximum of one standard error, so that the motion stays linear in it
 
 
@@ -103,13 +104,16 @@ class Stage:
         return StageModel(*(replace(axis, offset=found.offset) for axis, found in pairs))
 
 
-def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
-    """The stage, fitted to some rows (N,). None without commands, or if the commands never change."""
+def fit_stage(record: RingRecord, rows: np.ndarray, kind: StageModel = USUAL) -> Stage | None:
+    """The stage, fitted to some rows (N,). None without commands, or if the commands never change.
+
+    kind: a stage whose axes have the same orders"""
     if record.u is None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
     try:
-        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, record.begins & rows, rows) for i in (0, 1)]
+        orders, begins = (kind.beta.order, kind.gamma.order), record.begins & rows
+        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, begins, rows, orders[i]) for i in (0, 1)]
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
@@ -140,7 +144,8 @@ def _with_coupling(
     if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
-    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, record.begins & rows, rows)
+    begins = record.begins & rows
+    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, begins, rows, axis.order)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
@@ -154,7 +159,8 @@ def _changed(axis: StageAxis, change: Array) -> tuple[StageAxis, float]:
 
 
 def _directions(u: Array, found: StageFit, dt: float) -> Array:
-    """Principal directions (5, 5) of the covariance of an axis's parameters, each one standard error long."""
+    """Principal directions (D, 5) of the covariance of an axis's parameters, each one standard error long; those along
+    which the axis moves otherwise."""
     axis = found.axis
     base = _shifted(u, axis, dt)[::FINE, 0]
     columns = []
@@ -162,12 +168,13 @@ def _directions(u: Array, found: StageFit, dt: float) -> Array:
         moved, sign = _changed(axis, step * np.eye(5)[i])
         columns.append(sign * (_shifted(u, moved, dt)[::FINE, 0] - base) / step)
     J = np.column_stack(columns)
-    scale = np.linalg.norm(J, axis=0)
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-9)
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     root = (
         found.rms * (turn.T / np.maximum(sizes, 1e-9 * sizes[0])).T / scale
     )  # rows: covariance = sum of their squares
-    return root / np.maximum(np.max(np.abs(root) / FURTHEST, axis=1, keepdims=True), 1.0)
+    root = root / np.maximum(np.max(np.abs(root) / FURTHEST, axis=1, keepdims=True), 1.0)
+    return root[np.linalg.norm(root @ J.T, axis=1) > 0.0]  # an axis that follows at once has no frequency
 
 
 def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
@@ -197,29 +204,11 @@ def commanded(record: RingRecord, stage: StageModel) -> Tilt | None:
     return from_commands(record.t, *mixed(record.u, stage), stage.beta, stage.gamma)
 
 
-@njit(cache=True, error_model="numpy")
-def _march(target, M, stiffness, damping, start, out):
-    """Angle, rate, acceleration (M, 3) of a second-order axis whose target is held over each step."""
-    angle, rate = start, 0.0
-    for i in range(len(target)):
-        rest = target[i]
-        out[i, 0], out[i, 1], out[i, 2] = angle, rate, stiffness * (rest - angle) - damping * rate
-        gap = angle - rest
-        angle, rate = rest + M[0, 0] * gap + M[0, 1] * rate, M[1, 0] * gap + M[1, 1] * rate
-
-
-def simulated(u: Array, axis: StageAxis, dt: float) -> Array:
-    """Angle, rate, acceleration (N FINE, 3) of an axis under commands u (N,). It starts at rest at the first target."""
-    target = np.repeat(axis.gain * u + axis.offset, FINE)
-    out, wn = np.empty((len(target), 3)), axis.natural_frequency
-    M = stage_transition(wn, axis.damping, dt / FINE)
-    _march(target, M, wn * wn, 2.0 * axis.damping * wn, target[0], out)
-    return out
-
-
 def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
-    """As `simulated`, with the dead time."""
-    motion = simulated(u, axis, dt)
+    """Angle, rate, acceleration (N FINE, 3) of an axis under commands u (N,). It starts at rest at the first target."""
+    if math.isfinite(axis.rate_limit):
+        return fine_motion(axis, u, dt, FINE)
+    motion = fine_motion(replace(axis, dead_time=0.0), u, dt, FINE)
     grid = dt / FINE * np.arange(len(motion))
     return np.column_stack([np.interp(grid - axis.dead_time, grid, column) for column in motion.T])
 

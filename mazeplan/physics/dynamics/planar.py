@@ -55,7 +55,7 @@ class PlanarModel:
     """Arrays for the compiled functions.
 
     scalars: (2,) ball radius, m, and factor of gravity away from walls
-    stage:   (2, 5) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling
+    stage:   (2, 6) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling, largest rate rad/s
     rings:   (R, C) per ring, outermost first: see the columns above
     walls:   (W, 6) per wall between rings, outermost first: see the columns above
     gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; then per radial wall, grouped by
@@ -75,7 +75,7 @@ class PlanarModel:
         width = max(map(len, rows))
         walls, gaps = _wall_rows(maze)
         stage = [
-            [axis.gain, axis.natural_frequency, axis.damping, axis.offset, axis.coupling]
+            [axis.gain, *axis.second_order(), axis.offset, axis.coupling, axis.rate_limit]
             for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
@@ -270,6 +270,7 @@ def stage_step(z, u_beta, u_gamma, stage, h):
         u = u_beta + axis[4] * u_gamma if i == 0 else u_gamma + axis[4] * u_beta
         error = gain * u + offset - z[at]
         rate = (z[at + 1] + h * wn * wn * error) / (1.0 + 2.0 * zeta * wn * h + wn * wn * h * h)
+        rate = min(max(rate, -axis[5]), axis[5])
         z[at] += h * rate
         z[at + 1] = rate
 

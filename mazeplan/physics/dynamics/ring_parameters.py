@@ -11,7 +11,6 @@ The vector has these parts, in this order:
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from mazeplan.physics.formulas.arrays import BALL_RADIUS, gravity_factor, level_
 from mazeplan.physics.formulas.compiled import ring_functions, term_functions
 from mazeplan.physics.formulas.symbols import PLATE
 from mazeplan.physics.rig.entries import RigNumbers
+from mazeplan.physics.rig.stage import second_order_transition
 
 SUBSTEPS = 2
 # rad/s, largest pole of an axis. The plate's acceleration pushes the ball and decays with the fastest pole. A node
@@ -79,20 +79,6 @@ class AxisParameters:
         _finite("stage coupling", self.coupling)
 
 
-def resolved(natural_frequency: float, damping: float) -> tuple[float, float]:
-    """Natural frequency (rad/s) and damping ratio with no pole beyond FASTEST; of two real poles the slower one stays
-    as it is."""
-    w, z = natural_frequency, damping
-    if z <= 1.0:
-        return min(w, FASTEST), z
-    apart = math.sqrt(z * z - 1.0)
-    fast, slow = w * (z + apart), min(w / (z + apart), FASTEST)
-    if fast <= FASTEST:
-        return w, z
-    fast = FASTEST
-    return math.sqrt(fast * slow), 0.5 * (fast + slow) / math.sqrt(fast * slow)
-
-
 @dataclass(frozen=True)
 class RingParameters:
     """All parameters of a step. Raises ModelError for values out of range.
@@ -127,7 +113,7 @@ class RingParameters:
         """Parameters for one ring of a rig's model; radius: m, of the ball's track. A model of kind np has no
         effects, only a Gaussian process."""
         axes = [
-            AxisParameters(axis.gain, *resolved(axis.natural_frequency, axis.damping), axis.offset, axis.coupling)
+            AxisParameters(axis.gain, *axis.careful(FASTEST), axis.offset, axis.coupling)
             for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
@@ -166,7 +152,7 @@ def _pack_axis(axis: AxisParameters, dt: float, substeps: int) -> Array:
     wn = axis.natural_frequency
     numbers = [axis.gain, axis.offset, wn * wn, 2.0 * axis.damping * wn, axis.coupling]
     for node in range(2 * substeps + 1):
-        numbers.extend(stage_transition(wn, axis.damping, 0.5 * node * dt / substeps).ravel())
+        numbers.extend(second_order_transition(wn, axis.damping, 0.5 * node * dt / substeps).ravel())
     return np.array(numbers)
 
 
@@ -179,14 +165,3 @@ def _pack_openings(terms: Iterable[Term], begin: int) -> Array:
         rows += [functions.address["angle"], functions.address["loss"], at + len(numbers)]
         numbers += term.numbers
     return np.array([*rows, *numbers], dtype=float)
-
-
-def stage_transition(wn: float, zeta: float, t: float) -> Array:
-    """exp(M t) for M = [[0, 1], [-wn^2, -2 zeta wn]], shape (2, 2), for any damping.
-
-    exp(M t) = exp(-zeta wn t) [cosh(mu t) I + sinh(mu t)/mu (M + zeta wn I)],  mu = wn sqrt(zeta^2 - 1).
-    """
-    mu = wn * cmath.sqrt(complex(zeta * zeta - 1.0))
-    slope = t if abs(mu * t) < 1e-9 else (cmath.sinh(mu * t) / mu).real
-    rest = np.array([[zeta * wn, 1.0], [-wn * wn, -zeta * wn]])
-    return math.exp(-zeta * wn * t) * (cmath.cosh(mu * t).real * np.eye(2) + slope * rest)

@@ -46,7 +46,8 @@ class RigNumbers(Protocol):
 
     @property
     def camera_delay(self) -> float:
-        """Delay of the ball's position behind the tilt sensor, s."""
+        """Delay of the ball's position behind the tilt sensor, s. If the sensor is later than the camera, it is
+        negative, down to minus the dead time of the commands: no picture shows the ball before it was there."""
         ...
 
     @property
@@ -124,7 +125,7 @@ def _stderr(model: RigNumbers, place: str) -> float:
 
 def _write(model: Rig, place: str, value: float, stderr: float) -> Rig:
     if place == DELAY:
-        return replace(model, camera_delay=max(value, 0.0), camera_delay_stderr=stderr)
+        return replace(model, camera_delay=max(value, -model.stage.dead_time), camera_delay_stderr=stderr)
     part, *rest = place.split(".")
     owner = getattr(model, part)
     if part != "stage":

@@ -1,0 +1,210 @@
+"""Whether the plate follows its commands as the model says, and if not, how it does: in the first seconds of a run.
+
+A bank of stages (at once, first order, second order; with dead times) gets the commands of the run. Each predicts the
+measured tilts by its impulse response; sums of squares and products are all that is kept. With P the predictions of one
+stage, y the measured tilts and G the matrix that fits best,
+
+    y = G P + e,    G = (sum y P') (sum P P')^-1
+
+G is near the identity on a healthy rig. A negative diagonal is a wrong sign, a large secondary diagonal exchanged
+axes, another diagonal a gain. If G is right, but another stage of the bank leaves much less of the tilt, the servo is
+another. A limited rate is no linear stage: it is simulated from the commands of the whole run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from mazeplan.core.records import Array, Command, Observation
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage_simulation import simulate_axis, step_response
+
+FIRST = (6.0, 9.0, 13.0, 19.0, 28.0)  # rad/s
+SECOND, DAMPINGS = (8.0, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 29.0, 36.0), (0.2, 0.35, 0.6, 0.9, 1.3)  # rad/s, -
+LATE = (0.0, 1.0 / 60.0, 1.0 / 30.0, 0.05, 1.0 / 15.0, 1.0 / 12.0, 0.1, 2.0 / 15.0)  # s, dead times
+MEMORY_S = 1.4  # s of commands that a stage remembers
+LEAST_S = 0.4  # s of motion before the first word
+MOVED = math.radians(0.7)  # rad; rms of the predicted tilt, so that there is something to compare
+OFF = math.radians(0.5)  # rad; rms of the difference from which a stage is wrong
+RATES = (25.0, 32.0, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0, 160.0)  # deg/s, limits that are tried
+LIMITS, ALIKE = 3.0, 1.1  # times less that a limit must leave; times more than the best other stage that it may leave
+BETTER = 2.0  # times less than the present stage must be left with another one
+GAIN, LEAST_GAIN = 0.15, 0.2  # difference of a gain from 1 that counts; a smaller gain is another fault
+LEAST = 1e-9  # rad^2; keeps sums invertible
+FAR = 0.25  # rad; no plate of such a rig tilts so far: the sample is wrong
+SOON = 1e-9  # s; a command acts at the sample at which its dead time ends
+HALF = 0.5  # share of y that must come from the other axis, or from the other sign
+
+
+class StageWatch:
+    """The bank of one run. stage: of the model, in measured tilts."""
+
+    def __init__(self, stage: StageModel, rate_hz: float) -> None:
+        self._dt = 1.0 / rate_hz
+        self._axes = [(stage.beta, stage.gamma), *((axis, axis) for axis in _bank())]
+        count = math.ceil(MEMORY_S / self._dt)
+        responses = [[_impulse(axis, count, self._dt) for axis in pair] for pair in self._axes]
+        self._impulses = np.ascontiguousarray(np.array(responses).transpose(1, 0, 2))  # (2, C, L)
+        self._offset = np.array([stage.beta.offset, stage.gamma.offset])
+        self._u: deque[tuple[float, float]] = deque([(0.0, 0.0)] * count, maxlen=count)  # newest first
+        self._yp, self._pp = np.zeros((len(self._axes), 2, 2)), np.zeros((len(self._axes), 2, 2))
+        self._yy, self._count = np.zeros((2, 2)), 0
+        self._measured: list[tuple[float, float]] = []
+        self._commands: list[tuple[float, float]] = []
+
+    def sent(self, command: Command) -> None:
+        """Note the command of a tick."""
+        self._u.appendleft((command.u_beta, command.u_gamma))
+
+    def update(self, observation: Observation) -> None:
+        """Compare a sample with all predictions."""
+        near = abs(observation.beta) < FAR and abs(observation.gamma) < FAR
+        self._measured.append((observation.beta, observation.gamma) if near else (math.nan, math.nan))
+        self._commands.append(self._u[0])
+        y = np.array([observation.beta, observation.gamma]) - self._offset
+        if not np.all(np.abs(y) < FAR):  # also NaN
+            return
+        u = np.array(self._u)
+        # the newest command was given after the last sample: it is one sample old
+        p = np.stack([self._impulses[i] @ u[:, i] for i in range(2)], axis=1)  # (C, 2)
+        self._yp += y[None, :, None] * p[:, None, :]
+        self._pp += p[:, :, None] * p[:, None, :]
+        self._yy += np.outer(y, y)
+        self._count += 1
+
+    @property
+    def ready(self) -> bool:
+        """Whether the plate has moved enough, in both axes, to say something."""
+        if self._count * self._dt < LEAST_S:
+            return False
+        return bool(np.min(np.linalg.eigvalsh(self._pp[0])) > self._count * MOVED**2 / 4.0)
+
+    def left(self) -> Array:
+        """rms of measured minus predicted tilt for each stage of the bank, rad, (C,); the first is the model's."""
+        square = np.trace(self._yy) - 2.0 * np.trace(self._yp, axis1=1, axis2=2) + np.trace(self._pp, axis1=1, axis2=2)
+        return np.sqrt(np.maximum(square, 0.0) / (2.0 * max(self._count, 1)))
+
+    def on(self, stage: StageModel) -> StageWatch:
+        """A watch of another stage of the bank, with all sums so far."""
+        other = copy(self)
+        index = next(i for i, pair in enumerate(self._axes) if pair == (stage.beta, stage.gamma))
+        other._axes = [self._axes[index], *self._axes[1:]]
+        for name in ("_impulses", "_yp", "_pp"):
+            sums = getattr(self, name).copy()
+            first, chosen = (np.s_[:, 0], np.s_[:, index]) if name == "_impulses" else (0, index)
+            sums[first] = sums[chosen]
+            setattr(other, name, sums)
+        return other
+
+    def judge(self, off: float = OFF) -> tuple[str, StageModel | None]:
+        """What is wrong, in words, and the stage that explains it, None if no stage does; "" if nothing is wrong.
+
+        off: rms of the difference from which the stage is wrong, rad"""
+        left = self.left()
+        if left[0] <= OFF or not self.ready:
+            return "", None
+        best = int(np.argmin(left))
+        limited, rest = self._limited()
+        if rest < ALIKE * left[best] and left[0] > LIMITS * rest:
+            words = f"the plate turns at most {math.degrees(limited.beta.rate_limit):.0f} degrees a second"
+            return f"{words}: {math.degrees(rest):.1f} in place of {math.degrees(left[0]):.1f} degrees off", limited
+        if left[0] <= off:
+            return "", None
+        if words := self._mixed_up():
+            return words, None
+        gains = np.diag(self._yp[0]) / np.maximum(np.diag(self._pp[0]), LEAST)
+        rest = np.trace(self._yy) - float(gains @ np.diag(self._yp[0]))
+        by_gain = math.sqrt(max(rest, 0.0) / (2.0 * self._count))
+        if BETTER * by_gain < left[0] and by_gain <= left[best]:
+            return self._gain(gains)
+        if left[0] < BETTER * left[best]:
+            return "", None
+        beta, gamma = self._axes[best]
+        words = (
+            f"the plate follows its commands {_words(beta)}, not {_words(self._axes[0][0])}: "
+            f"{math.degrees(left[best]):.1f} in place of {math.degrees(left[0]):.1f} degrees off"
+        )
+        return words, StageModel(beta, gamma)
+
+    def _limited(self) -> tuple[StageModel, float]:
+        """The present stage, or one that else follows at once, with the rate limit that leaves least; and the rms that
+        it leaves, rad."""
+        y, sent = np.array(self._measured), np.array(self._commands)
+        u = np.vstack([[0.0, 0.0], sent[1:], sent[-1:]])  # level at first; then what was sent after each sample
+        own = self._axes[0]
+        best: tuple[StageModel, float] = StageModel(*own), math.inf
+        for base, rate in product((own, tuple(map(_prompt, own))), RATES):
+            axes = [replace(axis, rate_limit=math.radians(rate)) for axis in base]
+            p = np.column_stack([simulate_axis(axis, u[:, i], self._dt)[1:] for i, axis in enumerate(axes)])
+            rest = float(np.sqrt(np.nanmean((y - p) ** 2)))
+            if rest < best[1]:
+                best = StageModel(*axes), rest
+        return best
+
+    def _mixed_up(self) -> str:
+        """Words for exchanged axes or a wrong sign, if they explain most of the tilt with any stage."""
+        whole = np.trace(self._yy)
+        gains = self._yp @ np.linalg.inv(self._pp + LEAST * np.eye(2))  # (C, 2, 2)
+        rest = whole - np.einsum("cij,cij->c", gains, self._yp)
+        c = int(np.argmin(rest))
+        usual = 2.0 * self._count * float(np.min(self.left())) ** 2  # of a stage with its axes and signs right
+        if rest[c] > 0.25 * whole or usual < BETTER**2 * rest[c]:
+            return ""
+        G = gains[c]
+        if abs(G[0, 1]) > HALF and abs(G[1, 0]) > HALF and max(abs(G[0, 0]), abs(G[1, 1])) < HALF:
+            return "the measured tilts of beta and gamma are exchanged, or their commands are"
+        turned = [name for name, g in (("beta", G[0, 0]), ("gamma", G[1, 1])) if g < -HALF]
+        return f"the measured tilt of {' and '.join(turned)} has the opposite sign of its command" if turned else ""
+
+    def _gain(self, gains: Array) -> tuple[str, StageModel | None]:
+        """Words for other gains (2,) of the present axes, and the stage with them; it joins the bank."""
+        if np.max(np.abs(gains - 1.0)) < GAIN or np.min(gains) < LEAST_GAIN:
+            return "", None
+        beta, gamma = (replace(a, gain=a.gain * float(g)) for a, g in zip(self._axes[0], gains, strict=True))
+        self._axes.append((beta, gamma))
+        words = f"the plate tilts by {gains[0]:.2f} (beta) and {gains[1]:.2f} (gamma) of its commands"
+        self._impulses = np.concatenate([self._impulses, self._impulses[:, :1] * gains[:, None, None]], axis=1)
+        self._yp = np.concatenate([self._yp, self._yp[:1] * gains])
+        self._pp = np.concatenate([self._pp, self._pp[:1] * np.outer(gains, gains)])
+        return words, StageModel(beta, gamma)
+
+
+def _bank() -> Iterator[StageAxis]:
+    """The stages that are tried."""
+    for late in LATE:
+        yield StageAxis.prompt(dead_time=late)
+        for pole in FIRST:
+            yield StageAxis(1.0, pole, 1.0, late, order=1)
+        for frequency, damping in product(SECOND, DAMPINGS):
+            yield StageAxis(1.0, frequency, damping, late)
+
+
+def _prompt(axis: StageAxis) -> StageAxis:
+    """An axis that follows at once, with gain, offset and dead time of another."""
+    return StageAxis.prompt(axis.gain, axis.dead_time, axis.offset)
+
+
+def _impulse(axis: StageAxis, count: int, dt: float) -> Array:
+    """Angle (count,) now by a unit command that was held for one sample, 1, 2 ... samples ago."""
+    times: Array = dt * np.arange(1, count + 1, dtype=np.float64) - axis.dead_time + SOON
+    response = axis.gain * step_response(axis, times)
+    impulse = np.diff(response, prepend=0.0)
+    impulse[-1] += axis.gain - response[-1]
+    return impulse
+
+
+def _words(axis: StageAxis) -> str:
+    """A servo in a few words."""
+    late = f" after {1e3 * axis.dead_time:.0f} ms" if axis.dead_time > 5e-3 else ""
+    if axis.order == 0:
+        return f"at once{late}"
+    if axis.order == 1:
+        return f"as a first-order servo of {axis.natural_frequency:.0f} rad/s{late}"
+    return f"as a servo of {axis.natural_frequency:.0f} rad/s and damping {axis.damping:.2g}{late}"

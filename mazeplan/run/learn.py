@@ -1,0 +1,174 @@
+"""From logs to a model that a run can use.
+
+1. The stage, the camera's delay and the effects on a bead in each ring are fitted (`learning.identification`).
+2. A rigid ball is fitted to the same part of each stretch; the rest of the stretch is for the judgement. The ball is
+   the reference for later diagnoses, too.
+3. Gaussian processes or networks are learned, if the kind has them.
+4. The model is judged as a run would use it (`judge`). What predicts worse than a textbook description is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_fit import fit_body
+from mazeplan.control.estimation.rigid_body_parameters import with_body
+from mazeplan.core.logs.table import Table, join
+from mazeplan.core.progress import Advance, Words, no_advance, no_words
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
+from mazeplan.diagnosis.rig.reference import RigReference, reference_by_filter, shortened
+from mazeplan.diagnosis.rig.search import ENOUGH, alternate
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.learning.fits import FITS
+from mazeplan.learning.fitting import FitOptions
+from mazeplan.learning.identification import TEST_SHARE, RigFit, fit_rig
+from mazeplan.learning.rig_gp import SMOOTHING, RingLearning, learn_processes
+from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.smoothing import Smoothing
+from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.rig.stage import StageModel
+from mazeplan.run.judge import PARTS, Judgement, judge
+
+Drive = Callable[[RigModel], Sequence[float]]  # time of each run, s; infinite if the ball did not arrive
+SURE = 2.0  # standard errors of a difference of times
+WITH_BODY = ("pi", "sp", "spnn")  # kinds with effects that were fitted; the others leave physics out on purpose
+SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
+COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A model, and how it was found.
+
+    reference:  of the rig, for later diagnoses; None if the logs do not show a whole rig, because of `why`
+    rings:      Gaussian processes or networks by ring
+    judgement:  of the model on parts of the logs that were not fitted
+    remaining:  rms of the innovations of the rigid ball over the camera's noise; NaN without one"""
+
+    model: RigModel
+    fit: RigFit
+    reference: RigReference | None
+    why: str
+    rings: dict[int, RingLearning]
+    judgement: Judgement
+    remaining: float
+
+    def fits(self) -> dict[str, float]:
+        """How well stage and ball fit the logs, in times the noise."""
+        stage = max(axis.times_noise for axis in self.fit.stage)
+        known = {"stage": stage, "ball": self.remaining}
+        return {part: round(times, 2) for part, times in known.items() if math.isfinite(times)}
+
+
+def learn(
+    tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
+    smoothing: Smoothing = SMOOTHING, progress: Words = no_words, advance: Advance = no_advance,
+    drive: Drive | None = None,
+) -> Learned:  # fmt: skip
+    """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
+
+    kind:  one of `modelfile.KINDS`
+    drive: does a few runs on a simulated rig with a model; the model that drives best is kept"""
+    table, sources = join(tables), tuple(one.source for one in tables)
+    if tilt_is_measured(table):
+        fit = fit_rig(table, maze, sources, progress=progress)
+    else:
+        progress("stage, by the ball")
+        stage = sharper_stage(table, maze, stage_by_ball(table, maze))
+        table = with_tilt_by_commands(table, stage)
+        fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
+    model, rings = fit.model, {}
+    if kind == "p":
+        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
+    elif kind != "pi":
+        model, rings = learn_processes(
+            table, maze, model, kind, options, smoothing=smoothing, progress=progress, advance=advance
+        )
+        model = _without_worse_processes(model, rings)
+    why, short, reference, remaining = why_not_whole([table]), shortened(table), None, math.nan
+    later = later_part(short)
+    if not why:
+        progress("rigid ball")
+        body = filter_on_stage(short, maze, fit.model.stage).part(~later)
+        reference = reference_by_filter(body, Known.of_model(fit.model), maze, model)
+        remaining = reference.remaining
+        if kind in WITH_BODY:
+            model = with_body(model, reference.body.model, reference.body.stderr)
+    progress("judging as a run would use it")
+    parts = PARTS if kind in WITH_BODY else ()
+    judgement = judge(model, short, maze, later, parts=parts, fits=not remaining > FITS)
+    model, driven = judgement.model, dict[str, float]()
+    if drive is not None:
+        progress("driving")
+        model, driven = _driven(model, maze, drive)
+    done = Learned(model, fit, reference, why, rings, judgement, remaining)
+    scores: dict[str, Any] = {**model.scores, "fits": done.fits(), "judged": judgement.document()}
+    scores |= {"driven_s": {name: round(time, 3) for name, time in driven.items()}} if driven else {}
+    return replace(done, model=replace(model, scores=scores))
+
+
+def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> StageModel:
+    """The stage of a rig without a tilt sensor by the filter of the rigid ball, near a first guess.
+
+    The ball is fitted with the first guess; then each axis of a finer grid is tried. The sum of its lag and of the
+    delay of the pictures stays nearly the same."""
+    table = shortened(with_tilt_by_commands(table, stage))
+    if why_not_whole([table]):
+        return stage
+    first = filter_on_stage(table, maze, stage)
+    ball = fit_body(alternate(first), BodyModel(), enough=ENOUGH).model
+    total, best = stage.lag + ball.view.delay, (math.inf, stage)
+    for axis in finer_axes():
+        part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))
+        for shift in SHIFTS:
+            view = ball.view._replace(delay=max(total - axis.lag + shift, 0.0))
+            best = min(
+                best, (part.innovations(ball._replace(view=view)).minus2, StageModel(axis, axis)), key=itemgetter(0)
+            )
+    axis = best[1].beta
+    if axis.order:
+        axis = replace(axis, stderr={"natural_frequency": COARSE * axis.natural_frequency})
+    return StageModel(axis, axis)
+
+
+def _driven(model: RigModel, maze: Maze, drive: Drive) -> tuple[RigModel, dict[str, float]]:
+    """The model, or a safer one that drives better beyond doubt; and the mean time of each, s, infinite without an
+    arrival."""
+    ways = {"learned": model, "without the contact": replace(model, body=None)} if model.body else {"learned": model}
+    ways["nothing learned"] = replace(RigModel.nominal(maze), data=model.data, scores=model.scores)
+    times = {name: np.array(drive(way)) for name, way in ways.items()}
+    best = "learned"
+    for name, other in times.items():
+        mine, there = np.isfinite(times[best]), np.isfinite(other)
+        gain = (times[best] - other)[mine & there]
+        error = float(np.std(gain)) / math.sqrt(max(len(gain), 1))
+        faster = len(gain) > 1 and float(np.mean(gain)) > SURE * error
+        if there.sum() > mine.sum() or (there.sum() == mine.sum() and faster):
+            best = name
+    means = {name: float(np.mean(t[np.isfinite(t)])) if np.isfinite(t).any() else math.inf for name, t in times.items()}
+    return ways[best], {name: mean for name, mean in means.items() if math.isfinite(mean)}
+
+
+def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:
+    """The model without the learned parts that predict test blocks worse than the effects alone."""
+    if model.kind not in WITH_BODY:
+        return model
+    kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
+    return replace(model, processes=kept, kind=model.kind if kept else "pi")
+
+
+def later_part(table: Table) -> np.ndarray:
+    """The rows (N,) of the last part of each segment, which no fit of stretches uses."""
+    numbers, first, count = np.unique(table.segment, return_index=True, return_counts=True)
+    at = np.searchsorted(numbers, table.segment)
+    place: Array = (np.arange(len(table)) - first[at]) / count[at]
+    return place > 1.0 - TEST_SHARE

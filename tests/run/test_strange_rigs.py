@@ -1,0 +1,47 @@
+"""Rigs as strangers write them: a run arrives without a model, and with the model of a short record."""
+
+from __future__ import annotations
+
+import pytest
+from planar_rig import PATIENT
+from strange_rigs import SIX
+
+from mazeplan.core.logs.table import read_table
+from mazeplan.learning.modelfile import load_model, save_model
+from mazeplan.learning.rig_model import RigModel
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.execution import run_job
+from mazeplan.run.learn import learn
+from mazeplan.run.specification import Job, Setup
+
+pytestmark = pytest.mark.slow
+MAZE = load_map("cme")
+EACH = pytest.mark.parametrize("rig", SIX, ids=lambda rig: rig.__name__)
+
+
+def runs(rig, model):
+    setup = Setup(MAZE, model, rig_name=rig.__name__, settings=PATIENT)
+    return [run_job(rig(MAZE, {}), setup, Job(1, 5, start_angle(i), i, 20.0)) for i in range(3)]
+
+
+@EACH
+def test_without_a_model_a_run_arrives_or_says_soon_what_is_wrong(rig):
+    for result in runs(rig, RigModel.nominal(MAZE)):
+        assert result.success or any(misfit.t <= 2.0 for misfit in result.misfits), result.reason
+
+
+@EACH
+def test_with_the_model_of_two_minutes_a_run_arrives(rig, tmp_path):
+    log, machine = tmp_path / "log.mcap", rig(MAZE, {})
+    seconds = max(120.0, 2700.0 / machine.rate_hz)  # a fit needs stretches of 13 samples: slow pictures take longer
+    run_collection(machine, MAZE, Collection(seconds, (1, 2, 3, 4, 5), seed=0), log)
+    learned = learn([read_table(log)], MAZE, "pi").model
+    model = load_model(save_model(learned, tmp_path / "model"))
+    again = load_model(save_model(model, tmp_path / "again"))
+    assert again == model
+    assert (model.kind, model.stage.beta.order, model.stage.gamma.order) == (
+        learned.kind, learned.stage.beta.order, learned.stage.gamma.order
+    )  # fmt: skip
+    assert [result.reason for result in runs(rig, model)] == ["arrived"] * 3
