@@ -134,7 +134,7 @@ licences: $(VENV)/installed-dev
 # An environment of its own, and Numba's share in a place of its own: another version of Numba throws away what is
 # compiled. Old packages beside new ones warn of each other, so warnings of what is deprecated are no errors here.
 LOWEST := build/lowest
-LOWEST_TESTS := tests/control tests/maze tests/behavior tests/logs tests/core tests/cli/test_main.py tests/test_kept_files.py \
+LOWEST_TESTS := tests/control tests/maze tests/behavior tests/logs tests/core tests/cli/test_main.py tests/test_contract.py \
   tests/learning/test_gp_training.py
 lowest: $(VENV)/installed
 	@mkdir -p build

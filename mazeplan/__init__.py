@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.core import gymnasium_names, moved
+from mazeplan.core import gymnasium_names
 
 if TYPE_CHECKING:
     from mazeplan.behavior.controls import Control
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-moved.install()
 gymnasium_names.install()
 
 _HOMES = {

@@ -151,9 +151,6 @@ class FilterCore(NamedTuple):
     strike: float
 
 
-Lens = FilterCore  # Numba's caches of earlier versions name it
-
-
 def filter_core(view: CameraView, wander: ProcessNoise) -> FilterCore:
     """The numbers of camera and unexplained motion for compiled code."""
     cos, sin = math.cos(view.angle), math.sin(view.angle)
