@@ -47,11 +47,6 @@ def rig_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in PACKAGED.glob("*.yaml")))
 
 
-def simulated_rigs() -> tuple[str, ...]:
-    """Names of the packaged rigs that MuJoCo simulates. These are the rigs whose files name no class."""
-    return tuple(name for name in rig_names() if read_rig_file(PACKAGED / f"{name}.yaml")[0] is None)
-
-
 def unusable(found: Plugin) -> str | None:
     """Why the name of an installed rig cannot be used; None if it can."""
     if found.name in rig_names():

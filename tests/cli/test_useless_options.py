@@ -28,7 +28,6 @@ import pytest
         ("calibrate camera --square-mm 20", "--square-mm: needs --boards"),
         ("effect list --markdown --json", "--markdown: got --json as well, expected one of the two"),
         ("view run.mcap --rig toy", "--rig: has no effect beside a log: leave it out"),
-        ("view --edit --seed 3", "--seed: has no effect with --edit: leave it out"),
         ("rig check toy -o new.yaml", "-o: needs a real rig, whose latencies it keeps"),
     ],
 )

@@ -11,7 +11,9 @@ from typer.testing import CliRunner
 
 from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map import app
+from mazeplan.apps.cli.map_watch import watch
 from mazeplan.core.errors import InputError
+from mazeplan.maze.drawing import save_drawing
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.resolve import ring_number
@@ -124,6 +126,34 @@ def test_show(tmp_path):
     assert run("show", "lopsided", "-o", str(routed), "--route", "--start-angle", "200").exit_code == 0
     assert plain.read_bytes()[:4] == routed.read_bytes()[:4] == b"\x89PNG"
     assert plain.read_bytes() != routed.read_bytes()
+
+
+def test_a_watched_map_is_drawn_again_at_each_save(tmp_path, capsys):
+    path, picture = tmp_path / "mine.yaml", tmp_path / "mine.png"
+    good = dump_map(CME)
+    path.write_text(good)
+    saves = iter(
+        [good.replace("angle_deg: 45", "angle_deg: 400"), None, good.replace("angle_deg: 45", "angle_deg: 50")]
+    )
+    pictures = []
+
+    def save_next():
+        pictures.append(picture.read_bytes())
+        text = next(saves, "end")
+        if text not in (None, "end"):
+            path.write_text(text)
+        return text != "end"
+
+    watch(path, lambda output: save_drawing(load_map(path), output), picture, save_next)
+    first, mistake, unchanged, last = pictures
+    assert len({first, mistake, last}) == 3
+    assert mistake == unchanged
+    assert "openings[0].angle_deg: got 400" in capsys.readouterr().err
+
+
+def test_watching_without_a_window_or_a_file_is_refused(monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    assert isinstance(run("show", "cme", "--watch").exception, InputError)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from lxml import html
 from report_documents import comparison
-from watching import browser, program
+from watching import browser
 
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.models import models_section
@@ -132,45 +132,3 @@ OVERLAPS = """() => {
   return boxes.flatMap((a, i) => boxes.slice(i + 1).filter(b => clash(a, b))
     .map(b => [a, b].map(([e]) => e.outerHTML.slice(0, 150))));
 }"""
-CUT = """() => [...document.querySelectorAll('[data-line], [data-errors] *, button, label')]
-  .filter(e => e.checkVisibility() && e.innerText && e.scrollWidth > e.clientWidth + 1
-    && getComputedStyle(e).display !== 'inline')
-  .map(e => e.outerHTML.slice(0, 200))"""
-
-
-@pytest.mark.realtime
-@pytest.mark.parametrize("width", [1920, 1300, 800])
-def test_the_map_editor_names_its_controls_and_cuts_nothing(chromium, width):
-    with program("--edit", "--map", "detour") as (_, url):
-        context = chromium.new_context(bypass_csp=True, viewport={"width": width, "height": 900})
-        shown = context.new_page()
-        shown.goto(url)
-        shown.wait_for_selector("[data-errors]", state="attached")
-        shown.get_by_text("New map", exact=True).click()
-        shown.wait_for_timeout(2500)  # until what came has got its names, and a panel is folded
-        assert shown.evaluate(NAMELESS) == []
-        assert shown.evaluate(SLIDERS) == ["Angle (deg)", "Width (mm)"]
-        assert shown.evaluate(TOO_WIDE) <= 0
-        assert shown.evaluate(CUT) == []
-        assert shown.evaluate(OVERLAPS) == []
-        if AXE:
-            assert axe_faults(shown) == []
-        context.close()
-
-
-@pytest.mark.realtime
-def test_every_control_of_the_page_has_a_name(chromium):
-    with program("--rig", "toy") as (_, url):
-        context = chromium.new_context(bypass_csp=True, viewport={"width": 1300, "height": 800})
-        shown = context.new_page()
-        shown.goto(url)
-        shown.wait_for_selector('[data-phase="idle"]', state="attached")
-        for folder in ("Openings", "Faults", "Picture"):
-            shown.get_by_text(folder, exact=True).click()
-        shown.wait_for_timeout(1500)  # until what came has got its names
-        assert shown.evaluate(NAMELESS) == []
-        assert shown.title() == "mazeplan"
-        assert shown.evaluate("document.documentElement.lang") == "en"
-        if AXE:
-            assert axe_faults(shown) == []
-        context.close()

@@ -60,10 +60,9 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan report runs/a.mcap -o runs/report.html",
     ),
     "view": (
-        "Open the page: drive a rig, show logs, edit a map.",
+        "Open the page: drive a rig, or show logs.",
         "mazeplan view",
         "mazeplan view runs/a.mcap runs/b.mcap",
-        "mazeplan view --edit maps/mine.yaml",
     ),
     "doctor": (
         "Show what is installed, and how to add the rest.",

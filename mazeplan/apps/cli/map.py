@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -14,7 +15,7 @@ from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
-from mazeplan.apps.cli.option_checks import listed
+from mazeplan.apps.cli.option_checks import given_options, listed
 from mazeplan.apps.cli.output import headline, plural, print_json, say
 from mazeplan.core.maths.angles import place_deg
 
@@ -40,6 +41,10 @@ Picture = Annotated[
         help="Picture to write: .png, .svg or .pdf.",
     ),
 ]  # fmt: skip
+Watch = Annotated[
+    bool,
+    typer.Option("--watch", help="Draw again at each save of the map: into the file of -o, else in a window."),
+]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
 WithLabels = Annotated[
     bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")
@@ -103,6 +108,7 @@ def check(files: MapFiles, json: opt.AsJson = False) -> None:
 
 @app.command()
 def show(
+    ctx: typer.Context,
     map_: MapArgument = "cme",
     output: Picture = Path("maze.png"),
     with_route: WithRoute = False,
@@ -112,9 +118,29 @@ def show(
     goal: opt.MapGoal = None,
     start_angle: opt.MapAngle = None,
     close: opt.Close = None,
+    watch: Watch = False,
     force: opt.Force = False,
 ) -> None:
     """Draw a map to scale, with --route the route of `map route`, with --log the trail of a run."""
+    draw = partial(
+        _draw, map_, with_route=with_route, labels=labels, log=log, start=start, goal=goal, start_angle=start_angle,
+        close=listed(close),
+    )  # fmt: skip
+    if watch:
+        from mazeplan.apps.cli.map_watch import watch as watch_file
+        from mazeplan.maze.mapfile import find_map
+
+        watch_file(find_map(map_), draw, output if "-o" in given_options(ctx) else None)
+        return
+    draw(output)
+    say(f"wrote {output}")
+
+
+def _draw(
+    map_: str, output: Path, *, with_route: bool, labels: bool, log: Path | None, start: str | None, goal: str | None,
+    start_angle: float | None, close: Iterable[str],
+) -> None:  # fmt: skip
+    """Draw a map into a file, with the options of `map show`."""
     from mazeplan.maze.drawing import save_drawing
     from mazeplan.maze.mapfile import load_map
 
@@ -131,7 +157,7 @@ def show(
         goal = goal or (f"ring{read.header['goal_ring']}" if read.header.get("goal_ring") else None)
     if with_route:
         ring, angle = _beginning(trail, maze)
-        found = _find(maze, start or ring, goal, start_angle, angle, listed(close))
+        found = _find(maze, start or ring, goal, start_angle, angle, close)
         best = found.require_route(maze)
         title += "" if read is not None else (
             f"\nroute from ring {found.first} at {place_deg(math.radians(found.angle), 1):.4g}° to ring {found.last}, "
@@ -139,7 +165,6 @@ def show(
         )  # fmt: skip
     best = None if found is None else found.route
     save_drawing(maze, output, route=best, trail=trail, names=labels, title=title, second=second)
-    say(f"wrote {output}")
 
 
 @app.command()

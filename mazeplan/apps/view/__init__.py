@@ -12,10 +12,9 @@ plots.py, panel.py      curves; facts and behaviour tree
 film.py                 a film of a run, of the same moments
 lookback.py             looking back in a live run
 livetab.py, link.py     the tab of a live run; the page's process and its line to the run, which never waits for it
-serving.py              pages without a live run
+serving.py              the page of recorded runs
 server.py, door.py      viser behind a check of Host, Origin and token; clientfix.py mends viser's client
 replay/                 recorded runs (optional)
-editor/                 a map to edit (optional)
 
 To add a tab, write a class with two methods and give an object of it to `Page(tabs=...)`:
 
