@@ -104,7 +104,6 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["navigate", "--behavior", "navigat"], "waypoints; did you mean navigate?"),
         (["navigate", "--behavior", "zz"], "--behavior: zz: no such file, expected an XML file"),
         (["navigate", "--close", "1-2@45,1-9"], "--close: closed opening: got '1-9', expected one of 1-2@45"),
-        (["diagnose", "a.csv", "-o", "r.html"], "-o: got 'r.html', the name of a file, expected a folder"),
         (["navigate", "--close", "1-9"], "--close: closed opening: got '1-9', expected one of 1-2@45"),
         (["navigate", "--seed", "-1"], "--seed: got '-1', expected a number >= 0\n"),
         (["navigate", "--seed", "1.5"], "--seed: got '1.5', expected a whole number\n"),

@@ -60,16 +60,6 @@ LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("rig check", "-o"): (("no.yaml",), "latency.yaml"),
     ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
 }
-READ = {
-    *((command, "logs") for command in ("learn", "compare", "diagnose", "map learn", "view")),
-    *((command, "log") for command in ("log info", "log export", "log replay")),
-    ("compare", "--test"), ("diagnose", "--test"), ("diagnose", "--reference"), ("improve", "--reference"),
-    ("score", "logs"),
-    ("report", "inputs"), ("map show", "--log"), ("behavior show", "--log"), ("calibrate tilt", "--readings"),
-    ("data import-cme", "folder"), ("evaluate", "--faults"), ("policy show", "folder"), ("policy export", "folder"),
-    *((command, "--policy") for command in ("navigate", "evaluate")),
-    *((command, "--settings") for command in ("navigate", "evaluate", "view", "policy train")),
-}  # fmt: skip
 RENEWED = {  # docs/commands.md lists them
     ("navigate", "--memory"), ("navigate", "-o"), ("evaluate", "--store"), ("evaluate", "-o"),
     ("behavior palette", "--into"),
@@ -105,28 +95,20 @@ def commands(group, path=()):
         yield " ".join(path), group
 
 
-def paths_of_commands():
-    """(command, option, hint) of each parameter that may name a file: a Path, a FILE, or -o."""
+def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
+    outputs, new = set(), set()
+    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--curve", "--pictures", "--keep")
     for name, command in commands(get_command(app)):
         hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
-        for parameter in command.params:
-            hint = hints.get(parameter.name)
-            names = {"FILE", "FOLDER", "DIR", "OUT"} & {getattr(parameter, "metavar", None)}
-            if "Path" in str(hint) or names or {"-o", "--output"} & set(parameter.opts):
-                yield name, min(parameter.opts, key=len), hint
-
-
-def test_every_option_that_names_a_file_is_in_a_table():
-    found = {(command, option): typing.get_args(hint)[1] for command, option, hint in paths_of_commands()}
-    assert set(found) == {*NEW, *LONG, *READ, *RENEWED}
-    new = {key for key, info in found.items() if info.callback in (opt.new_file, opt.new_folder)}
-    assert new == {*NEW, *LONG}, "a new file has callback=new_file, a new folder callback=new_folder"
-
-
-def test_every_command_with_such_an_option_has_force():
-    forced = {name for name, command in commands(get_command(app)) if any("--force" in p.opts for p in command.params)}
-    assert forced == {command for command, _ in {**NEW, **LONG}}
-    assert typing.get_args(opt.Force)[1].is_eager, "the checks of options look whether it was given"
+        for param in command.params:
+            key = name, min(param.opts, key=len)
+            outputs |= {key} & {(name, option) for option in names}
+            info = (typing.get_args(hints.get(param.name)) or (None, None))[1]
+            if getattr(info, "callback", None) in (opt.new_file, opt.new_folder):
+                new.add(key)
+                assert any("--force" in p.opts for p in command.params)
+    assert new == {*NEW, *LONG}
+    assert outputs - new - RENEWED == {("map show", "--log"), ("behavior show", "--log")}  # logs to read
 
 
 @pytest.mark.parametrize(("command", "option"), [*NEW, *LONG])
@@ -158,40 +140,28 @@ def test_force_replaces_it(call, command, option):
     assert not list(Path().rglob(".*")), "nothing is left beside the files"
 
 
-@pytest.mark.parametrize(("command", "option"), list(LONG))
-def test_with_force_a_wrong_input_still_leaves_it(refused, command, option):
-    words, name = LONG[command, option]
-    path, named = there(name)
-    error = refused(*command.split(), *words, option, named, "--force")
-    assert "exists;" not in error
-    assert path.read_bytes() == MINE
-
-
-def test_the_name_may_come_before_force_or_after_it(call):
-    there("palette.xml")
-    assert call("behavior", "palette", "--force", "-o", "palette.xml")[0] == 0
+@pytest.mark.parametrize(
+    "line",
+    [
+        "navigate --settings a.mcap --log a.mcap", "log export recorded.mcap -o link.csv",
+        "map learn a.csv --map b.yaml -o ./b.yaml", "navigate --log a.mcap --memory link.yaml",
+        "diagnose a.csv --model policy -o policy",
+    ],
+)  # fmt: skip
+def test_an_output_is_never_another_file_of_the_command(refused, line):
+    for name in ("b.yaml", "a.csv", "a.mcap"):
+        there(name)
+    Path("link.csv").symlink_to("recorded.mcap")
+    Path("link.yaml").symlink_to("a.mcap")
+    before = {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()}
+    assert "expected another name" in refused(*line.split(), "--force")
+    assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
 
 
 def test_a_file_in_the_place_of_a_folder_and_a_folder_of_a_file(refused):
     there("folder/file")
     assert "--log: got 'folder', a folder, expected a file" in refused("navigate", "--log", "folder", "--force")
     assert "folder/file is a file; expected a folder" in refused("learn", "a.csv", "-o", "folder/file", "--force")
-
-
-@pytest.mark.parametrize("hidden", [None, ".git"])
-def test_an_empty_folder_is_new_whatever_is_hidden_in_it(call, hidden):
-    Path("cart").mkdir()
-    if hidden:
-        Path("cart", hidden).mkdir()
-    assert call("new", "rig", "cart")[0] == 0
-
-
-def test_new_rig_names_its_folder_by_its_own_name(call, refused):
-    path, _ = there("cart/cart.py")
-    line = "mazeplan: NAME: cart exists; expected a new name, or --force to replace files in it\n"
-    assert refused("new", "rig", "cart") == line
-    assert call("new", "rig", "cart", "--force")[0] == 0
-    assert path.read_bytes() != MINE
 
 
 def test_each_page_of_a_sheet_is_looked_for(call, refused):
@@ -204,23 +174,9 @@ def test_each_page_of_a_sheet_is_looked_for(call, refused):
     assert call("calibrate", "camera", "--sheet", "sheet.svg", "--force")[0] == 0
 
 
-# -- names that nobody gave -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_default_name_is_free(call):
-    assert call("map", "show") == (0, "", "wrote maze.png\n")
-    path, _ = there("maze.png")
-    assert call("map", "show") == (0, "", "maze.png exists: maze-2.png will be written\nwrote maze-2.png\n")
-    assert call("map", "show")[2].endswith("wrote maze-3.png\n")
-    assert path.read_bytes() == MINE
-    assert call("map", "show", "--force") == (0, "", "wrote maze.png\n")
-    assert path.read_bytes() != MINE
-
-
-def test_a_default_name_that_is_given_is_refused_as_any_other(refused):
+def test_a_default_name_that_exists_is_refused(refused):
     there("maze.png")
-    assert refused("map", "show", "-o", "maze.png").startswith("mazeplan: -o: maze.png exists")
+    refused("map", "show")
 
 
 def test_further_runs_of_a_page_write_no_log_that_exists():

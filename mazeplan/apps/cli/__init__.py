@@ -24,7 +24,6 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
-from mazeplan.apps.cli.path_checks import unreadable, unusable
 from mazeplan.core.errors import InputError, LogError, MapError, MazeplanError, ModelError, TableError, TreeError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
@@ -161,10 +160,6 @@ def _usage_message(error: Any, words: Sequence[str]) -> str:
         return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
     if text.startswith("Missing argument") and error.ctx is not None and error.ctx.command.epilog:
         return f"{text.rstrip('.')}; for example: {error.ctx.command.epilog.splitlines()[0]}"
-    shut = re.fullmatch(r"Invalid value for '(.*?)': \w+ '(.*)' is not readable\.", text)
-    if shut is not None:
-        option = f"{shut[1]}: " if shut[1].startswith("-") else ""
-        return f"{option}{unreadable(shut[2])}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
     if found is None or found[2].startswith("got "):
         return text if found is None else f"{found[1]}: {found[2]}"
@@ -227,7 +222,8 @@ def _run(received: list[int]) -> int:
         status = end.exit_code
     except OSError as problem:
         if problem.errno in UNUSABLE and problem.filename is not None:
-            return _fail(with_option(unusable(problem, str(problem.filename)), sys.argv[1:]), InputError.exit_status)
+            error = InputError(f"cannot be used: {problem.strerror}", file=str(problem.filename))
+            return _fail(with_option(error, sys.argv[1:]), InputError.exit_status)
         if problem.errno not in UNWRITABLE:
             raise
         end_unwritable(problem)

@@ -58,7 +58,6 @@ Into = Annotated[
     Path | None,
     typer.Option(
         "--into",
-        callback=opt.renewed,
         autocompletion=names.TREES,
         metavar="TREE",
         help="Tree whose TreeNodesModel to write or renew; all else in it stays.",

@@ -9,8 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
-from mazeplan.apps.cli.option_checks import check_effect
-from mazeplan.apps.cli.path_checks import check_paths
+from mazeplan.apps.cli.option_checks import check_outputs
 
 WIDEST = 120  # columns; longer lines are hard to read
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
@@ -191,12 +190,11 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
 class Command(TyperCommand):
     """A command whose help names arguments as they are typed and keeps the lines of its examples.
 
-    Before it begins, it checks the files and options of its command line."""
+    Before it begins, it checks that no output is an input."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        check_paths(ctx)
-        check_effect(ctx)
+        check_outputs(ctx)
         return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:

@@ -1,8 +1,8 @@
 """Checks of the values in a command line: numbers, folders, files.
 
-A check runs while typer reads the command line, before any work begins. An option for a new file or folder has
-`callback=new_file` or `new_folder`, and its command has `force: Force`. So a command overwrites files only with
---force. An option for a file that the command continues has `callback=renewed`. `path_checks` then checks all paths.
+A check runs while typer reads the command line, before any work begins. One rule holds for all outputs: an output
+replaces a file only with --force, and never an input of the same command. An option for a new file or folder has
+`callback=new_file` or `new_folder`, and its command has `force: Force`; then `check_outputs` compares all paths.
 """
 
 from __future__ import annotations
@@ -11,41 +11,19 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from typer import BadParameter, CallbackParam, Context
 
-from mazeplan.apps.cli.output import check_new, free_name, say
-from mazeplan.apps.cli.path_checks import NEW, RENEWED, note_written
+from mazeplan.apps.cli.output import check_new
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import unit_hint
-from mazeplan.core.whole_file import in_dev
+from mazeplan.core.whole_file import in_dev, is_stream
 
-NEEDS = (  # an option, and the option without which it has no effect, in each command that has both
-    ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
-    ("-o", "--learn"), ("--corners", "--boards"), ("--square-mm", "--boards"),
-    ("--from", "--route"), ("--to", "--route"), ("--start-angle", "--route"), ("--close", "--route"),
-)  # fmt: skip
-APART = (
-    ("-o", "--into"),
-    ("-o", "--minari"),
-    ("--markdown", "--json"),
-    ("--grid", "--readings"),
-    *((option, "--sheet") for option in ("--boards", "--plate", "--circles", "--dry-run", "--json")),
-)  # pairs of options; the second would hide the effect of the first
-
-
-def check_effect(ctx: Context) -> None:
-    """Raises InputError for an option in the command line that would have no effect."""
-    params, given = _options(ctx), given_options(ctx)
-    for option, other in NEEDS:
-        if option in given and other in params and other not in given:
-            raise no_effect(option, other)
-    for option, other in APART:
-        if option in given and other in given:
-            raise InputError(f"got {other} as well, expected one of the two", key=option)
+PATHS = {"DIR", "FILE", "FOLDER", "INPUT", "LOG", "MAP", "MODEL", "OUT", "RIG", "TREE"}  # metavars of files, folders
+_OUTPUTS = "mazeplan.outputs"
 
 
 def given_options(ctx: Context) -> set[str]:
@@ -75,11 +53,6 @@ def _typed(value: Any) -> str:
 def _options(ctx: Context) -> dict[str, str]:
     """{option or argument of a command: name of its parameter}."""
     return {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
-
-
-def no_effect(option: str, what: str) -> InputError:
-    """The error for an option that has no effect without something else. what: what it needs"""
-    return InputError(f"needs {what}; without it the option has no effect", key=option)
 
 
 def number(
@@ -127,13 +100,6 @@ def folder(text: str) -> Path:
     return Path(text)
 
 
-def folder_of_report(text: str) -> Path:
-    """Parser of a folder for a report, which has a fixed file name in it."""
-    if Path(text).suffix.lower() == ".html" and not Path(text).is_dir():
-        raise BadParameter(f"got {str(text)!r}, the name of a file, expected a folder")
-    return folder(text)
-
-
 def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
     """Parser of a file to write, with one of the endings.
 
@@ -163,34 +129,43 @@ def file_or_stdout(*endings: str) -> Callable[[str], str]:
 def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
     """Check of the file that a command writes: it must be new, unless --force is given. - is stdout.
 
-    Without a name in the command line, the default name is used, or the next free name (maze-2.png). Raises
-    InputError."""
-    force = bool(ctx.params.get("force"))
-    note_written(ctx, param, NEW)
-    if value is None or value == "-":
-        return value
-    source = ctx.get_parameter_source(param.name or "")
-    if source is not None and source.name == "DEFAULT" and not force:
-        free = free_name(value)
-        if free != value:
-            say(f"{value} exists: {free} will be written")
-        return free
-    check_new(min(param.opts, key=len), Path(value), force)
+    Raises InputError."""
+    if value is not None and value != "-":
+        check_new(_note_output(ctx, param), Path(value), bool(ctx.params.get("force")))
     return value
 
 
 def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
     """Check of the folder that a command writes: new or empty, unless --force is given. Raises InputError."""
-    note_written(ctx, param, NEW)
     if value is not None:
-        check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
+        check_new(_note_output(ctx, param), value, bool(ctx.params.get("force")), folder=True)
     return value
 
 
-def renewed(ctx: Context, param: CallbackParam, value: Any) -> Any:
-    """Check of a file or folder that a command reads and renews: it needs no --force."""
-    note_written(ctx, param, RENEWED)
-    return value
+def _note_output(ctx: Context, param: CallbackParam) -> str:
+    """Record that an option names an output, for `check_outputs`. Returns the option."""
+    ctx.meta.setdefault(_OUTPUTS, set()).add(param.name)
+    return min(param.opts, key=len)
+
+
+def check_outputs(ctx: Context) -> None:
+    """Raises InputError for an output that is also another file of the command line, even under another name."""
+    named = list(_named_paths(ctx))
+    for output, path, is_output in named:
+        for option, other, _ in named if is_output and not is_stream(path) else ():
+            if option != output and os.path.realpath(other) == os.path.realpath(path):
+                raise InputError(f"{output}: {path} is the file of {option}, too; expected another name")
+
+
+def _named_paths(ctx: Context) -> Iterator[tuple[str, Path, bool]]:
+    """(option or name of an argument, path, whether it is an output) of the files in a command line."""
+    for param in ctx.command.params:
+        metavar = (getattr(param, "metavar", None) or "").partition(" ")[0]
+        value = ctx.params.get(param.name or "")
+        for text in value if isinstance(value, list | tuple) else [value]:
+            if metavar in PATHS and text not in (None, "", "-"):
+                option = metavar if param.param_type_name == "argument" else min(param.opts, key=len)
+                yield option, Path(text), param.name in ctx.meta.get(_OUTPUTS, ())
 
 
 def listed(values: Iterable[str] | None) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from mazeplan.apps.cli import names
-from mazeplan.apps.cli.option_checks import file, folder, folder_of_report, new_file, new_folder, number, renewed, ring
+from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, ring
 
 PICTURES, FILMS = (".png", ".svg", ".pdf"), (".mp4", ".gif")
 YAML, RUN_LOG, TREE = (".yaml", ".yml"), ".mcap", ".xml"
@@ -213,7 +213,7 @@ RunLog = Annotated[
 Memory = Annotated[
     Path | None,
     Option(
-        "--memory", parser=file(*YAML, ".json"), callback=renewed, metavar="FILE",
+        "--memory", parser=file(*YAML, ".json"), metavar="FILE",
         help="File that keeps experience at openings for the next run.",
     ),
 ]  # fmt: skip
@@ -221,7 +221,7 @@ Learn = Annotated[bool, Option("--learn", help="Update the model after each run.
 LearnedModel = Annotated[
     Path | None,
     Option(
-        "-o", "--output", parser=folder, callback=renewed, metavar="FOLDER",
+        "-o", "--output", parser=folder, metavar="FOLDER",
         help="With --learn: folder of the updated model.",
     ),
 ]  # fmt: skip
@@ -244,7 +244,7 @@ Dask = Annotated[
 Store = Annotated[
     Path | None,
     Option(
-        "--store", parser=folder, callback=renewed, metavar="DIR",
+        "--store", parser=folder, metavar="DIR",
         help="Keep each run in this folder (Parquet) and skip kept runs.",
     ),
 ]  # fmt: skip
@@ -378,7 +378,7 @@ System = Annotated[
 DiagnosisFolder = Annotated[
     Path | None,
     Option(
-        "-o", "--output", parser=folder_of_report, callback=new_folder, metavar="FOLDER",
+        "-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER",
         help="Folder for the report and the model.",
     ),
 ]  # fmt: skip

@@ -12,7 +12,6 @@ import typer
 
 from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import no_effect
 from mazeplan.apps.cli.output import headline, print_json, say
 from mazeplan.core.errors import InputError, MazeplanError, RigError
 
@@ -65,8 +64,6 @@ def check(
     from mazeplan.rigs.registry import make_rig, warn_of_idle_keys
     from mazeplan.rigs.watchdog import watched
 
-    if output is not None and not is_hardware(rig):
-        raise no_effect("-o", "a real rig, whose latencies it keeps")
     maze, results, more = load_map(map_), [], {}
     problem: MazeplanError | None = None
     if is_hardware(rig):  # without a bar, because a person answers questions

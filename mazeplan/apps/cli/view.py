@@ -6,11 +6,9 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Context
+from typer import Argument
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import given_options
-from mazeplan.core.errors import InputError
 
 ViewLogs = Annotated[
     list[Path] | None,
@@ -19,7 +17,6 @@ ViewLogs = Annotated[
 
 
 def view(
-    ctx: Context,
     logs: ViewLogs = None,
     start: opt.StartRing = "ring1",
     goal: opt.GoalRing = "centre",
@@ -40,8 +37,6 @@ def view(
         from mazeplan.apps.cli.progress import ProgressBar
         from mazeplan.apps.view.serving import open_logs, show_logs
 
-        for option in sorted(given_options(ctx) - {"logs", "--host", "--port"}):
-            raise InputError("has no effect beside a log: leave it out", key=option)
         with ProgressBar("reading") as bar:
             runs = open_logs(logs, bar.show)
         show_logs(runs, host, port)
