@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
-import tempfile
 import time
 from pathlib import Path
 
@@ -23,16 +21,6 @@ def deadly(times: int, notes: str, x: int) -> int:
     return x
 
 
-def leave_something() -> str:
-    """A temporary folder that nobody clears away."""
-    return tempfile.mkdtemp()
-
-
-def end_slowly() -> None:
-    """The process needs a while to end."""
-    atexit.register(time.sleep, 1.0)
-
-
 def refuse(x: int) -> int:
     if x == 2:
         raise ValueError("two")
@@ -40,13 +28,8 @@ def refuse(x: int) -> int:
 
 
 def wait_long(notes: str, x: int) -> int:
-    """Ends at once for 0; else waits for somebody to end it, and writes down that this went in order."""
-    if x:
-        Path(f"{notes}-begun{x}").touch()
-        try:
-            time.sleep(60.0)
-        finally:
-            Path(f"{notes}{x}").touch()
+    """Ends at once for 0; else after a minute."""
+    time.sleep(60.0 if x else 0.0)
     return x
 
 

@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from mazeplan.core.records import NavigationResult
-from mazeplan.run.campaign.evaluate import Campaign
+from mazeplan.run.campaign.evaluate import Campaign, do_run
 from mazeplan.run.campaign.executor import Executor, Lost, open_executor
-from mazeplan.run.campaign.parcel import Parcel
+from mazeplan.run.campaign.one_run import Ran
 from mazeplan.run.campaign.store import open_store
-from mazeplan.run.campaign.worker import Ran, run_packed
+from mazeplan.run.campaign.user_files import Parcel
 
 BLOCK, RUNS = 100, 1000
 QUICK_BLOCK, QUICK_RUNS = 8, 16
@@ -76,7 +76,7 @@ def _warm(stack: ExitStack, workers: int, dask: str | None) -> Way:
     seen: set[str] = set()
     while len(seen) < workers:
         tasks = [(Parcel(), TOY, index) for index in range(2 * workers)]
-        seen |= {ran.host for _, ran in way.executor.each(run_packed, tasks) if isinstance(ran, Ran)}
+        seen |= {ran.host for _, ran in way.executor.each(do_run, tasks) if isinstance(ran, Ran)}
     way.warm = time.perf_counter() - began
     return way
 
@@ -86,7 +86,7 @@ def _block(way: Way, which: range, folder: Path) -> None:
     with open_store(folder, TOY) as store:
         began = time.perf_counter()
         shared = way.executor.share(Parcel())
-        for k, ran in way.executor.each(run_packed, [(shared, TOY, index) for index in which]):
+        for k, ran in way.executor.each(do_run, [(shared, TOY, index) for index in which]):
             assert isinstance(ran, Ran)
             store.keep(which[k], ran)
             way.walls.append(ran.wall_s)
@@ -116,7 +116,7 @@ def _killed(name: str, way: Way, count: int) -> str:
     """A line about a campaign of which a worker is killed after a fourth of the runs."""
     found: dict[int, dict] = {}
     began, victim = time.perf_counter(), 0
-    for index, ran in way.executor.each(run_packed, [(Parcel(), TOY, index) for index in range(count)]):
+    for index, ran in way.executor.each(do_run, [(Parcel(), TOY, index) for index in range(count)]):
         if isinstance(ran, Lost):
             continue
         found[index] = _same(ran.result)

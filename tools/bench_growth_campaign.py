@@ -14,9 +14,6 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 FIRST = 1000  # runs that are truly made
 WORDS = ("evaluate", "--from", "ring5", "--to", "ring5", "--rig", "ideal", "--time-limit", "1", "--no-deadline")
 MEASURE = """
@@ -39,7 +36,7 @@ def _measured(runs: int, folder: Path) -> tuple[float, float]:
     made = min(runs, FIRST)
     evaluate = (sys.executable, "-m", "mazeplan", *WORDS, "--store", str(store))
     subprocess.run([*evaluate, "--runs", str(made)], check=True, capture_output=True)
-    (path,) = store.glob("*.parquet")
+    (path,) = store.glob("*.jsonl")
     if runs > made:
         _grow(path, runs)
     command = [*evaluate, "--runs", str(runs), "--report", str(report)]
@@ -52,12 +49,10 @@ def _measured(runs: int, folder: Path) -> tuple[float, float]:
 
 def _grow(path: Path, runs: int) -> None:
     """Copy the rows of a store until there are so many."""
-    table = pq.read_table(path)
-    table = pa.concat_tables([table] * -(-runs // len(table))).slice(0, runs)
-    results = []
-    for number, text in enumerate(table["result"].to_pylist()):
-        results.append(json.dumps({**json.loads(text), "seed": number}))
-    for name, values in (("index", range(runs)), ("seed", range(runs)), ("result", results)):
-        at = table.schema.get_field_index(name)
-        table = table.set_column(at, table.schema.field(at), pa.array(values, table.schema.field(at).type))
-    pq.write_table(table, path)
+    head, *rows = [json.loads(line) for line in path.read_text().splitlines()]
+    with path.open("w") as file:
+        file.write(json.dumps(head) + "\n")
+        for number in range(runs):
+            row = rows[number % len(rows)]
+            row = {**row, "index": number, "result": {**row["result"], "seed": number}}
+            file.write(json.dumps(row) + "\n")

@@ -111,7 +111,7 @@ def test_each_fault_is_its_own_campaign_in_the_folder(call, few, tmp_path):
     assert code == 0
     assert err.count("another campaign") == 1
     assert "(other fault)" in err
-    table = pd.read_parquet(folder)
+    table = pd.read_parquet(folder / "runs.parquet")
     assert sorted(table["fault"].fillna("-")) == ["-", "cable out", "opening_closed"]
     assert table["campaign"].nunique() == 3
     by = table.set_index("fault")

@@ -33,7 +33,7 @@ FEATURES = {
     "testing": "generated ball behaviours for tests of trees",
     "docs": "the documentation as a site: make docs",
     "gym": "the maze as a Gymnasium environment: record, reinforcement learning",
-    "campaign": "evaluate on other machines and resumed: --dask, --store",
+    "campaign": "evaluate on other machines: --dask; tables of runs in Parquet: --store, record",
     "onnx": "policies for other runtimes: policy export -o policy.onnx",
     "tune": "search of costs and gains: tools/tune.py",
     "bench": "other solvers and searches for comparison: make bench",

@@ -245,7 +245,7 @@ Store = Annotated[
     Path | None,
     Option(
         "--store", parser=folder, metavar="DIR",
-        help="Keep each run in this folder (Parquet) and skip kept runs.",
+        help="Keep each run in this folder (JSON lines) and skip kept runs.",
     ),
 ]  # fmt: skip
 NoDeadline = Annotated[bool, Option("--no-deadline", help="Let plans take any time, for repeatable results.")]

@@ -23,16 +23,17 @@ from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
 from mazeplan.run.campaign.one_run import (
     FIXED_STARTS,
     Campaign,
+    Ran,
     job_of,
+    measured,
     rig_failed,
     rig_of_run,
     run_one,
     setup_of,
     start_angle,
 )
-from mazeplan.run.campaign.parcel import Parcel, packed
 from mazeplan.run.campaign.store import Store
-from mazeplan.run.campaign.worker import Ran, run_packed
+from mazeplan.run.campaign.user_files import Parcel, packed, unpack, user_files
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import log_header
 
@@ -64,11 +65,9 @@ def evaluate(
     missing = [index for index in range(campaign.runs) if index not in done]
     if missing and (executor.apart or store is not None):
         check(campaign)
-    parcel = store.parcel if store is not None else packed(campaign) if executor.apart else Parcel()
-    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
-    shared = executor.share(parcel) if missing else parcel
-    tasks = [(shared, campaign, index) for index in missing]
-    for k, ran in each(run_packed, tasks, executor, lambda k, lost: _lost(campaign, missing[k], lost)):
+    shared, there = shared_files(campaign, executor)
+    tasks = [(shared, there, index) for index in missing]
+    for k, ran in each(do_run, tasks, executor, lambda k, lost: Ran(process_ended(campaign, missing[k], lost))):
         done[missing[k]] = ran.result
         if store is not None:
             store.keep(missing[k], ran)
@@ -77,9 +76,23 @@ def evaluate(
     return [done[index] for index in range(campaign.runs)]
 
 
+def shared_files(campaign: Campaign, executor: Executor) -> tuple[Parcel, Campaign]:
+    """The files of a campaign for tasks of this executor, and the campaign as a worker can use it."""
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
+    if not executor.elsewhere:
+        return Parcel(), campaign
+    parcel, campaign = packed(campaign, user_files(campaign).values())
+    return executor.share(parcel), campaign
+
+
+def do_run(parcel: Parcel, campaign: Campaign, index: int) -> Ran:
+    """Run number `index` of a campaign, on a worker that may lack the files in the parcel."""
+    unpack(parcel)
+    return Ran(*measured(lambda: run_one(campaign, index)))
+
+
 def check(campaign: Campaign) -> None:
-    """Prepare a run without doing it, to find wrong input. Raises InputError with the user's names of files, not those
-    of unpacked copies."""
+    """Prepare a run without doing it, to find wrong input before any process begins. Raises InputError."""
     maze = campaign.maze()
     rig = rig_of_run(campaign, 0, maze)
     Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
@@ -90,10 +103,6 @@ def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResul
     job = job_of(campaign, index, campaign.maze())
     problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
     return rig_failed(problem, job, rig_label(campaign.rig))
-
-
-def _lost(campaign: Campaign, index: int, lost: Lost) -> Ran:
-    return Ran(process_ended(campaign, index, lost), 0.0, 0.0, "")
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:

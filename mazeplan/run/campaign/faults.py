@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
@@ -23,12 +23,11 @@ from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
-from mazeplan.run.campaign.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of
+from mazeplan.run.campaign.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of, shared_files
 from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
-from mazeplan.run.campaign.one_run import collect_garbage, rig_of_run
-from mazeplan.run.campaign.parcel import Parcel, errors_name_origins, packed, unpacked, with_relative_paths
+from mazeplan.run.campaign.one_run import Ran, collect_garbage, measured, rig_of_run
 from mazeplan.run.campaign.store import Store
-from mazeplan.run.campaign.worker import Ran, here, measured
+from mazeplan.run.campaign.user_files import Parcel, unpack
 from mazeplan.run.execution import attempt_job
 from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
@@ -79,7 +78,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Tried:
-    """An outcome, and the run with its times (`campaign.worker.Ran`)."""
+    """An outcome, and the run with its times."""
 
     outcome: Outcome
     ran: Ran
@@ -113,19 +112,18 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
         collect_garbage()
 
 
-def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
-    """As `run_trial`, for a campaign whose files are in a parcel."""
-    with errors_name_origins(parcel):
-        outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
-    outcome = replace(outcome, result=with_relative_paths(outcome.result))
-    return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, here()))
+def do_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
+    """As `run_trial`, on a worker that may lack the files in the parcel."""
+    unpack(parcel)
+    outcome, wall_s, cpu_s, host = measured(lambda: run_trial(campaign, trial, index))
+    return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, host))
 
 
 def _lost(campaign: Campaign, trial: FaultTrial, index: int, lost: Lost) -> Tried:
     """The outcome of a run that ended its process."""
     result = process_ended(campaign, index, lost)
     outcome = Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].detail}",))
-    return Tried(outcome, Ran(result, 0.0, 0.0, ""))
+    return Tried(outcome, Ran(result))
 
 
 def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
@@ -184,13 +182,16 @@ def evaluate_faults(
         if k in store.documents
     }
     missing = [place for place in every if place not in done]
-    parcel = stores[0].parcel if stores else packed(campaign) if executor.apart else Parcel()
     if missing and executor.apart:
-        campaign = replace(campaign, own_process=True)
         check(campaign)
-    shared = executor.share(parcel) if missing else parcel
-    tasks = [(shared, campaign, trials[t], k) for t, k in missing]
-    for number, tried in each(run_packed_trial, tasks, executor, lambda n, lost: _lost(*tasks[n][1:], lost)):
+    shared, there = shared_files(campaign, executor)
+    tasks = [(shared, there, trials[t], k) for t, k in missing]
+
+    def lost_run(number: int, lost: Lost) -> Tried:
+        t, k = missing[number]
+        return _lost(campaign, trials[t], k, lost)
+
+    for number, tried in each(do_trial, tasks, executor, lost_run):
         t, k = missing[number]
         done[t, k] = tried.outcome
         if stores:

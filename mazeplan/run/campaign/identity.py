@@ -18,22 +18,22 @@ from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_label
-from mazeplan.run.campaign.one_run import Campaign, effect_modules, job_of, setup_of
-from mazeplan.run.campaign.parcel import Parcel, included_elsewhere, installed, module_file, rig_modules
+from mazeplan.run.campaign.one_run import Campaign, job_of, setup_of
+from mazeplan.run.campaign.user_files import content_sha256, installed_rig, user_files
 from mazeplan.run.campaign.versions import program
 from mazeplan.run.specification import Setup, file_sha256, installed_leaves
 
 LETTERS = 16  # length of a digest: these letters of a SHA-256 are enough for the few campaigns of a folder
 
 
-def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
+def identity(campaign: Campaign) -> dict[str, Any]:
     """Everything that determines the results of a campaign, as a document of names, numbers and texts.
 
     Raises InputError if a part of the campaign cannot be used."""
     maze = campaign.maze()
+    digests = {name: content_sha256(path) for name, path in sorted(user_files(campaign).items())}
     setup, job = setup_of(campaign, maze), job_of(campaign, 0, maze)
     behavior = resources.find("behaviors", setup.behavior, ".xml")
-    known_by_content = {name.partition("@")[0] for _, name in parcel.names}
     return {
         "program": dict(program()),
         "rig": _rig_of(campaign),
@@ -45,14 +45,8 @@ def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
         "goal_ring": job.goal,
         "seed": campaign.seed,
         "time_limit_s": campaign.time_limit,
-        "modules": _modules_of(campaign),
         "packages": _packages_of(campaign, setup),
-        "files": {
-            name: digest
-            for name, digest in parcel.digests.items()
-            if name not in known_by_content and not name.startswith("model/")
-        }
-        | {str(path): file_sha256(path) for path in included_elsewhere(setup.behavior)},
+        "files": {name: digest for name, digest in digests.items() if "/" in name and not name.startswith("model/")},
     }
 
 
@@ -65,27 +59,17 @@ def _rig_of(campaign: Campaign) -> dict[str, Any]:
     return {"name": rig_label(campaign.rig), "class": kind, "settings": settings, "sense": campaign.sense}
 
 
-def _modules_of(campaign: Campaign) -> dict[str, str]:
-    """{module of a user: SHA-256 of its file}, also of installed modules."""
-    names = [*campaign.behavior_modules, *effect_modules(campaign), *rig_modules(campaign.rig)]
-    return {name: file_sha256(module_file(name) or Path()) for name in names}
-
-
 def _packages_of(campaign: Campaign, setup: Setup) -> dict[str, list[str]]:
     """{plug-in of an installed package that the campaign uses: package and version, SHA-256 of its file}."""
-    rig = installed(campaign.rig)
+    rig = installed_rig(campaign.rig)
     used = [*installed_leaves(setup), *([] if rig is None else [rig])]
     return {found.name: [found.source, file_sha256(found.file() or Path())] for found in used}
 
 
 def digest_of(document: Mapping[str, Any]) -> str:
     """A short digest of a document."""
-    return hashlib.sha256(text_of(document).encode()).hexdigest()[:LETTERS]
-
-
-def text_of(document: Mapping[str, Any]) -> str:
-    """The document as JSON, always in the same order."""
-    return json.dumps(document, sort_keys=True, default=str, ensure_ascii=False)
+    text = json.dumps(document, sort_keys=True, default=str, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:LETTERS]
 
 
 def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import gc
 import math
+import os
+import platform
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
+from time import perf_counter, process_time
+from typing import TypeVar
 
 from mazeplan.control.policy_file import load_policy
 from mazeplan.core.errors import RigError
@@ -32,6 +37,7 @@ START_ORDER = [int(f"{k:04b}"[::-1], 2) for k in range(FIXED_STARTS)]  # of van 
 GC_INTERVAL = 16  # runs between two garbage collections
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 _runs = count(1)
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -61,9 +67,14 @@ class Campaign:
         return with_balls(load_map(self.map), self.balls)
 
 
-def effect_modules(campaign: Campaign) -> list[str]:
-    """The user's module with effects that the model has; empty without one."""
-    return [] if campaign.effects is None else [campaign.effects.partition(":")[0]]
+@dataclass(frozen=True)
+class Ran:
+    """A run that has ended. host: computer:process that did it."""
+
+    result: NavigationResult
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    host: str = ""
 
 
 def start_angle(index: int) -> float | None:
@@ -131,6 +142,13 @@ def run_one(
         with suppress(RigError):  # the first error matters
             rig.close()
         collect_garbage()
+
+
+def measured(do: Callable[[], Result]) -> tuple[Result, float, float, str]:
+    """The result of `do`, the wall time and processor time that it took, s, and computer:process."""
+    began, used = perf_counter(), process_time()
+    result = do()
+    return result, perf_counter() - began, process_time() - used, f"{platform.node()}:{os.getpid()}"
 
 
 def collect_garbage() -> None:

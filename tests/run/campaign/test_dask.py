@@ -13,7 +13,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from campaign_work import deadly, mine, refuse
 
@@ -23,7 +22,7 @@ from mazeplan.core.resources import share
 from mazeplan.run.campaign import dask_cluster as daskcluster
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
 from mazeplan.run.campaign.executor import Lost, open_executor
-from mazeplan.run.campaign.store import open_store
+from mazeplan.run.campaign.store import open_store, runs_table
 from mazeplan.run.campaign.versions import program
 
 RUNS = 12
@@ -131,12 +130,9 @@ def test_where_nobody_listens_is_said_within_seconds(monkeypatch):
 def test_workers_that_would_compute_something_else_are_refused(site, monkeypatch):
     other = {**program(), "numpy": "1.0"}
     monkeypatch.setattr(daskcluster, "program", lambda: other)
-    expected = f"would not compute the same: it has numpy {program()['numpy']} instead of 1.0"
+    expected = f"numpy {program()['numpy']} instead of 1.0"
     with pytest.raises(InputError, match=expected), open_executor(dask=site.address):
         pass
-    monkeypatch.setattr(daskcluster, "_check_workers", lambda *arguments: None)  # and who comes later, too
-    with open_executor(dask=site.address) as executor, pytest.raises(InputError, match=expected):
-        list(executor.each(refuse, [(1,)]))
 
 
 def test_what_work_raises_comes_out(site):
@@ -164,7 +160,7 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
     assert site.workers[0].wait() == -signal.SIGKILL
     assert len(words) == 1
     assert "Dask" in words[0]
-    table = pd.read_parquet(tmp_path)
+    table = runs_table(tmp_path)
     assert list(table["index"]) == list(range(RUNS))
     assert f":{site.workers[1].pid}" in {host[host.index(":") :] for host in table["host"]}
 
@@ -177,12 +173,11 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
         assert len(store.results) == RUNS
         with pytest.raises(RigError, match=r"the scheduler at .* does not answer any more"):
             evaluate(more, executor=executor, store=store, progress=end)
-    assert len(pd.read_parquet(tmp_path)) >= RUNS + 2
+    assert len(runs_table(tmp_path)) >= RUNS + 2
 
 
 @pytest.mark.slow
 def test_work_that_ends_its_worker_again_and_again_ends_on_a_cluster_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(daskcluster, "MOST_DEATHS", 1)
     monkeypatch.setattr(
         daskcluster, "_check_workers", lambda *arguments: None
     )  # which takes a second of processor time
@@ -190,16 +185,13 @@ def test_work_that_ends_its_worker_again_and_again_ends_on_a_cluster_of_ones_own
     notes.touch()
     with open_executor(1, "local") as executor:
         done = dict(executor.each(deadly, [(99 if x == 0 else 0, str(notes), x) for x in range(3)]))
-        address = executor._client.scheduler.address
-    assert done == {0: Lost(1), 1: 1, 2: 2}
-    assert address.startswith("tcp://127.0.0.1:")
+    assert done == {0: Lost(3), 1: 1, 2: 2}
 
 
 @pytest.mark.slow
 def test_all_workers_killed_at_once_lose_nothing(monkeypatch):
     """While there is none, the scheduler has nobody to give their work to; then come others under other names."""
     monkeypatch.setattr(daskcluster, "_check_workers", lambda *arguments: None)
-    monkeypatch.setattr(daskcluster, "COUNT_S", 0.5)
     with open_executor(2, "local") as executor:
         first = {pid for _, (_, pid) in executor.each(mine, [(x,) for x in range(40)])}
         assert len(first) == 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 
 import numpy as np
 import pytest
@@ -15,8 +14,7 @@ from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
-from mazeplan.run.campaign.parcel import packed
-from mazeplan.run.campaign.worker import run_packed
+from mazeplan.run.campaign.user_files import user_files
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
 
@@ -107,11 +105,11 @@ def test_workers_get_the_policy_and_do_what_one_process_does(folder):
     assert all(r.success and not r.planner_ms["max"] for r in apart)
 
 
-def test_a_parcel_has_the_policy_for_a_machine_without_it(folder):
-    campaign = Campaign(1, "ideal", policy=str(folder), behavior="policy", goal=2, seed=9, deadline=False)
-    parcel = packed(campaign)
-    shutil.rmtree(folder)
-    assert run_packed(parcel, campaign, 0).result.success
+def test_other_machines_get_the_policy(folder):
+    files = user_files(Campaign(1, "ideal", policy=str(folder), behavior="policy"))
+    assert files == {
+        name: folder / name.removeprefix("policy/") for name in ("policy/policy.yaml", "policy/policy.npz")
+    }
 
 
 def test_via_goes_by_the_policy_too(folder):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,8 @@ import pytest
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Doubt, Failure, FailureKind, GoalGiven, NavigationResult, RingPassage, Start
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
-from mazeplan.run.campaign.store import open_store
-from mazeplan.run.campaign.worker import Ran
+from mazeplan.run.campaign.one_run import Ran
+from mazeplan.run.campaign.store import open_store, runs_table
 
 LIGHT = Campaign(4, "mazeplan.apps.testing.lightrig:LightRig", start=4, seed=7, deadline=False)
 SPREAD = {"p50": 0.1, "p99": 1.0 / 3.0, "max": 7.25}
@@ -44,10 +43,9 @@ def test_a_row_is_pleasant_to_read(tmp_path):
     with open_store(tmp_path, LIGHT) as store:
         store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
         store.keep(0, Ran(run(7, success=False), 0.25, 0.125, "here:2"))
-        assert len(list(tmp_path.glob("*.run-*.parquet"))) == 2
-        assert len(pd.read_parquet(tmp_path)) == 2  # while it is under way, too
-    assert [path.name for path in tmp_path.glob("*.parquet")] == [f"campaign-{store.name}.parquet"]
-    table = pd.read_parquet(tmp_path)
+        assert len(runs_table(tmp_path)) == 2  # while it is under way, too
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {f"campaign-{store.name}.jsonl", "runs.parquet"}
+    table = pd.read_parquet(tmp_path / "runs.parquet")
     assert list(table["index"]) == [0, 1]
     assert list(table["seed"]) == [7, 8]
     assert table["success"].dtype == bool
@@ -76,17 +74,15 @@ def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
     begun = []
     with open_store(tmp_path, replace(LIGHT, runs=2)) as store:
         evaluate(replace(LIGHT, runs=2), store=store, progress=begun.append)
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.parquet")}
     with open_store(tmp_path, LIGHT) as store:
         assert set(store.results) == {0, 1}
         gone_on = evaluate(LIGHT, store=store, progress=begun.append)
     assert begun == [1, 2, 3, 4]  # the third was the first that the second command did
     assert [same(result) for result in gone_on] == [same(result) for result in alone]
-    assert kept
     with open_store(tmp_path, LIGHT) as store:
         assert evaluate(LIGHT, store=store, progress=begun.append) == gone_on
     assert len(begun) == 4
-    assert list(pd.read_parquet(tmp_path)["index"]) == [0, 1, 2, 3]
+    assert list(runs_table(tmp_path)["index"]) == [0, 1, 2, 3]
 
 
 def test_other_campaigns_stay_apart_and_are_named(tmp_path):
@@ -98,39 +94,22 @@ def test_other_campaigns_stay_apart_and_are_named(tmp_path):
         (told,) = store.others()
         assert told.endswith("(other start ring, seed)")
         store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
-    table = pd.read_parquet(tmp_path)
+    table = runs_table(tmp_path)
     assert table.groupby("campaign").size().tolist() == [1, 1]
     with open_store(tmp_path, other) as store:
         assert [result.seed for result in store.results.values()] == [8]
 
 
-def test_a_command_that_was_killed_leaves_nothing_broken(tmp_path, monkeypatch):
+def test_a_line_that_a_killed_command_left_incomplete_is_made_again(tmp_path):
     with open_store(tmp_path, LIGHT) as store:
         store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
-        whole = next(tmp_path.glob("*.run-*.parquet")).read_bytes()
-        monkeypatch.setattr(os, "fsync", lambda number: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt):
-            store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
-        monkeypatch.undo()
-        assert len(list(tmp_path.glob("*.parquet"))) == 1
-        assert [path.suffix for path in tmp_path.glob(".*")] == [".lock"]
-        (tmp_path / f".campaign-{store.name}.run-00000002.parquet.1").write_bytes(whole[:99])  # killed as it wrote
-        single = tmp_path / f"campaign-{store.name}.run-00000000.parquet"
-    single.write_bytes(whole)  # killed when all were one file, but the single ones were still there
+        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+    store.path.write_bytes(store.path.read_bytes()[:-9])
+    assert list(runs_table(tmp_path)["index"]) == [0]
     with open_store(tmp_path, LIGHT) as store:
         assert set(store.results) == {0}
         store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
-    assert list(pd.read_parquet(tmp_path)["index"]) == [0, 1]
-    assert not single.exists()
-
-
-def test_many_single_files_become_one_on_the_way(tmp_path, monkeypatch):
-    monkeypatch.setattr("mazeplan.run.campaign.store.TOGETHER", 3)
-    with open_store(tmp_path, LIGHT) as store:
-        for index in range(4):
-            store.keep(index, Ran(run(index), 0.5, 0.125, "here:1"))
-        assert len(list(tmp_path.glob("*.run-*.parquet"))) == 1
-        assert sorted(pd.read_parquet(tmp_path)["index"]) == [0, 1, 2, 3]
+    assert list(runs_table(tmp_path)["index"]) == [0, 1]
 
 
 def test_one_command_at_a_time(tmp_path):
@@ -141,44 +120,26 @@ def test_one_command_at_a_time(tmp_path):
             pass
 
 
-def test_files_that_are_none_of_ours_are_named_and_folders_that_cannot_be_made(tmp_path):
+def test_a_damaged_file_is_named(tmp_path):
     with open_store(tmp_path, LIGHT) as store:
-        pass
-    store.whole.write_text("no parquet")
-    with pytest.raises(InputError, match=r"campaign-.*\.parquet: cannot be read as runs"), open_store(tmp_path, LIGHT):
-        pass
-    pd.DataFrame({"index": [0]}).to_parquet(store.whole)
-    with pytest.raises(InputError, match=r"\.parquet: got other columns"), open_store(tmp_path, LIGHT):
-        pass
-    (tmp_path / "file").touch()
-    for wrong in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(InputError, match=r"--store: got .*file"), open_store(wrong, LIGHT):
+        store.keep(0, Ran(run(7)))
+    store.path.write_text("no runs\n")
+    for campaign in (LIGHT, replace(LIGHT, seed=8)):
+        with pytest.raises(InputError, match=store.path.name), open_store(tmp_path, campaign):
             pass
 
 
-def test_a_damaged_file_of_another_campaign_is_named(tmp_path):
+def test_a_file_of_a_newer_format_is_refused(tmp_path):
     with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
-    store.whole.write_text("no parquet")
-    named = rf"{store.whole.name}: cannot be read as runs of a campaign: .*; without this file its runs are done again"
-    with pytest.raises(InputError, match=named), open_store(tmp_path, replace(LIGHT, seed=8)):
-        pass
+        store.keep(0, Ran(run(7)))
+    store.path.write_text(store.path.read_text().replace('"format": 1', '"format": 7'))
+    with pytest.raises(InputError, match="format"):
+        runs_table(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["model.yaml", "other.parquet", "campaign-mine.parquet"])
-def test_a_folder_that_is_no_store_is_refused_and_stays_as_it_is(tmp_path, name):
-    (tmp_path / name).touch()
-    with pytest.raises(InputError, match=f"--store: .* holds {name}; expected"), open_store(tmp_path, LIGHT):
-        pass
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
-def test_other_files_than_parquet_may_lie_beside_the_runs(tmp_path):
-    with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
-    (tmp_path / "report.html").touch()
-    with open_store(tmp_path, LIGHT) as store:
-        assert set(store.results) == {0}
-    (tmp_path / "episodes.parquet").touch()
-    with pytest.raises(InputError, match="holds episodes"), open_store(tmp_path, LIGHT):
-        pass
+def test_folders_that_cannot_be_a_store_are_refused(tmp_path):
+    (tmp_path / "file").touch()
+    for wrong in (tmp_path, tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="--store"), open_store(wrong, LIGHT):
+            pass
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
