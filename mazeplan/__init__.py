@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.core import gymnasium_names
 
 if TYPE_CHECKING:
-    from mazeplan.behavior.controls import Control
-    from mazeplan.behavior.decorators import Decorator
     from mazeplan.behavior.mazeleaf import MazeLeaf
-    from mazeplan.behavior.ports import Port
-    from mazeplan.behavior.status import SKIPPED, Status
+    from mazeplan.btree.controls import Control
+    from mazeplan.btree.decorators import Decorator
+    from mazeplan.btree.ports import Port
+    from mazeplan.btree.status import SKIPPED, Status
     from mazeplan.core.records import NavigationResult, Observation
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
@@ -33,15 +33,15 @@ gymnasium_names.install()
 _HOMES = {
     "Goals": "mazeplan.run.goals",
     "Maze": "mazeplan.maze.geometry",
-    "Control": "mazeplan.behavior.controls",
-    "Decorator": "mazeplan.behavior.decorators",
+    "Control": "mazeplan.btree.controls",
+    "Decorator": "mazeplan.btree.decorators",
     "MazeLeaf": "mazeplan.behavior.mazeleaf",
     "NavigationResult": "mazeplan.core.records",
     "Observation": "mazeplan.core.records",
-    "Port": "mazeplan.behavior.ports",
+    "Port": "mazeplan.btree.ports",
     "Rig": "mazeplan.rigs.interface",
-    "SKIPPED": "mazeplan.behavior.status",
-    "Status": "mazeplan.behavior.status",
+    "SKIPPED": "mazeplan.btree.status",
+    "Status": "mazeplan.btree.status",
     "check_rig": "mazeplan.rigs.conformance",
     "load_map": "mazeplan.maze.mapfile",
     "navigate": "mazeplan.run.navigate",

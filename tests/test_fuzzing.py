@@ -12,9 +12,9 @@ from fuzzing import KEYS, Dice, DiceRun, random_expression, random_tree, run_tre
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.script import parse_script
-from mazeplan.behavior.script_values import Scope, ScriptError
+from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.script import parse_script
+from mazeplan.btree.script_values import Scope, ScriptError
 
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mazeplan.behavior.check import check_file
 from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.trees import check_file
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
 

@@ -18,7 +18,7 @@ import numpy as np
 import zmq
 
 import mazeplan
-from mazeplan.apps.monitor.server import Monitor
+from mazeplan.btree.monitor.server import Monitor
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import NavigationResult
 

@@ -22,12 +22,12 @@ from btcpp_cases import LEAVES, MANY, ONE
 from btcpp_reference import Runner
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.controls import Control
-from mazeplan.behavior.decorators import Decorator
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.ports import Port
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree.controls import Control
+from mazeplan.btree.decorators import Decorator
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.node import TreeNode
+from mazeplan.btree.ports import Port
 from mazeplan.core.errors import TreeError
 
 LITERAL = re.compile(r'R"([^()\s\\]{0,16})\((.*?)\)\1"', re.DOTALL)

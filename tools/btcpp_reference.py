@@ -17,13 +17,13 @@ from typing import Any, ClassVar
 from btcpp_cases import Case
 from py_trees.common import Status
 
-from mazeplan.behavior import tree as trees
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.ports import REQUIRED, Port
-from mazeplan.behavior.status import FAILURE, RUNNING, SUCCESS, Result
-from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree import tree as trees
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.node import TreeNode
+from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS, Result
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import TreeError
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING}

@@ -17,11 +17,11 @@ from xml.sax.saxutils import quoteattr
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.ports import Port
-from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
-from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.ports import Port
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import TreeError
 
 TICK = 1.0 / 30.0  # s of rig time

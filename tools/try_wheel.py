@@ -29,7 +29,7 @@ SHOWN = 400  # characters of what a failed command said
 PACKAGED = """\
 import sys
 import mazeplan
-from mazeplan.behavior.treefile import read_tree, tree_names
+from mazeplan.behavior.trees import read_tree, tree_names
 from mazeplan.learning.modelfile import load_model, model_names
 from mazeplan.maze.mapfile import load_map, packaged_maps
 from mazeplan.rigs.registry import rig_file, rig_names

@@ -11,7 +11,7 @@ from typing import ClassVar
 from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf
-from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.core.records import FailureKind
 
 

@@ -11,9 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mazeplan.behavior.blame import CommandError
 from mazeplan.behavior.current_leg import CurrentLeg
-from mazeplan.behavior.ports import shown
+from mazeplan.behavior.trees import choices_of
+from mazeplan.btree.blame import CommandError
+from mazeplan.btree.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
 from mazeplan.control.keeping import SafetyFilter
@@ -226,6 +227,10 @@ class RunContext:
         """The ring to which the tree is on its way: the goal of its last route; before the first route that of the
         run."""
         return self.goal if self.heading is None else self.heading
+
+    def choices(self, name: str) -> tuple[Any, ...]:
+        """The values of a port with these choices (`trees.choices_of`)."""
+        return choices_of(self.maze, name)
 
     def clock(self) -> float:
         """Rig time of this tick, s."""

@@ -8,8 +8,8 @@ from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
 from mazeplan.behavior.opening_leaves import gets_in
-from mazeplan.behavior.ports import REQUIRED, Port
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.opening import aligned
 from mazeplan.control.policy import Policy, policy_inputs
 from mazeplan.core.errors import InputError

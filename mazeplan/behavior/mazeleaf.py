@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from py_trees.common import Status
 
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.ports import shown
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.ports import shown
 from mazeplan.core.records import Failure, FailureKind, State
 from mazeplan.maze.geometry import Opening
 
@@ -23,6 +23,12 @@ class MazeLeaf(Leaf):
     """A leaf of a run: typed access to its context, and failures with a kind."""
 
     context: RunContext
+
+    def fail(self, failure: Any) -> Status:
+        """Leave a failure and return FAILURE. Raises TreeError for anything else."""
+        if not isinstance(failure, Failure):
+            raise self.wrong(f"fail: got {shown(failure)}, expected a Failure; fail_as(kind, detail) makes one")
+        return super().fail(failure)
 
     def fail_as(self, kind: FailureKind | str, detail: str = "") -> Status:
         """Leave a failure of this kind, or of that name, and return FAILURE. Raises TreeError where there is no such

@@ -14,7 +14,7 @@ import numpy as np
 from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
-from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned, opening_command
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.events import OpeningPassed

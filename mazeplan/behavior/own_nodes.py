@@ -13,18 +13,19 @@ from enum import IntEnum
 from types import ModuleType
 from typing import Any
 
-from mazeplan.behavior.builder import BUILTIN, OPTION
-from mazeplan.behavior.controls import Control
-from mazeplan.behavior.decorators import Decorator
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.node import Node, TreeNode
-from mazeplan.behavior.ports import CONVERSIONS, OF_THE_MAP, REQUIRED, Port, shown
 from mazeplan.behavior.registry import REGISTRY
+from mazeplan.btree.builder import BUILTIN, OPTION
+from mazeplan.btree.controls import Control
+from mazeplan.btree.decorators import Decorator
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.node import Node, TreeNode
+from mazeplan.btree.ports import CONVERSIONS, REQUIRED, Port, shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 
+OF_THE_MAP = ("openings", "rings")
 CATEGORIES = ("Action", "Condition")
 DIRECTIONS = ("in", "out", "inout")
 EXPECTED = (

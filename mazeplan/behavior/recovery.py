@@ -8,7 +8,7 @@ from typing import ClassVar
 from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf
-from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import LEVEL, FailureKind
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mazeplan.behavior.ball_leaves import BallsStay, ChooseBall, LeadBall
 from mazeplan.behavior.follow_policy import FollowPolicy
-from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.opening_leaves import Align, ConfirmRing, PassOpening, Settle
 from mazeplan.behavior.recovery import (
     AvoidOpening,
@@ -18,6 +17,7 @@ from mazeplan.behavior.recovery import (
 )
 from mazeplan.behavior.routing import ChooseOpening, PlanRoute
 from mazeplan.behavior.travel import PlanInRing, Track
+from mazeplan.btree.leaf import Leaf
 
 REGISTRY: dict[str, type[Leaf]] = {
     leaf.__name__: leaf

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, ClassVar
 from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf
-from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.travel import arrival_s, plan_to
+from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.core.events import OpeningChosen, RoutePlanned
 from mazeplan.core.records import FailureKind
 

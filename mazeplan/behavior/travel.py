@@ -19,7 +19,7 @@ import numpy as np
 from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
-from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
 from mazeplan.core.errors import SettingsError

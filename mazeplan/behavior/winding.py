@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.status import RUNNING
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.status import RUNNING
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.tilt import Plate
 from mazeplan.core.records import LEVEL, Command
 

@@ -15,13 +15,13 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.blame import blame_no_node, blames_a_node, exception_line
 from mazeplan.behavior.context import BallRoles, RunContext
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.trees import read_tree
 from mazeplan.behavior.winding import WindDown
+from mazeplan.btree.blame import blame_no_node, blames_a_node, exception_line
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.backlash import BacklashCompensator
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from mazeplan.behavior.check import StaticContext, reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.ports import one_line
-from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import StaticContext, load_tree, reads_key, refuse_mistakes
+from mazeplan.btree.ports import one_line
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy
 from mazeplan.core.display import Display

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.tracking import plan_step
 from mazeplan.core.display import Display
 from mazeplan.core.events import (
@@ -34,6 +34,7 @@ from mazeplan.core.records import (
     Plan,
     RingPassage,
     Start,
+    TreeOutline,
 )
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.run.assembly import passed_by
@@ -133,7 +134,7 @@ class RunRecorder:
     def tree(self, t: float, tree: BehaviorTree) -> None:
         """Record a tree that begins."""
         self._statuses = ""
-        self._log.tree(t, tree.outline())
+        self._log.tree(t, TreeOutline(**tree.outline()))
 
     def statuses(self, t: float, tree: BehaviorTree) -> None:
         """Record the statuses of a tree if they have changed."""

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.behavior.groot_palette import without_model
-from mazeplan.behavior.treefile import tree_files
+from mazeplan.behavior.trees import read_tree
+from mazeplan.btree.palette import without_model
 from mazeplan.control.deadline import Recorded
 from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.core import resources
@@ -234,7 +234,7 @@ def _check_file(what: str, name: str, file: str | Path, sha256: str | None, path
 def _check_tree(name: str, sha256: str, path: Path, advice: str) -> None:
     """Raises LogError if the file of the tree, or a file that it includes, has changed."""
     try:
-        files = tree_files(name)
+        files = read_tree(name).files
     except TreeError:
         files = (Path(name),)
     if file_sha256(*files) == sha256:

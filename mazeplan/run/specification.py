@@ -16,8 +16,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import installed_in
-from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import nodes_named, tree_files
+from mazeplan.behavior.trees import read_tree
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy, policy_sha256
 from mazeplan.core import resources
@@ -243,7 +243,7 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         settings=setup.settings.text(),
         model_sha256=fingerprint(setup.model),
         behavior_file=str(behavior.absolute()),
-        behavior_sha256=file_sha256(*tree_files(setup.behavior)),
+        behavior_sha256=file_sha256(*read_tree(setup.behavior).files),
         modules={name: SourceFile(file, file_sha256(file)) for name, file in modules},
         leaves={name: SourceFile(file, file_sha256(file)) for name, file in installed} or None,
         memory=None if setup.memory is None else setup.memory.document(),
@@ -265,7 +265,7 @@ def effects_sha256(spec: str) -> str:
 def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
     """Entry points of the leaves of installed packages that the tree names; empty if the tree cannot be read."""
     try:
-        return installed_in(nodes_named(setup.behavior), setup.behavior_modules)
+        return installed_in(read_tree(setup.behavior).kinds, setup.behavior_modules)
     except TreeError:
         return ()
 

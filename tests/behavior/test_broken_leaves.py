@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from scripted import Run
 
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.status import RUNNING
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.status import RUNNING
 
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
 

@@ -9,7 +9,7 @@ from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.current_leg import ENTERING
-from mazeplan.behavior.ports import Key
+from mazeplan.btree.ports import Key
 from mazeplan.core.records import FailureKind
 
 

@@ -9,10 +9,10 @@ import pytest
 from policies import LIMIT, hand_made
 
 from mazeplan.apps.testing import run_tree
-from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.follow_policy import FollowPolicy
-from mazeplan.behavior.status import FAILURE, RUNNING, SUCCESS
+from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, TreeError
 from mazeplan.core.records import State

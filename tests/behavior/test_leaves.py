@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.context import RunContext, TwoCommandsError
-from mazeplan.behavior.ports import Key
 from mazeplan.behavior.registry import REGISTRY
+from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.ports import Key
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.events import LawChanged, OpeningPassed

@@ -10,7 +10,7 @@ import pytest
 from py_trees.common import Status
 from test_leaves import MAZE, Bench, at, failing
 
-from mazeplan.behavior.ports import Key
+from mazeplan.btree.ports import Key
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.graph import RouteGraph

@@ -122,11 +122,11 @@ def test_no_more_than_its_bound_and_the_plate_goes_level_whatever_it_commands(wo
     st.lists(st.none() | st.tuples(*[st.floats(-10.0, 10.0) | st.just(math.nan)] * 2), max_size=20), st.integers(1, 20)
 )
 def test_no_command_of_a_wind_down_is_larger_than_the_last_one(wanted, ticks):
-    from mazeplan.behavior.blackboard import Blackboard
-    from mazeplan.behavior.leaf import Leaf
-    from mazeplan.behavior.status import RUNNING
-    from mazeplan.behavior.tree import BehaviorTree
     from mazeplan.behavior.winding import WindDown
+    from mazeplan.btree.blackboard import Blackboard
+    from mazeplan.btree.leaf import Leaf
+    from mazeplan.btree.status import RUNNING
+    from mazeplan.btree.tree import BehaviorTree
     from mazeplan.control.tilt import Plate
     from mazeplan.core.records import Command
 

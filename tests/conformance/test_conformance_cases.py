@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from mazeplan.behavior.builtin_leaves import BUILTIN_LEAVES
-from mazeplan.behavior.conditions import CONDITIONS
-from mazeplan.behavior.controls import CONTROLS
-from mazeplan.behavior.decorators import DECORATORS
-from mazeplan.behavior.script import ASSIGNMENTS, POWERS, PREFIXES
+from mazeplan.btree.builtin_leaves import BUILTIN_LEAVES
+from mazeplan.btree.conditions import CONDITIONS
+from mazeplan.btree.controls import CONTROLS
+from mazeplan.btree.decorators import DECORATORS
+from mazeplan.btree.script import ASSIGNMENTS, POWERS, PREFIXES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
 import btcpp_conformance  # pyright: ignore[reportMissingImports]  # a script

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from commands import call
 
-from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.trees import read_tree
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.resources import BothWarning

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 
 from mazeplan.apps.report.inputs import read_input
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import read_log

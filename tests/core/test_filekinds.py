@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mazeplan.apps.report.inputs import read_document, read_input
-from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import got, refused
 from mazeplan.core.logs.run_log import read_log

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from mazeplan.apps.report import tree_picture
 from mazeplan.apps.report.tree_picture import History, history, save_tree_picture
 from mazeplan.apps.testing import run_tree
-from mazeplan.behavior.outline import rows_of, tree_text
 from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree.outline import rows_of, tree_text
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.palette import TINTS

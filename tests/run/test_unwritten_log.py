@@ -9,7 +9,7 @@ import sys
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.behavior.blame import blame, blame_no_node, blames_a_node
+from mazeplan.btree.blame import blame, blame_no_node, blames_a_node
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from mazeplan.apps.testing import Player, script, tick_tree
-from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import FailureKind
 

@@ -228,7 +228,7 @@ def _run(received: list[int]) -> int:
             raise
         end_unwritable(problem)
     except Exception as problem:
-        from mazeplan.behavior.blame import blames_a_node, exception_line
+        from mazeplan.btree.blame import blames_a_node, exception_line
 
         if not blames_a_node(problem):
             raise

@@ -15,9 +15,9 @@ from mazeplan.apps.cli.progress import log_read
 from mazeplan.core.errors import InputError, TreeError
 
 if TYPE_CHECKING:
-    from mazeplan.behavior.node import TreeNode
-    from mazeplan.behavior.ports import Port
-    from mazeplan.behavior.tree import BehaviorTree
+    from mazeplan.btree.node import TreeNode
+    from mazeplan.btree.ports import Port
+    from mazeplan.btree.tree import BehaviorTree
     from mazeplan.core.logs.run_log import RunLog
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
@@ -77,9 +77,8 @@ KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorator
 
 
 def _load(source: str, modules: list[str] | None) -> BehaviorTree:
-    from mazeplan.behavior.check import StaticContext
     from mazeplan.behavior.own_nodes import registry_with
-    from mazeplan.behavior.treefile import load_tree
+    from mazeplan.behavior.trees import StaticContext, load_tree
 
     return load_tree(source, registry_with(modules or ()), StaticContext())
 
@@ -105,8 +104,9 @@ def check(
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """The result of the check of one tree, as a document."""
-    from mazeplan.behavior.check import Findings, StaticContext, check_file
     from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.trees import StaticContext, check_file
+    from mazeplan.btree.check import Findings
 
     maze = None
     if map_ is not None:
@@ -135,7 +135,7 @@ def show(
     force: opt.Force = False,
 ) -> None:
     """Show a tree as text, or draw it; with --log also draw what it did in a run."""
-    from mazeplan.behavior.outline import tree_text
+    from mazeplan.btree.outline import tree_text
 
     if log is not None and output is None:
         raise InputError("--log: expected -o FILE, too: what a tree did is a picture")
@@ -162,9 +162,9 @@ def _title(log: RunLog) -> str:
 @app.command("list")
 def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = False) -> None:
     """List all nodes that a tree may name, with their ports, and the conditions that any node may have."""
-    from mazeplan.behavior.builder import BUILTIN
-    from mazeplan.behavior.conditions import CONDITIONS, DECISIONS
     from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.btree.builder import BUILTIN
+    from mazeplan.btree.conditions import CONDITIONS, DECISIONS
 
     registry = registry_with(behavior_module or ())
     usable = dict(sorted(registry.usable(_report_unusable).items()))
@@ -206,7 +206,7 @@ def _purpose(node: type[TreeNode]) -> str:
 
 def _port_kind(port: Port) -> str:
     """Type and default of a port."""
-    from mazeplan.behavior.ports import REQUIRED
+    from mazeplan.btree.ports import REQUIRED
 
     kind = "output" if port.direction == "out" else port.type.__name__
     if port.default is REQUIRED:
@@ -216,7 +216,7 @@ def _port_kind(port: Port) -> str:
 
 def _document(leaf: type[TreeNode]) -> dict[str, Any]:
     """A leaf and its ports, for programs."""
-    from mazeplan.behavior.ports import REQUIRED
+    from mazeplan.btree.ports import REQUIRED
 
     ports = {
         name: {
@@ -247,8 +247,8 @@ def palette(
     output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False
 ) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
-    from mazeplan.behavior.groot_palette import renewed, write_palette
     from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.btree.palette import renewed, write_palette
 
     registry = registry_with(behavior_module or ())
     leaves = registry.usable(_report_unusable)

@@ -111,7 +111,7 @@ def monitored(port: int | None, host: str) -> Iterator[dict[str, Any]]:
         yield {}
         return
     try:
-        from mazeplan.apps.monitor.server import Monitor
+        from mazeplan.btree.monitor.server import Monitor
     except ImportError as problem:
         raise InputError(f"--groot needs {problem.name}: pip install 'mazeplan[groot]'") from None
     from mazeplan.rigs.paced import PacedRig

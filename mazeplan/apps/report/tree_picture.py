@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.apps.report.drawing import ENDINGS, draw_ending, ending, endings_met, failure_mark
 from mazeplan.apps.report.run_record import logged_failures, span_of
 from mazeplan.apps.report.words import TIME
-from mazeplan.behavior.decorators import SubTree
-from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.outline import FOLDED, Row, rows_of
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.btree.decorators import SubTree
+from mazeplan.btree.node import TreeNode
+from mazeplan.btree.outline import FOLDED, Row, rows_of
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import STATUSES, RunLog
 from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
-from mazeplan.core.records import FailureKind
+from mazeplan.core.records import FailureKind, TreeOutline
 from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class History:
 
 def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
     """What a tree did, from a log. Raises LogError if the log has another tree, or no tree."""
-    outline = tree.outline()
+    outline = TreeOutline(**tree.outline())
     same = [i for i, logged in enumerate(log.trees) if logged.outline.paths == outline.paths]
     if not same:
         got = "a log without a tree" if not log.trees else "the log of another tree"
@@ -109,7 +109,7 @@ def _marked(
 
     After a success, the node is the leaf that succeeded last. Otherwise it is the node that raised an error, or the
     leaf whose failure is the reason of the end, or the node that failed or ran in the last tick."""
-    outline, last = tree.outline(), next(reversed(logged_failures(log)), None)
+    outline, last = TreeOutline(**tree.outline()), next(reversed(logged_failures(log)), None)
     if log.result is None:
         return "failure", None
     if log.result.get("success"):

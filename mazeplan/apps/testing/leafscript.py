@@ -15,9 +15,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.ports import shown
-from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result, Status
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.ports import shown
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result, Status
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Failure, FailureKind
 

@@ -14,7 +14,7 @@ from typing import NoReturn
 from mazeplan.apps.testing.leafscript import Player
 from mazeplan.apps.testing.timeline import excerpt, rows
 from mazeplan.apps.testing.watch import HALTED, NodeInfo, Step, Tick
-from mazeplan.behavior.ports import shown
+from mazeplan.btree.ports import shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
 from mazeplan.core.maths.angles import difference

@@ -16,7 +16,7 @@ from mazeplan.apps.testing.scriptedrig import ScriptedRig, ScriptedSimulation
 from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.policy import Policy
 from mazeplan.control.ring_planner import RingPlanner

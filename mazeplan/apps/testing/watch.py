@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mazeplan.apps.testing.leafscript import Player, Script, script
-from mazeplan.behavior.conditions import DECISIONS, WHILE, Conditions
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.controls import Fallback, ReactiveFallback
-from mazeplan.behavior.decorators import SubTree
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.node import Node, TreeNode
-from mazeplan.behavior.ports import shown
-from mazeplan.behavior.status import RUNNING, Result
-from mazeplan.behavior.tree import BehaviorTree, parts_of
+from mazeplan.btree.conditions import DECISIONS, WHILE, Conditions
+from mazeplan.btree.controls import Fallback, ReactiveFallback
+from mazeplan.btree.decorators import SubTree
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.node import Node, TreeNode
+from mazeplan.btree.ports import shown
+from mazeplan.btree.status import RUNNING, Result
+from mazeplan.btree.tree import BehaviorTree, parts_of
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import RunEvent, TimedEvent
 from mazeplan.core.records import Command, Plan

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import COS, INPUTS, KNOWN, SIN, Policy, Single, policy_inputs
 from mazeplan.control.tilt import Plate
 from mazeplan.core.maths.angles import difference, nearest

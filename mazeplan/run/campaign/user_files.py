@@ -18,7 +18,7 @@ from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any
 
-from mazeplan.behavior.treefile import tree_files
+from mazeplan.behavior.trees import read_tree
 from mazeplan.control.policy_file import ARRAYS, YAML
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError, TreeError
@@ -82,7 +82,7 @@ def rig_modules(rig: str) -> list[str]:
 def _included(tree: Path) -> tuple[Path, ...]:
     """The files that a tree includes; none if it cannot be read, which the run then reports."""
     try:
-        return tree_files(tree)[1:]
+        return read_tree(tree).files[1:]
     except TreeError:
         return ()
 

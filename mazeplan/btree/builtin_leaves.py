@@ -1,0 +1,159 @@
+"""The leaves of BehaviorTree.CPP 4, which do not depend on the maze. docs/trees.md has their table."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from py_trees.common import Status
+
+from mazeplan.btree.blackboard import EMPTY
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.ports import REQUIRED, Key, Port
+from mazeplan.btree.script import Script, parse_script
+from mazeplan.btree.script_values import WHOLE, Scope, ScriptError, number_of
+
+
+class AlwaysSuccess(Leaf):
+    """SUCCESS, at once."""
+
+    def step(self) -> Status:
+        """SUCCESS."""
+        return Status.SUCCESS
+
+
+class AlwaysFailure(Leaf):
+    """FAILURE, at once."""
+
+    def step(self) -> Status:
+        """FAILURE."""
+        return Status.FAILURE
+
+
+class Sleep(Leaf):
+    """RUNNING for a while, in rig time."""
+
+    ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "how long, ms", least=0)}
+
+    def start(self) -> None:
+        """Start the clock."""
+        self._began = self.context.clock()
+
+    def step(self) -> Status:
+        """SUCCESS when the time is over."""
+        over = 1e3 * (self.context.clock() - self._began) + 1e-6 >= self.get("msec")
+        return Status.SUCCESS if over else Status.RUNNING
+
+
+class _Scripted(Leaf):
+    """A leaf with a script."""
+
+    ports: ClassVar[dict[str, Port]] = {"code": Port(str, REQUIRED, "the script")}
+    _script: Script | None = None
+
+    def script(self) -> tuple[Script, Scope]:
+        """The script as it is now, and its scope."""
+        text = self.get("code")
+        script = self._script
+        if script is None or script.text != text:
+            script = self._script = self._tried(lambda: parse_script(text))
+        return script, Scope(self._board)
+
+    def _tried(self, action: Any) -> Any:
+        try:
+            return action()
+        except ScriptError as problem:
+            raise self.wrong(f"code: {problem}") from None
+
+
+class RunScript(_Scripted):
+    """Run a script, such as `tries := 0`."""
+
+    def step(self) -> Status:
+        """SUCCESS."""
+        script, scope = self.script()
+        self._tried(lambda: script.run(scope))
+        return Status.SUCCESS
+
+
+RunScript.__name__ = RunScript.__qualname__ = "Script"  # its name in a tree, which `script.Script` has in the program
+
+
+class ScriptCondition(_Scripted):
+    """Whether a script is true."""
+
+    category: ClassVar[str] = "Condition"
+
+    def step(self) -> Status:
+        """SUCCESS or FAILURE."""
+        script, scope = self.script()
+        return Status.SUCCESS if self._tried(lambda: script.holds(scope)) else Status.FAILURE
+
+
+class SetBlackboard(Leaf):
+    """Set an entry of the blackboard to a text, or to what another entry has."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "value": Port(str, REQUIRED, "the text, or a {key}"),
+        "output_key": Port(str, REQUIRED, "name of the entry to set", direction="inout"),
+    }
+
+    def step(self) -> Status:
+        """SUCCESS; FAILURE where the other entry has no value yet."""
+        name, value = str(self.get("output_key")), self._values["value"]
+        if isinstance(value, Key):
+            source = self._board.find(value.name)
+            if source is None:
+                raise self.wrong(f"value: the blackboard has no {value.name!r}")
+            value = source.value
+            if value is EMPTY:
+                return Status.FAILURE
+        entry = self._board.declare(name)
+        if isinstance(value, str) and isinstance(entry.value, bool | int | float):
+            number = number_of(value, {})
+            if number is None:
+                raise self.wrong(f"value: got {value!r} for {name}, which is a number")
+            value = (
+                int(number) if isinstance(entry.value, int) and abs(number) < WHOLE and number.is_integer() else number
+            )
+        entry.put(value)
+        return Status.SUCCESS
+
+
+class UnsetBlackboard(Leaf):
+    """Remove an entry of the blackboard."""
+
+    ports: ClassVar[dict[str, Port]] = {"key": Port(str, REQUIRED, "name of the entry to remove")}
+
+    def step(self) -> Status:
+        """SUCCESS, also where there was none."""
+        self._board.unset(str(self.get("key")))
+        return Status.SUCCESS
+
+
+class WasEntryUpdated(Leaf):
+    """Whether an entry of the blackboard was set since the last time."""
+
+    ports: ClassVar[dict[str, Port]] = {"entry": Port(str, REQUIRED, "the {key}, or its name")}
+    _seen = 0
+
+    def step(self) -> Status:
+        """SUCCESS or FAILURE."""
+        key = self._values["entry"]
+        entry = self._board.find(key.name if isinstance(key, Key) else str(key))
+        before, self._seen = self._seen, self._seen if entry is None else entry.changes
+        return Status.SUCCESS if entry is not None and before != entry.changes else Status.FAILURE
+
+
+BUILTIN_LEAVES: dict[str, type[Leaf]] = {
+    leaf.__name__: leaf
+    for leaf in (
+        AlwaysSuccess,
+        AlwaysFailure,
+        Sleep,
+        RunScript,
+        ScriptCondition,
+        SetBlackboard,
+        UnsetBlackboard,
+        WasEntryUpdated,
+    )
+}

@@ -1,0 +1,196 @@
+"""Control nodes that choose one of their children: by a condition, by a value, or by a selection from outside.
+
+They have the semantics of BehaviorTree.CPP 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from py_trees.common import Status
+
+from mazeplan.btree.node import Control
+from mazeplan.btree.ports import REQUIRED, Key, Port
+from mazeplan.btree.script_values import EPSILON, number_of, text_of
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.core.name_hints import one_of
+
+
+class _Choice(Control):
+    least: ClassVar[int] = 2
+    most: ClassVar[int | None] = 3
+
+
+class IfThenElse(_Choice):
+    """The second child if the first one succeeds, the third one if it fails; the first one is asked once."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._chosen = 0
+
+    def run(self) -> Result:
+        """The result of the child that was chosen; FAILURE where it would be the third and there is none."""
+        if self._chosen == 0:
+            condition = self.tick_child(0)
+            if condition is RUNNING:
+                return RUNNING
+            if condition is SKIPPED or (condition is FAILURE and len(self.parts) == 2):
+                self.reset_children()
+                return condition
+            self._chosen = 1 if condition is SUCCESS else 2
+        result = self.tick_child(self._chosen)
+        if result is not RUNNING:
+            self.reset_children()
+            self._chosen = 0
+        return result
+
+    def on_halt(self) -> None:
+        """Halting forgets the choice."""
+        self._chosen = 0
+        super().on_halt()
+
+
+class WhileDoElse(_Choice):
+    """As IfThenElse, but the first child is asked at every tick; the other branch is halted when it changes."""
+
+    def run(self) -> Result:
+        """The result of the child that is chosen now."""
+        condition, three = self.tick_child(0), len(self.parts) == 3
+        if condition is RUNNING:
+            return RUNNING
+        if condition is SUCCESS:
+            if three:
+                self.parts[2].reset()
+            result = self.tick_child(1)
+        elif condition is FAILURE and three:
+            self.parts[1].reset()
+            result = self.tick_child(2)
+        else:
+            result = condition
+        if result is not RUNNING:
+            self.reset_children()
+        return result
+
+
+class _Switch(Control):
+    """One child for each case, and a last one for any other value."""
+
+    cases: ClassVar[int] = 2
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._running: int | None = None
+
+    def act(self) -> Result:
+        """One tick; the node itself runs only while its child does."""
+        return self.run()
+
+    def run(self) -> Result:
+        """The result of the child of the case that fits; SKIPPED if that child is skipped."""
+        chosen = self._match()
+        if self._running not in (None, chosen):
+            self.parts[self._running or 0].reset()
+        result = self.tick_child(chosen)
+        self._running = chosen if result is RUNNING else None
+        if result in (SUCCESS, FAILURE):
+            self.reset_children()
+        return result
+
+    def _match(self) -> int:
+        """The number of the case that equals the variable, as text, number or enum; the last child if none does, or
+        the variable was never set."""
+        value = self._values["variable"]
+        if isinstance(value, Key) and value.name not in self._board:
+            return self.cases
+        found = _text(self.get("variable"))
+        for i in range(self.cases):
+            case = self._values[f"case_{i + 1}"]
+            if isinstance(case, Key) and case.name not in self._board:
+                continue
+            if _equal(found, _text(self.get(f"case_{i + 1}")), self._board.enums):
+                return i
+        return self.cases
+
+    def on_halt(self) -> None:
+        """Halting forgets the case."""
+        self._running = None
+        super().on_halt()
+
+
+def _text(value: Any) -> str:
+    return text_of(value) if isinstance(value, bool | int | float) else str(value)
+
+
+def _equal(a: str, b: str, enums: Mapping[str, int]) -> bool:
+    if a == b:
+        return True
+    x, y = (number_of(text, enums) if text not in ("true", "false") else None for text in (a, b))
+    return x is not None and y is not None and math.fabs(x - y) <= EPSILON
+
+
+def _switch(n: int) -> type[_Switch]:
+    words = {"variable": Port(str, REQUIRED, "the value to compare, often a {key}")}
+    words |= {f"case_{i}": Port(str, REQUIRED, f"value of child {i}") for i in range(1, n + 1)}
+    doc = f"The child of the case among {n} that equals the variable; the last child if none does."
+    return type(f"Switch{n}", (_Switch,), {"cases": n, "least": n + 1, "most": n + 1, "ports": words, "__doc__": doc})
+
+
+class ManualSelector(Control):
+    """The child that somebody selects: it runs until `selection` names a child, or a result."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "selection": Port(
+            str, "{selection}", "name of a child, its number from 1, or SUCCESS, FAILURE, RUNNING", direction="inout"
+        ),
+        "repeat_last_selection": Port(bool, False, "whether the last child selected is ticked again"),
+    }
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._values.setdefault("selection", Key("selection"))
+        self._board.declare("selection")
+        self._chosen: int | None = None
+        self._again = False
+
+    def run(self) -> Result:
+        """RUNNING until something is selected; then the result of that child. A selection is used once."""
+        if self._chosen is None and not (self._again and self.get("repeat_last_selection")):
+            text = self._selected()
+            if text in ("SUCCESS", "FAILURE", "RUNNING", ""):
+                return Status(text) if text else RUNNING
+            self._last = self._number(text)
+        self._chosen, self._again = self._last, True
+        result = self.tick_child(self._chosen)
+        if result is not RUNNING:
+            self._chosen = None
+            self.reset_children()
+        return result
+
+    def _selected(self) -> str:
+        key = self._values["selection"]
+        if not isinstance(key, Key):
+            return str(key)
+        if key.name not in self._board:
+            return ""
+        text = _text(self.get("selection"))
+        self._board.set(key.name, "")
+        return text
+
+    def _number(self, text: str) -> int:
+        names = [child.name for child in self.parts]
+        if text in names:
+            return names.index(text)
+        number = number_of(text, {}) if text not in ("true", "false") else None
+        if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
+            return int(number) - 1
+        raise self.wrong(f"selection: got {text!r}, expected {one_of(names, text)}, or 1 to {len(names)}")
+
+    def on_halt(self) -> None:
+        """Halting forgets what was selected."""
+        self._chosen = None
+        super().on_halt()
+
+
+SWITCHES = tuple(_switch(n) for n in range(2, 7))

@@ -1,0 +1,72 @@
+"""Pre- and postconditions, which any node of a tree may have as attributes, with the semantics of BehaviorTree.CPP 4.
+
+| precondition | if the node is idle | if it is running |
+|---|---|---|
+| _failureIf | true: FAILURE at once | not evaluated |
+| _successIf | true: SUCCESS at once | not evaluated |
+| _skipIf | true: SKIPPED | not evaluated |
+| _while | false: SKIPPED | false: the node is halted, SKIPPED |
+
+Preconditions are evaluated in this order; the first that is decisive gives the result. Postconditions are scripts:
+_onSuccess and _onFailure run when the node has ended with this result, _post after either, _onHalted when the node is
+halted while it runs. All scripts use the blackboard scope of the node; for a SubTree, that of the tree around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mazeplan.btree.script import Script
+from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+
+WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
+DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order of evaluation: (decisive value of the script, result)
+    "_failureIf": (True, FAILURE),
+    "_successIf": (True, SUCCESS),
+    "_skipIf": (True, SKIPPED),
+    WHILE: (False, SKIPPED),
+}
+ENDINGS: dict[str, Result] = {"_onSuccess": SUCCESS, "_onFailure": FAILURE}
+CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """The pre- and postconditions of one node: {attribute: script}, and the scope of their names."""
+
+    given: Mapping[str, Script] = field(default_factory=dict)
+    scope: Scope = field(default_factory=Scope)
+
+    def decide(self, status: Result) -> Result | None:
+        """The result that the preconditions give in place of a tick; None: the node is ticked.
+
+        status: of the node before. Raises ScriptError that names the attribute."""
+        for name, (decisive, result) in DECISIONS.items():
+            evaluated = status is not RUNNING or name == WHILE
+            if evaluated and name in self.given and self._named(name, Script.holds) is decisive:
+                return result
+        return None
+
+    def after(self, result: Result) -> None:
+        """Run the scripts of a node that has ended. Raises ScriptError, which names the attribute."""
+        for name, ending in ENDINGS.items():
+            if result is ending:
+                self._run(name)
+        self._run(POST)
+
+    def halted(self) -> None:
+        """Run the script of a node that was halted while it ran. Raises ScriptError, which names the attribute."""
+        self._run(ON_HALTED)
+
+    def _run(self, name: str) -> None:
+        if name in self.given:
+            self._named(name, Script.run)
+
+    def _named(self, name: str, action: Callable[[Script, Scope], Any]) -> Any:
+        try:
+            return action(self.given[name], self.scope)
+        except ScriptError as problem:
+            raise ScriptError(f"{name}: {problem}") from None

@@ -1,0 +1,379 @@
+"""Decorators: nodes with one child, with the semantics of BehaviorTree.CPP 4. docs/trees.md has their table."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+from py_trees.common import Status
+
+from mazeplan.btree.node import Node
+from mazeplan.btree.ports import REQUIRED, Key, Port
+from mazeplan.btree.script import Script, parse_script
+from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Result, result_named
+
+RESULTS = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")
+
+
+class Decorator(Node):
+    """Base of the decorators, also of a user's own: `run` does one tick, `on_halt` forgets what it keeps."""
+
+    category: ClassVar[str] = "Decorator"
+    most: ClassVar[int | None] = 1
+
+    def execute(self) -> Result:
+        """One tick; a child that has finished is idle after it."""
+        result = super().execute()
+        if self.parts[0].status in FINISHED:
+            self.parts[0].status = INVALID
+        return result
+
+
+class _Loop(Decorator):
+    """Ticks its child again while it returns `again`, at most so many times."""
+
+    again: ClassVar[Status] = FAILURE
+    limit: ClassVar[str] = "num_attempts"
+    reread: ClassVar[bool] = True  # the limit, after each round: the child may have changed it
+    _count = 0
+
+    def run(self) -> Result:
+        """Loop within the tick, reactive nodes above looking at their conditions after each round; without end, one
+        round a tick, or it would never return. A skipped child does not reset the count."""
+        limit, child = self.get(self.limit), self.parts[0]
+        while limit < 0 or self._count < limit:
+            idle = child.status is INVALID
+            result = self.tick_child(0)
+            if result is RUNNING:
+                return RUNNING
+            child.reset()
+            if result is SKIPPED:
+                return SKIPPED
+            if result is not self.again:
+                self._count = 0
+                return result
+            self._count += 1
+            if self.reread:
+                limit = self.get(self.limit)
+            if limit < 0 and idle:
+                return RUNNING
+            if idle and self._count < limit and self.waker is not None:
+                return self.pause()
+        self._count = 0
+        child.reset()  # it may run: the limit has changed
+        return self.again
+
+    def on_halt(self) -> None:
+        """Halting forgets the count."""
+        self._count = 0
+        super().on_halt()
+
+
+class RetryUntilSuccessful(_Loop):
+    """Its child again while it fails."""
+
+    ports: ClassVar[dict[str, Port]] = {"num_attempts": Port(int, REQUIRED, "attempts; -1: without end", least=-1)}
+
+
+class Repeat(_Loop):
+    """Its child again while it succeeds."""
+
+    ports: ClassVar[dict[str, Port]] = {"num_cycles": Port(int, REQUIRED, "repetitions; -1: without end", least=-1)}
+    again: ClassVar[Status] = SUCCESS
+    limit: ClassVar[str] = "num_cycles"
+    reread: ClassVar[bool] = False
+
+
+class _Timed(Decorator):
+    """Keeps the rig time of its start until its child has finished."""
+
+    _began: float | None = None
+
+    def started(self) -> float:
+        """The time since its start, ms."""
+        now = self.clock()
+        if self._began is None:
+            self._began = now
+        return 1e3 * (now - self._began) + 1e-6
+
+    def child(self) -> Result:
+        """Tick the child; the clock stops when it has finished."""
+        result = self.tick_child(0)
+        if result in FINISHED:
+            self._began = None
+        return result
+
+    def on_halt(self) -> None:
+        """Halting stops the clock."""
+        self._began = None
+        super().on_halt()
+
+
+class Timeout(_Timed):
+    """FAILURE when its child takes too long, in rig time."""
+
+    ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "limit in ms; 0: none", least=0)}
+
+    def run(self) -> Result:
+        """The child's result, until the time is over."""
+        limit, since = self.get("msec"), self.started()
+        if 0 < limit <= since and self.parts[0].status is RUNNING:
+            self._began = None
+            self.reset_children()
+            return FAILURE
+        result = self.child()
+        if result is SKIPPED:  # the time is that of the child
+            self._began = None
+        return result
+
+
+class Delay(_Timed):
+    """Its child after a while, in rig time."""
+
+    ports: ClassVar[dict[str, Port]] = {"delay_msec": Port(int, REQUIRED, "delay in ms", least=0)}
+
+    def run(self) -> Result:
+        """RUNNING until the time is over, then the child's result."""
+        return self.child() if self.started() >= self.get("delay_msec") else RUNNING
+
+
+class Inverter(Decorator):
+    """SUCCESS and FAILURE exchanged."""
+
+    def run(self) -> Result:
+        """The opposite; RUNNING and SKIPPED as they are."""
+        result = self.tick_child(0)
+        return FAILURE if result is SUCCESS else SUCCESS if result is FAILURE else result
+
+
+class ForceSuccess(Decorator):
+    """SUCCESS whatever its child returns."""
+
+    def run(self) -> Result:
+        """SUCCESS when its child has finished."""
+        result = self.tick_child(0)
+        return SUCCESS if result in FINISHED else result
+
+
+class ForceFailure(Decorator):
+    """FAILURE whatever its child returns."""
+
+    def run(self) -> Result:
+        """FAILURE when its child has finished."""
+        result = self.tick_child(0)
+        return FAILURE if result in FINISHED else result
+
+
+class KeepRunningUntilFailure(Decorator):
+    """RUNNING until its child fails."""
+
+    def run(self) -> Result:
+        """RUNNING or FAILURE."""
+        return FAILURE if self.tick_child(0) is FAILURE else RUNNING
+
+
+class RunOnce(Decorator):
+    """Its child once in a run of the tree."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "then_skip": Port(bool, True, "whether it is skipped afterwards; otherwise it returns the same result again")
+    }
+    _ended: Result | None = None
+
+    def act(self) -> Result:
+        """One tick; it does not run where its child is not ticked."""
+        if self._ended is not None:
+            return SKIPPED if self.get("then_skip") else self._ended
+        return super().act()
+
+    def run(self) -> Result:
+        """The child's result, which is kept."""
+        result = self.tick_child(0)
+        self._ended = result if result in FINISHED else None
+        return result
+
+
+class Precondition(Decorator):
+    """Its child if a script is true; while the child runs, the script is not asked again."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "if": Port(str, REQUIRED, "script that is true where the child may be ticked"),
+        "else": Port(str, "FAILURE", "the result where it is not", choices=RESULTS),
+    }
+    _inside = False
+    _script: Script | None = None
+
+    def act(self) -> Result:
+        """One tick; it runs only while its child does."""
+        return self.run()
+
+    def run(self) -> Result:
+        """The child's result, or that of `else`."""
+        text = self.get("if")
+        try:
+            if self._script is None or self._script.text != text:
+                self._script = parse_script(text)
+            self._inside = self._inside or self._script.holds(Scope(self._board))
+        except ScriptError as problem:
+            raise self.wrong(f"if: {problem}") from None
+        if not self._inside:
+            return result_named(self.get("else"))
+        result = self.tick_child(0)
+        if result in FINISHED:
+            self._inside = False
+        return result
+
+    def on_halt(self) -> None:
+        """Halted: the script is asked again."""
+        self._inside = False
+        super().on_halt()
+
+
+class _Queue(Decorator):
+    """Its child once for each value of a queue, one a tick."""
+
+    convert: ClassVar[Callable[[str], Any]] = str
+    _queue: deque[Any] | None = None
+    _busy = False
+
+    @classmethod
+    def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
+        """A word of a literal queue that is no value."""
+        try:
+            cls.literals(values.get("queue"))
+        except ValueError as problem:
+            return f"queue: {problem}"
+        return None
+
+    @classmethod
+    def literals(cls, queue: Any) -> tuple[Any, ...]:
+        """The values of a queue that stands in the tree; none of any other. Raises ValueError."""
+        return tuple(map(cls.convert, queue.split(";"))) if queue and isinstance(queue, str) else ()
+
+    def act(self) -> Result:
+        """One tick; it runs once it has a value."""
+        if self.status is not RUNNING:
+            self._busy, self._queue = False, None
+        return self.run()
+
+    def run(self) -> Result:
+        """RUNNING while there are values; FAILURE when the child fails; `if_empty` when no value is left."""
+        if not self._busy:
+            queue = self._source()
+            if not queue:
+                return result_named(self.get("if_empty"))
+            self.set("value", queue.popleft())
+        self.status = RUNNING
+        result = self.tick_child(0)
+        self._busy = result is RUNNING
+        return FAILURE if result is FAILURE else RUNNING
+
+    def _source(self) -> deque[Any]:
+        """The queue: a deque on the blackboard is emptied in place; text and lists are copied when it is entered."""
+        value = self._values["queue"]
+        if isinstance(value, Key):
+            value = self._board.get(value.name) if value.name in self._board else ()
+            if isinstance(value, deque):
+                return value
+        if self._queue is None:
+            if not isinstance(value, list | tuple):
+                value = str(value).split(";") if str(value) else ()
+            try:
+                self._queue = deque(type(self).convert(one) if isinstance(one, str) else one for one in value)
+            except ValueError as problem:
+                raise self.wrong(f"queue: {problem}") from None
+        return self._queue
+
+
+def _loop(name: str, kind: type, words: str) -> type[_Queue]:
+    value = Port(kind, REQUIRED, "the value")
+    ports = {
+        "queue": Port(str, REQUIRED, f"{words}, separated by ;, or a {{key}} with a list of them"),
+        "value": Port(kind, None, "the value of this round", "out"),
+        "if_empty": Port(str, "SUCCESS", "the result when no value is left", choices=RESULTS),
+    }
+
+    def convert(text: str) -> Any:
+        try:
+            return value.parse(text.strip() if kind is not str else text)
+        except ValueError:
+            raise ValueError(f"got {text!r}, expected {words}, separated by ;") from None
+
+    doc = f"Its child once for each value of a queue of {words}, one a tick."
+    return type(name, (_Queue,), {"ports": ports, "convert": staticmethod(convert), "__doc__": doc})
+
+
+class _Updated(Decorator):
+    """Its child only where an entry of the blackboard was set since the last time."""
+
+    otherwise: ClassVar[Result] = SKIPPED
+    ports: ClassVar[dict[str, Port]] = {"entry": Port(str, REQUIRED, "the {key}, or its name")}
+    _seen, _busy = 0, False
+
+    def act(self) -> Result:
+        """One tick; it runs only while its child does."""
+        return self.run()
+
+    def run(self) -> Result:
+        """The child's result; otherwise that of a node that waits."""
+        if not self._busy:
+            key = self._values["entry"]
+            entry = self._board.find(key.name if isinstance(key, Key) else str(key))
+            before, self._seen = self._seen, self._seen if entry is None else entry.changes
+            if entry is None or before == entry.changes:
+                return self.otherwise
+        result = self.tick_child(0)
+        self._busy = result is RUNNING
+        return result
+
+    def on_halt(self) -> None:
+        """Halted: so is its child."""
+        self._busy = False
+        super().on_halt()
+
+
+class SkipUnlessUpdated(_Updated):
+    """Its child where an entry was set since the last time, else SKIPPED."""
+
+
+class WaitValueUpdate(_Updated):
+    """Its child where an entry was set since the last time, else RUNNING."""
+
+    otherwise: ClassVar[Result] = RUNNING
+
+
+class SubTree(Decorator):
+    """Another tree of the file, on a blackboard scope of its own. by_model: ports whose value is a default of its
+    model; named: whether the file gives it a name."""
+
+    by_model: frozenset[str] = frozenset()
+    named: bool = False
+
+    def run(self) -> Result:
+        """The result of the tree."""
+        return self.tick_child(0)
+
+
+DECORATORS: dict[str, type[Node]] = {
+    kind.__name__: kind
+    for kind in (
+        RetryUntilSuccessful,
+        Repeat,
+        Timeout,
+        Delay,
+        Inverter,
+        ForceSuccess,
+        ForceFailure,
+        KeepRunningUntilFailure,
+        RunOnce,
+        Precondition,
+        _loop("LoopInt", int, "whole numbers"),
+        _loop("LoopDouble", float, "numbers"),
+        _loop("LoopString", str, "words"),
+        _loop("LoopBool", bool, "true or false"),
+        SkipUnlessUpdated,
+        WaitValueUpdate,
+    )
+}

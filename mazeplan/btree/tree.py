@@ -1,0 +1,111 @@
+"""A tree that is ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.node import Node, TreeNode, Waker
+from mazeplan.btree.status import FINISHED, INVALID, RUNNING, Result
+
+MOST_ROUNDS = 1000  # maximum ticks of the root in one tick; a tree that asks for more goes on at the next tick
+
+
+class BehaviorTree:
+    """Root node and blackboard of one tree. again: called before the root is ticked once more within a tick."""
+
+    def __init__(
+        self, root: TreeNode, blackboard: Blackboard, name: str = "", again: Callable[[], None] | None = None
+    ) -> None:
+        self.root, self.blackboard, self.name = root, blackboard, name
+        self._paths = [(path, node) for path, node in _walk(root, "")]
+        self._waker, self._again = Waker(), again
+        for _, node in self._paths:
+            node.waker = self._waker
+
+    def tick(self) -> Result:
+        """One tick of the tree: SUCCESS, FAILURE, RUNNING, or SKIPPED if conditions or children of the root say so.
+
+        If a loop pauses, the root is ticked again at once, so that reactive nodes check their conditions."""
+        self._waker.take()
+        result, rounds = self.root.execute(), 1
+        while result is RUNNING and rounds < MOST_ROUNDS and self._waker.take():
+            if self._again is not None:
+                self._again()
+            result, rounds = self.root.execute(), rounds + 1
+        if result in FINISHED:
+            self.root.status = INVALID
+        return result
+
+    def halt(self) -> None:
+        """Halt all nodes that run, also nodes that an exception in the middle of a tick has left running.
+
+        If a script or a leaf raises an exception while it is halted, the other nodes are still halted; then the first
+        exception is raised."""
+        problems = list[Exception]()
+        try:
+            self.root.reset()
+        except Exception as problem:
+            problems.append(problem)
+        for _, node in reversed(self._paths):  # children first, so that a parent finds nothing left to halt
+            if node.status is RUNNING or (isinstance(node, Leaf) and node.interrupted):
+                try:
+                    node.halt_node()
+                except Exception as problem:
+                    problems.append(problem)
+        if problems:
+            raise problems[0]
+
+    def nodes(self) -> Iterator[TreeNode]:
+        """All nodes, parents first."""
+        return (node for _, node in self._paths)
+
+    def snapshot(self) -> list[tuple[str, str]]:
+        """(path, result of the last tick) of every node; INVALID: it was halted since then, or never ticked."""
+        return [(path, node.last.name) for path, node in self._paths]
+
+    def outline(self) -> dict[str, tuple[Any, ...]]:
+        """Facts of all nodes, parents first: paths, kinds and names, numbers of the parents (-1: none), and numbers of
+        the conditions."""
+        number = {id(node): i for i, (_, node) in enumerate(self._paths)}
+        parents = [-1] * len(self._paths)
+        for _, node in self._paths:
+            for child in parts_of(node):
+                parents[number[id(child)]] = number[id(node)]
+        nodes = list(self.nodes())
+        return {
+            "paths": tuple(path for path, _ in self._paths),
+            "kinds": tuple(type(node).__name__ for node in nodes),
+            "names": tuple(node.name for node in nodes),
+            "parents": tuple(parents),
+            "conditions": tuple(i for i, node in enumerate(nodes) if node.category == "Condition"),
+        }
+
+    def results(self) -> list[str]:
+        """Result of the last tick of each node, in the order of `nodes`; see `snapshot`."""
+        return [node.last.name for _, node in self._paths]
+
+    def active_path(self) -> list[str]:
+        """Names from the root to the leaf that is running; empty if no node is running."""
+        path, node = [], self.root
+        while node.status is RUNNING:
+            path.append(node.name)
+            running = [child for child in parts_of(node) if child.status is RUNNING]
+            if not running:
+                break
+            node = running[0]
+        return path
+
+
+def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
+    path = f"{above}/{node.name}" if above else node.name
+    yield path, node
+    for child in parts_of(node):
+        yield from _walk(child, path)
+
+
+def parts_of(node: TreeNode) -> tuple[TreeNode, ...]:
+    """The children of a node; empty for a leaf."""
+    return node.parts if isinstance(node, Node) else ()

@@ -1,0 +1,339 @@
+"""`behavior check` tells all mistakes of a file in one go, and what does no harm as warnings."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from commands import call as run_command
+from tree_checks import HEAD, Still, found_in, lines_of, main
+
+from mazeplan.behavior.own_nodes import Registry, registry_with
+from mazeplan.behavior.registry import REGISTRY
+from mazeplan.behavior.trees import check_file, load_tree
+from mazeplan.core.errors import TreeError
+
+MANY = (
+    '<BehaviorTree ID="Main" colour="red"><Sequence nam="all">',
+    '<Sai word="a"><Setle/></Sai>',
+    '<Settle ring="one" hold_s="none"/>',
+    '<Repeat num_cycles="x"><Replan times="2"/></Repeat>',
+    '<Settle ring="{rong}" _skipIf="1 +"/>',
+    '<SubTree ID="Lag"/>',
+    "<Inverter><Replan/><Replan/></Inverter>",
+    '<Parallel success_count="3"><Replan/></Parallel>',
+    '<SubTree ID="Leg"/><SubTree ID="Leg"/>',
+    "</Sequence></BehaviorTree>",
+    '<BehaviorTree ID="Leg"><Sequence><InRing ring="x"/></Sequence></BehaviorTree>',
+    '<BehaviorTree ID="Main"><Replan/></BehaviorTree><Tree/>',
+)
+
+
+def test_all_mistakes_of_a_file_are_told_each_once():
+    found = found_in(*MANY)
+    assert lines_of(found.errors) == [
+        (2, "unknown"), (2, "unknown"), (3, "unknown"), (3, "unknown"), (4, "ring:"), (4, "hold_s:"),
+        (5, "num_cycles:"), (5, "unknown"), (6, "_skipIf:"), (7, "SubTree:"), (8, "Inverter:"), (9, "success_count:"),
+        (12, "ring:"), (13, "a"), (13, "got"),
+    ]  # fmt: skip
+    assert found.nodes is None
+
+
+def test_every_other_reader_raises_at_the_first_mistake():
+    with pytest.raises(TreeError, match="unknown attribute 'colour'"):
+        load_tree(HEAD + "\n".join(MANY[:10]) + "\n</root>", registry_with(), Still())
+
+
+def test_the_key_of_a_node_that_cannot_be_built_is_not_missed():
+    content = (
+        '<Sequence><PlanRute goal="{goal}" legs="{legs}"/>\n<InRing ring="{legs}"/><InRing ring="{lags}"/></Sequence>'
+    )
+    errors = found_in(main(content)).errors
+    assert [e.problem.partition("{")[0] for e in errors] == [
+        "unknown node 'PlanRute'; did you mean PlanRoute? One of your own needs --behavior-module",
+        "ring: nothing sets ",
+    ]  # fmt: skip
+    assert "nothing sets {lags}; set are goal, waypoints" in errors[1].problem  # none of the words of PlanRute
+
+
+def test_twenty_mistakes_are_told_and_how_many_there_are_beyond():
+    unset = "".join(f'\n<InRing ring="{{k{i}}}"/>' for i in range(30))
+    for content in ('\n<InRing ring="x"/>' * 30, unset):
+        errors = found_in(main(f"<Sequence>{content}</Sequence>")).errors
+        assert [e.line for e in errors] == [*range(3, 23), None]
+        assert str(errors[-1]) == "<text>: and 10 more mistakes"
+    assert found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 21 + "</Sequence>")).errors[-1].problem == (
+        "and 1 more mistake"
+    )
+    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 20 + "</Sequence>")).errors) == 20
+
+
+def test_a_thousand_mistakes_are_counted():
+    errors = found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 3000 + "</Sequence>")).errors
+    assert errors[-1].problem == "and at least 980 more mistakes"
+
+
+def test_mistakes_of_the_file_itself_come_before_those_of_files_that_it_includes(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        HEAD.replace(' main_tree_to_execute="Main"', "")
+        + '<BehaviorTree ID="Other"><Sequence>'
+        + "<Sai/>\n" * 30
+        + "</Sequence></BehaviorTree></root>"
+    )
+    path = tmp_path / "tree.xml"
+    path.write_text(HEAD + '<include path="a.xml"/>' + main('\n<InRing ring="x"/>') + "</root>")
+    errors = check_file(path, registry_with(), Still()).errors
+    assert [(e.file, e.line) for e in errors[:2]] == [(path, 3), (tmp_path / "a.xml", 2)]
+    assert str(errors[-1]) == f"{path}: and 11 more mistakes"
+
+
+def test_both_thresholds_of_a_parallel_are_told_at_once():
+    (error,) = found_in(main('<Parallel success_count="3" failure_count="2"><Replan/></Parallel>')).errors
+    assert error.problem == (
+        "success_count: got 3, expected at most its number of children, 1; "
+        "failure_count: got 2, expected at most its number of children, 1"
+    )
+
+
+def test_an_unknown_node_may_be_one_of_ones_own():
+    (error,) = found_in(main("<Qzxwv/>")).errors
+    assert error.problem.startswith("unknown node 'Qzxwv'; one of your own needs --behavior-module; expected one of")
+    (near,) = found_in(main("<Replam/>")).errors
+    assert near.problem == "unknown node 'Replam'; did you mean Replan? One of your own needs --behavior-module"
+
+
+def test_what_is_too_long_is_shortened_everywhere():
+    long = "k" * 40_000
+    calls = f'<SubTree ID="Leg" {long}="1"/><SubTree ID="Leg" ring="{{{long}}}"/><SubTree ID="{long}"/>'
+    nodes = (
+        f'<InRing ring="{{{long}}}"/><InRing ring="{long}"/><InRing {long}="1"/><{long}/><Script code="a = {long}"/>'
+        f'<Replan _skipIf="{long}"/><Sequence name="{long}"><Replan/></Sequence>'
+    )
+    leg = '<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>'
+    for content in (calls + nodes, calls, '<InRing ring="{' + long + '}"/>', f'<Script code="{long[:9000]} = 1"/>'):
+        found = found_in(main(f"<Sequence>{content}</Sequence>"), leg)
+        assert found.errors
+        for told in (*found.errors, *found.warnings):
+            assert len(str(told)) < 1000
+            assert "k" * 61 not in str(told)
+
+
+def test_a_file_that_multiplies_is_given_up():
+    trees = [main('<SubTree ID="T0"/>')]
+    for i in range(30):
+        inner = f'<SubTree ID="T{i + 1}"/>' * 2 if i < 29 else "<Sai/>"
+        trees.append(f'<BehaviorTree ID="T{i}"><Sequence>{inner}</Sequence></BehaviorTree>')
+    found = found_in(*trees)
+    assert found.nodes is None
+    assert [e.problem for e in found.errors if "more than" in e.problem] == ["more than 5000 nodes"]
+
+
+@pytest.mark.parametrize("levels", [61, 250, 300, 10_000])
+def test_nesting_has_a_limit(levels):
+    text = HEAD + main("<Inverter>\n" * levels + "<Replan/>" + "</Inverter>" * levels) + "</root>"
+    with pytest.raises(TreeError, match=r"^<text>:\d+:( \S+)? more than 60 levels of nesting$"):
+        load_tree(text, registry_with(), Still())
+
+
+def test_a_node_of_ones_own_that_cannot_be_made_is_one_mistake(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "unmade_nodes.py").write_text(
+        "from mazeplan import Control\n"
+        "class Bad(Control):\n    def __init__(self, *more):\n        raise KeyError('k')\n    def run(self): ...\n"
+        "class Lazy(Control):\n    def __init__(self, *more): pass\n    def run(self): ...\n"
+    )
+    found = found_in(main("<Sequence>\n<Bad><Lazy><Replan/></Lazy></Bad>\n<Nope/></Sequence>"), module=["unmade_nodes"])
+    bad, lazy, nope = sorted(found.errors, key=lambda e: e.problem)
+    assert (bad.line, lazy.line, nope.line) == (3, 3, 4)
+    assert bad.problem.startswith("Bad could not be made: ")
+    assert bad.problem.endswith("unmade_nodes.py:4: KeyError: 'k'")
+    assert lazy.problem.endswith("its __init__ does not call super().__init__(name, children, clock, board, values)")
+    assert nope.problem.startswith("unknown node 'Nope'")
+
+
+def test_they_go_out_one_line_each_and_with_json(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "tree.xml"
+    path.write_text(HEAD + main('<Sequence>\n<Replam/>\n<InRing ring="x"/></Sequence>') + "</root>")
+    code, out, err = run_command(monkeypatch, capsys, "behavior", "check", str(path))
+    assert (code, out) == (2, "")
+    assert [line.split(": ")[1:3] for line in err.splitlines()] == [
+        [f"{path}:3", "Main/Sequence"], [f"{path}:4", "Main/Sequence/InRing"],
+    ]  # fmt: skip
+    code, out, _ = run_command(monkeypatch, capsys, "behavior", "check", str(path), "--json")
+    (document,) = json.loads(out)
+    assert (code, document["nodes"], len(document["errors"])) == (2, None, 2)
+    assert document["error"] == document["errors"][0]
+
+
+LEG = (
+    '<BehaviorTree ID="Leg"><Sequence><InRing ring="{ring}"/><SubTree ID="Deep" to="{ring}"/></Sequence></BehaviorTree>'
+)
+DEEP = '<BehaviorTree ID="Deep"><Settle ring="{to}" hold_s="{hold}"/></BehaviorTree>'
+
+
+def test_a_port_that_a_subtree_misses_is_told_at_the_call_once():
+    found = found_in(main('<Sequence><SubTree ID="Leg" ring="2"/>\n<SubTree ID="Leg"/></Sequence>'), LEG, DEEP)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (3, "ring is missing: inside, InRing reads {ring} at <text>:4"),
+        (4, "hold is missing: inside, Settle reads {hold} at <text>:5"),
+    ]
+
+
+def test_a_wrong_value_that_a_subtree_gives_is_told_at_the_call_once():
+    leg = LEG.replace("<Sequence>", '<Sequence><Settle ring="{ring}"/>')
+    call = '<SubTree ID="Leg" ring="2.5"/>'
+    found = found_in(main(f'<Sequence>{call}\n<SubTree ID="Pass" gate="ring 1"/></Sequence>'), leg, PASS, DEEP)
+    assert [(e.line, e.key, e.problem) for e in found.errors] == [
+        (2, "Main/Sequence/Leg", "ring: got 2.5, expected a whole number; inside, Settle reads {ring} at <text>:4"),
+        (
+            3,
+            "Main/Sequence/Pass",
+            "gate: got 'ring 1', expected a whole number; inside, Settle reads {ring} at <text>:4",
+        ),
+        (4, "Main/Sequence/Leg/Sequence/Deep", "hold is missing: inside, Settle reads {hold} at <text>:6"),
+    ]
+
+
+PASS = '<BehaviorTree ID="Pass"><SubTree ID="Leg" ring="{gate}"/></BehaviorTree>'
+
+
+def test_a_key_that_nothing_sets_is_told_at_the_outermost_call_that_gives_it_once():
+    leg = '<BehaviorTree ID="Leg"><Sequence><InRing ring="{ring}"/><Settle ring="{ring}"/></Sequence></BehaviorTree>'
+    content = '<Sequence><SubTree ID="Pass" gate="{gaol}"/>\n<SubTree ID="Leg" ring="{gaol}"/></Sequence>'
+    found = found_in(main(content), PASS, leg)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "gate: nothing sets {gaol}; inside, InRing reads {ring} at <text>:5; did you mean {goal}?"),
+        (3, "ring: nothing sets {gaol}; inside, InRing reads {ring} at <text>:5; did you mean {goal}?"),
+    ]
+    auto = found_in(main('<SubTree ID="Leg" _autoremap="true"/>'), leg).errors
+    assert [(e.line, e.problem.partition(";")[0]) for e in auto] == [(3, "ring: nothing sets {ring}")]
+
+
+def test_a_tree_that_contains_itself_is_one_mistake():
+    trees = (
+        '<BehaviorTree ID="A"><SubTree ID="B"/></BehaviorTree>\n<BehaviorTree ID="B"><SubTree ID="A"/></BehaviorTree>'
+    )
+    found = found_in(main('<Sequence><SubTree ID="Main"/><SubTree ID="A"/><SubTree ID="B"/></Sequence>'), trees)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "Main contains itself: Main > Main"),
+        (4, "A contains itself: A > B > A"),
+    ]
+
+
+def test_a_missing_port_may_be_a_slip_inside():
+    tree = (
+        '<BehaviorTree ID="Leg"><Sequence><Script code="rings := 1"/><InRing ring="{ring}"/></Sequence></BehaviorTree>'
+    )
+    (error,) = found_in(main('<SubTree ID="Leg"/>'), tree).errors
+    assert error.problem.endswith("at <text>:3; or was {rings} meant there?")
+
+
+def test_an_element_that_has_lost_its_first_sign_is_a_mistake_at_its_line_other_text_a_warning():
+    found = found_in(
+        'include path="a.xml"/>;',
+        "<!-- a comment",
+        "of two lines -->",
+        main('<Sequence>\n<Replan/><!--\n\n-->\n  Settle ring="2"/>\n<Replan/> <![CDATA[a]]>b\n</Sequence>'),
+        '<TreeNodesModel><Action ID="Replan"><input_port name="a">a -> b</input_port></Action></TreeNodesModel>',
+    )
+    assert [str(e) for e in found.errors] == [
+        "<text>:2: got the text 'include path=\"a.xml\"/>;', expected elements alone",
+        "<text>:9: got the text 'Settle ring=\"2\"/>', expected elements alone",
+    ]
+    assert [str(e) for e in found.warnings] == ["<text>:10: got the text 'a b', expected elements alone"]
+
+
+REST = """<BehaviorTree ID="Rest"><Replan/></BehaviorTree>
+<BehaviorTree ID="Two"><SubTree ID="Rest" name="b"/></BehaviorTree>"""
+
+
+@pytest.mark.parametrize(
+    ("content", "refused"),
+    [  # as the original does: one path within one use of a tree, wherever in it the SubTree stands
+        ('<Sequence><SubTree ID="Rest" name="a"/>\n<SubTree ID="Rest" name="a"/></Sequence>', True),
+        ('<Sequence><SubTree ID="Rest" name="a"/><Inverter>\n<SubTree ID="Two" name="a"/></Inverter></Sequence>', True),
+        ('<Sequence><SubTree ID="Two" name="a"/>\n<SubTree ID="Rest" name="a/b"/></Sequence>', True),
+        ('<Sequence><SubTree ID="Rest"/>\n<SubTree ID="Rest"/></Sequence>', False),
+        (
+            '<Sequence><SubTree ID="Rest" name="a"/>\n<SubTree ID="Rest"/><SubTree ID="Rest" name="b"/></Sequence>',
+            False,
+        ),
+        ('<Sequence><SubTree ID="Two" name="a"/>\n<SubTree ID="Two"/><SubTree ID="Two"/></Sequence>', False),
+    ],
+)
+def test_two_subtrees_of_one_path_are_refused(content, refused):
+    text = HEAD + main(content) + REST + "</root>"
+    if not refused:
+        assert load_tree(text, registry_with(), Still()).name == "Main"
+        return
+    with pytest.raises(
+        TreeError, match=r"<text>:3: .*but SubTree at <text>:[234] has the same path in the tree; expected"
+    ):
+        load_tree(text, registry_with(), Still())
+
+
+def test_scripts_that_do_something_are_no_mistake():
+    found = found_in(
+        main('<Sequence><Script code="a := 1 b := (c := a) + 1;"/><ScriptCondition code="b == 2"/></Sequence>')
+    )
+    assert not found.warnings
+    assert not found.errors
+
+
+def test_a_word_for_an_operator_is_answered_with_its_sign():
+    (error,) = found_in(main('<ScriptCondition code="goal == 3 and goal == 2"/>')).errors
+    assert error.problem == "code: nothing sets {and}; the sign for and is &&"
+
+
+def test_a_slip_in_the_name_of_an_enum_is_answered_with_the_enum():
+    registry, text = Registry(REGISTRY, {"BLUE": 1}), HEAD + main("{}") + "</root>"
+    (error,) = check_file(text.format('<ScriptCondition code="goal == BLEU"/>'), registry, Still()).errors
+    assert error.problem == "code: nothing sets {BLEU}; did you mean BLUE?"
+    (error,) = check_file(text.format('<InRing ring="{BLEU}"/>'), registry, Still()).errors  # no script
+    assert "BLUE" not in error.problem
+
+
+def test_a_file_of_another_format_has_one_mistake():
+    for head in ('<root BTCPP_format="3">', "<root>", "<Main>"):
+        text = f'{head}<BehaviorTree ID="Main"><Replan/></BehaviorTree></{head[1:5]}>'
+        (error,) = check_file(text, registry_with(()), Still()).errors
+        assert error.line == 1
+        assert ("missing, expected '4': add it" in error.problem) == (head == "<root>")
+
+
+def test_a_tree_with_the_name_of_an_included_one_is_a_mistake_of_the_file_itself(tmp_path):
+    (tmp_path / "other.xml").write_text(HEAD + '<BehaviorTree ID="Leg"><Replan/></BehaviorTree></root>')
+    own = tmp_path / "own.xml"
+    own.write_text(
+        HEAD
+        + '<include path="other.xml"/>\n<BehaviorTree ID="Leg"><Replan/></BehaviorTree>\n'
+        + main("<Replan/>")
+        + "</root>"
+    )
+    (error,) = check_file(str(own), registry_with(()), Still()).errors
+    assert (error.file, error.line) == (own, 3)
+    assert error.problem == f"an included file has a tree of this name, too: {tmp_path / 'other.xml'}:2"
+
+
+def test_a_whole_number_may_be_written_with_a_point():
+    lines = '<SetBlackboard value="3.0" output_key="r"/><Settle ring="3.0"/><Settle ring="{r}"/>'
+    tree = load_tree(HEAD + main(f"<Sequence>{lines}</Sequence>") + "</root>", registry_with(()), Still())
+    settle = [node for node in tree.nodes() if type(node).__name__ == "Settle"]
+    assert settle[0].get("ring") == 3
+    (error,) = found_in(main('<Settle ring="3.5"/>')).errors
+    assert error.problem.startswith("ring: got '3.5', expected ")
+
+
+def test_a_subtree_that_is_not_there_is_answered_with_what_to_do():
+    (error,) = found_in(main('<SubTree ID="Travel" goal="3"/>')).errors
+    assert "got 'Travel', expected one of Main" in error.problem
+    (error,) = found_in(main("<SubTree/>")).errors
+    assert error.problem == "SubTree: ID is missing, expected one of Main"
+
+
+@pytest.mark.parametrize(
+    ("code", "hint"), [("a && b", "in XML & is written &amp;"), ("a < 2", "in XML < is written &lt;")]
+)
+def test_a_sign_that_xml_takes_for_its_own_is_answered_with_how_it_is_written(code, hint):
+    with pytest.raises(TreeError, match=f"{hint}$"):
+        found_in(main(f'<ScriptCondition code="{code}"/>'))
