@@ -44,7 +44,6 @@ ALLOWED = {  # who may look at it, and for what
 MACHINES = (
     "rigs/link/",
     "rigs/camera/source.py",
-    "rigs/emulation/",
     "rigs/hardware/",
 )  # of wood and wire: a rig's clock is made of theirs
 PEOPLE = ("apps/view/",)  # the page is drawn so many times a second, in a process of its own, and decides nothing

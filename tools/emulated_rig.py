@@ -1,4 +1,4 @@
-"""Calibrates the packaged emulated rig as a person would a real one, and writes mazeplan/rigs/emulated.yaml and its
+"""Calibrates the packaged emulated rig as a person would a real one, and writes tools/emulated.yaml and its
 picture of the empty floor. Nothing of what its world is like is copied: readings of a clinometer, pictures and a swing
 are all that is used. Usage: python tools/emulated_rig.py [-o FOLDER]   (two minutes, on a quiet machine)
 """
@@ -15,22 +15,23 @@ from typing import Any
 
 import numpy as np
 from chessboards import board_poses, draw_board
+from emulator.rig import EmulatedRig
+from emulator.settings import WorldSettings
+from emulator.table import EmulatedTable
+from emulator.truth import Truth
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.section import mapping, save_background
-from mazeplan.rigs.emulation.rig import EmulatedRig
-from mazeplan.rigs.emulation.table import EmulatedTable
-from mazeplan.rigs.emulation.truth import Truth
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.check import measure
 from mazeplan.rigs.hardware.parts import open_board
-from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, WorldSettings, write_sections
+from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, write_sections
 from mazeplan.rigs.hardware.tiltcalibration import TiltFit, fit_tilt
 from mazeplan.rigs.hardware.tiltreadings import grid, hold_pulses, take_readings
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.registry import PACKAGED, make_rig
+from mazeplan.rigs.registry import make_rig
 
 MAZE = load_map("cme")
 WORLD: dict[str, Any] = {
@@ -46,7 +47,7 @@ HEAD = """\
 # The emulated rig: the firmware on a simulated chip behind a serial port, rendered pictures, and MuJoCo's plate and
 # ball, in real time. Needs `make emulator`. world.seed draws the true servos, diodes and camera. Calibrations and a
 # swing of the plate found the other values, as on a real rig: python tools/emulated_rig.py
-class: mazeplan.rigs.hardware:EmulatedRig
+class: emulator.rig:EmulatedRig
 model: toy                     # what estimator and planner know of plate and ball
 """
 
@@ -142,5 +143,5 @@ def calibrate(folder: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=PACKAGED)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parent)
     calibrate(parser.parse_args().output)

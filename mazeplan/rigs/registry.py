@@ -214,7 +214,7 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
         where = {"file": settings.file, "line": settings.tree.line(("class",))}
     found = None if ":" in spec else plugin(RIGS, spec)
     name = f"{spec!r}" if found is None else found.label
-    kind: Any = _class(spec, where) if found is None else installed_rig(found)
+    kind: Any = rig_class(spec, where) if found is None else installed_rig(found)
     if found is None:
         _check_class(kind, name, where)
     elif isinstance(kind, Path):
@@ -239,8 +239,10 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
     return rig
 
 
-def _class(spec: str, where: dict[str, Any]) -> Any:
-    """The class that module:Class names."""
+def rig_class(spec: str, where: dict[str, Any]) -> Any:
+    """The class that module:Class names. Raises SettingsError.
+
+    where: file of the rig, and line in it, for errors"""
     module_name, _, class_name = spec.partition(":")
     file = where.get("file")
     try:

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer
+from emulator.truth import Diode
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.emulation.truth import Diode
 from mazeplan.rigs.hardware import tiltreadings
 from mazeplan.rigs.hardware.tiltcalibration import read_readings
 from mazeplan.rigs.hardware.tiltsensor import TiltSection

@@ -13,16 +13,13 @@ import pytest
 from mazeplan.apps.cli import doctor
 from mazeplan.apps.view import server
 from mazeplan.core.errors import InputError
-from mazeplan.rigs.emulation import chip
 from mazeplan.rigs.link import port
 
 
 @pytest.fixture
 def bare(monkeypatch, tmp_path):
-    """A machine with one board and without compiler, simulator or anything built."""
+    """A machine with one board and without a browser."""
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setattr(chip, "HEADER", tmp_path / "sim_avr.h")
-    monkeypatch.setattr(chip, "PACKAGE", tmp_path / "mazeplan")
     monkeypatch.setattr(port, "ports_found", lambda: ["/dev/ttyACM7"])
 
 
@@ -62,19 +59,11 @@ def project():
 
 
 def test_missing_parts_are_named_with_the_way_to_get_them(bare, line, document):
-    text = line("emulator")
-    assert "missing avr-gcc, simavr, firmware, emulator" in text
-    assert "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev libelf-dev, then make emulator" in text
     assert line("browser") == "browser   missing chromium: tests of the live page; sudo apt-get install chromium"
-    assert document()["emulator"] == dict.fromkeys(("avr-gcc", "simavr", "firmware", "emulator"))
     assert document()["ports"] == ["/dev/ttyACM7"]
 
 
-def test_a_built_emulator_needs_no_compiler_and_ports_need_pyserial(bare, line, installed, tmp_path):
-    for path in chip.paths(tmp_path / "build"):
-        path.parent.mkdir(parents=True)
-        path.touch()
-    assert "to build it" not in line("emulator")
+def test_ports_need_pyserial(bare, line, installed):
     assert line("ports") == "ports     /dev/ttyACM7: where a board may be connected"
     installed(pyserial=None)
     assert not line("ports")

@@ -129,7 +129,7 @@ def test_a_rig_and_a_model_are_shown():
 def test_what_is_shown_exists_or_is_told_in_one_line():
     for words, told in (
         (("model", "show", "nothing"), "nothing"),
-        (("rig", "show", "nothing"), "expected one of emulated, hardware"),
+        (("rig", "show", "nothing"), "expected one of hardware"),
         (("rig", "show", "module:Class"), "expected a name from `rig list` or a YAML file"),
     ):
         ran = subprocess.run(

@@ -86,7 +86,7 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["navigate", "--settings", "nowhere"], "--settings: nowhere: no such file, expected settings (YAML)"),
         (
             ["navigate", "--rig", "zz"],
-            "--rig: got rig 'zz', expected one of emulated, hardware, ideal, rough, surp",
+            "--rig: got rig 'zz', expected one of hardware, ideal, rough, surprise",
         ),
         (["navigate", "--rig", "no.such.module:Rig"], "rig 'no.such.module:Rig'"),
         (["navigate", "--rig", "my.py:Rig"], "got 'my.py', expected the module's name without .py: my"),

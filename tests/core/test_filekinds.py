@@ -109,7 +109,7 @@ def test_every_reader_says_what_it_got_and_what_it_wants(folder, reader, wrong):
 
 
 def test_a_folder_is_no_rig(tmp_path):
-    with pytest.raises(InputError, match=r"got rig '.*', a folder, expected one of emulated"):
+    with pytest.raises(InputError, match=r"got rig '.*', a folder, expected one of hardware"):
         rig_file(str(tmp_path))
 
 

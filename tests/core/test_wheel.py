@@ -47,7 +47,6 @@ def test_wheel_holds_everything_and_runs_elsewhere(tmp_path):
         "_share/behaviors/navigate.xml",
         "rigs/toy.yaml",
         "rigs/hardware.yaml",
-        "rigs/emulated.png",
         "learning/packaged/toy/model.yaml",
         "apps/cli/newrig/rig.py.jinja",
         "apps/cli/newrig/pyproject.toml.jinja",

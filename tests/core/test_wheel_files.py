@@ -41,7 +41,7 @@ def test_the_wheel_holds_all_package_data(wheel):
     kinds = {
         "_share/maps/cme.yaml", "_share/behaviors/navigate.xml", "rigs/toy.yaml", "rigs/hardware.yaml",
         "learning/packaged/toy/model.yaml", "learning/packaged/toy/ring1.npz", "learning/packaged/toy/reference.yaml",
-        "run/settings.yaml", "apps/cli/newrig/rig.py.jinja", "rigs/emulated.png",
+        "run/settings.yaml", "apps/cli/newrig/rig.py.jinja",
     }  # fmt: skip
     assert {f"mazeplan/{name}" for name in kinds} <= expected, "the clone itself lacks a file"
     names = set(wheel.namelist())

@@ -126,7 +126,7 @@ def test_a_centre_without_room_for_two_balls_is_refused(call, tmp_path):
         (("--to", "ring3"), "balls: got 2, expected 1 on the way to ring 3"),
         (("--via", "ring3"), "balls: got 2, expected 1 with waypoints"),
         (("--rig", "surprise@drift"), "balls: got 2, expected 1: a rig with forces along the way of the ball"),
-        (("--rig", "emulated"), "balls: got 2, expected 1: the rig has no more"),
+        (("--rig", "hardware"), "balls: got 2, expected 1: the rig has no more"),
     ],
 )
 def test_what_cannot_be_done_with_two_balls_is_refused(call, more, said):

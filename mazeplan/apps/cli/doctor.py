@@ -36,7 +36,6 @@ FEATURES = {
     "campaign": "evaluate on other machines: --dask; tables of runs in Parquet: --store, record",
     "onnx": "policies for other runtimes: policy export -o policy.onnx",
     "tune": "search of costs and gains: tools/tune.py",
-    "bench": "other solvers and searches for comparison: make bench",
     "dev": "make test",
 }
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -65,12 +64,10 @@ class Installation:
     """What `doctor` found.
 
     packages: by extra
-    emulator: {part: its place, or None}; the parts run the board's firmware without a board
     browser: for tests of the live page
     ports: serial ports on USB; None without pyserial"""
 
     packages: dict[str, list[Package]]
-    emulator: dict[str, str | None]
     browser: str | None
     ports: list[str] | None
     plugins: list[EntryPoint]
@@ -87,7 +84,7 @@ def doctor(as_json: opt.AsJson = False) -> None:
         for extra, group in requirements().items()
     }
     browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
-    found = Installation(packages, emulator(), browser, ports(), entry_points())
+    found = Installation(packages, browser, ports(), entry_points())
     if as_json:
         print_json(document(found))
     else:
@@ -125,28 +122,6 @@ def advice(extra: str) -> str:
     return resources.to_install("" if extra == CORE else extra)
 
 
-def emulator() -> dict[str, str | None]:
-    """{part: its place, or None} of the emulated board."""
-    from mazeplan.rigs.emulation.chip import HEADER, paths
-
-    host, firmware = paths()
-    files = {"simavr": HEADER, "firmware": firmware, "emulator": host}
-    return {
-        "avr-gcc": shutil.which("avr-gcc"),
-        **{part: str(path) if path.exists() else None for part, path in files.items()},
-    }
-
-
-def _emulator_advice(parts: dict[str, str | None]) -> str:
-    """How to build the emulated board; empty if it is built."""
-    from mazeplan.rigs.emulation.chip import DEBIAN
-
-    if parts["emulator"] and parts["firmware"]:
-        return ""
-    packages = "" if parts["avr-gcc"] and parts["simavr"] else f"sudo apt-get install {' '.join(DEBIAN)}, then "
-    return f"; to build it: {packages}make emulator (in a checkout)"
-
-
 def ports() -> list[str] | None:
     """Serial ports on USB; None without pyserial."""
     if installed("pyserial") is None:
@@ -174,7 +149,6 @@ def document(found: Installation) -> dict[str, Any]:
         "features": features,
         "packages": {extra: {p.name: p.installed for p in packages} for extra, packages in found.packages.items()},
         "needed": {extra: {p.name: p.needed for p in packages} for extra, packages in found.packages.items()},
-        "emulator": found.emulator,
         "browser": found.browser,
         "ports": found.ports,
         "plugins": [asdict(point) for point in found.plugins],
@@ -191,10 +165,6 @@ def installation_lines(found: Installation) -> list[str]:
         how = f"; to install it: {advice(extra)}" if problems else ""
         lines.append(f"{extra:9s} {problems or 'ready'}: {FEATURES.get(extra, '')}{how}")
         lines += [f"    {package.name} {package.installed or '-'}" for package in packages]
-    missing = ", ".join(part for part, place in found.emulator.items() if place is None)
-    state = f"missing {missing}" if missing else "ready"
-    lines.append(f"emulator  {state}: the board's firmware on a simulated chip{_emulator_advice(found.emulator)}")
-    lines += [f"    {part} {place or '-'}" for part, place in found.emulator.items()]
     state, how = ("ready", "") if found.browser else ("missing chromium", "; sudo apt-get install chromium")
     lines.append(f"browser   {state}: tests of the live page{how}")
     lines += plugin_lines(found.plugins)

@@ -113,9 +113,8 @@ def _check_hardware(
 
     file, rig, passed = hardware_file(spec), make_rig(spec, maze), True
     assert isinstance(rig, HardwareRig)
-    target = output or (file.target if file.keeps else None)  # a packaged emulated rig keeps no latencies
-    if target is not None:
-        file.check_writable(target)
+    target = output or file.target
+    file.check_writable(target)
     try:
         walk = HardwareCheck(rig, (lambda question: True) if yes else _ask)
         for result in walk.steps():
@@ -124,8 +123,7 @@ def _check_hardware(
         if walk.latencies is not None:
             section = walk.latencies.section(date.today().isoformat())
             yield {"latency": section}
-            if target is not None:
-                say(f"wrote latency to {file.write({'latency': section}, target)}")
+            say(f"wrote latency to {file.write({'latency': section}, target)}")
     finally:
         rig.close()
     if passed:

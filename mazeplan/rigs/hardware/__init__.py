@@ -8,15 +8,15 @@ from typing import Any
 from mazeplan.core.errors import RigError
 from mazeplan.core.resources import to_install
 
-WHERE = {"HardwareRig": "mazeplan.rigs.hardware.rig", "EmulatedRig": "mazeplan.rigs.emulation.rig"}
+CLASS = "HardwareRig"
 
 
 def __getattr__(name: str) -> Any:
-    """The classes, imported on first use: they need OpenCV and pyserial. Raises RigError that says what to install."""
-    if name not in WHERE:
+    """The class, imported on first use: it needs OpenCV and pyserial. Raises RigError that says what to install."""
+    if name != CLASS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        return getattr(import_module(WHERE[name]), name)
+        return getattr(import_module("mazeplan.rigs.hardware.rig"), name)
     except ModuleNotFoundError as missing:
         if missing.name not in ("cv2", "serial"):
             raise

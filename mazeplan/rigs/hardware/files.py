@@ -13,10 +13,8 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.core.whole_file import read_only
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import placed, read_rig_file, validated
-from mazeplan.rigs.hardware.settings import EmulatedSettings, HardwareSettings, write_sections
-from mazeplan.rigs.registry import HARDWARE, PACKAGED, rig_file
-
-KINDS = {"HardwareRig": HardwareSettings, "EmulatedRig": EmulatedSettings}
+from mazeplan.rigs.hardware.settings import HardwareSettings, write_sections
+from mazeplan.rigs.registry import PACKAGED, rig_class, rig_file
 
 
 @dataclass(frozen=True)
@@ -32,11 +30,6 @@ class RigFile:
     target: Path
     settings: HardwareSettings
     data: Mapping[str, Any]
-
-    @property
-    def keeps(self) -> bool:
-        """Whether calibrations may be kept in this file. False for packaged files, except for the template."""
-        return self.target == self.path or self.path.stem == HARDWARE
 
     def check_writable(self, target: Path | None = None) -> None:
         """Raises SettingsError if the file to write, by default `self.target`, is read-only."""
@@ -90,20 +83,31 @@ def background_of(target: Path) -> str:
 def is_hardware(spec: str) -> bool:
     """Whether `spec` names a rig on a table, real or emulated. Raises SettingsError for a file that cannot be read."""
     path = rig_file(spec)
-    kind = None if path is None else read_rig_file(path)[0]
-    return kind is not None and kind.partition(":")[0] == "mazeplan.rigs.hardware"
+    return path is not None and _settings_kind(path) is not None
+
+
+def _settings_kind(path: Path) -> type[HardwareSettings] | None:
+    """What validates the settings of a rig on a table; None for another rig's file."""
+    kind = read_rig_file(path)[0]
+    if kind is None or ":" not in kind:
+        return None
+    if kind == "mazeplan.rigs.hardware:HardwareRig":  # without OpenCV, which the class needs
+        return HardwareSettings
+    found = getattr(rig_class(kind, {"file": path}), "settings_kind", None)
+    return found if isinstance(found, type) and issubclass(found, HardwareSettings) else None
 
 
 def hardware_file(spec: str) -> RigFile:
     """The file of the rig on a table that `spec` names. Raises SettingsError with file, line and key."""
     path = rig_file(spec)
-    if path is None or not is_hardware(spec):
+    settings_kind = None if path is None else _settings_kind(path)
+    if path is None or settings_kind is None:
         own = path is not None and path.resolve().parent != PACKAGED
         raise SettingsError(
             f"got rig {shown(spec)}, expected one on a table: its file has class: mazeplan.rigs.hardware:HardwareRig",
             file=path if own else None,
         )
-    kind, given = read_rig_file(path)
-    settings = validated(KINDS.get((kind or "").partition(":")[2], HardwareSettings), given)
+    given = read_rig_file(path)[1]
+    settings = validated(settings_kind, given)
     target = Path(path.name) if path.resolve().parent == PACKAGED else path
     return RigFile(path, target, settings, given)

@@ -51,16 +51,18 @@ class HardwareRig:
 
     settings: the keys of hardware.yaml.
     latency: measured delays, or None.
-    unseen_s: a run ends after so long without a sight of the ball, s."""
+    unseen_s: a run ends after so long without a sight of the ball, s.
+    settings_kind: validates the settings; a subclass with keys of its own replaces it."""
 
     realtime = True
+    settings_kind: type[HardwareSettings] = HardwareSettings
 
     def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
         self.maze = maze
         file: Path | None = getattr(settings, "file", None)
         self.file, self.folder = file, Path() if file is None else file.parent
         self._given = settings
-        self.settings = self._checked(settings)
+        self.settings = validated(self.settings_kind, settings)
         camera = self.settings.camera or {}
         if self.settings.calibrated_camera:
             camera_section(camera, settings)
@@ -79,9 +81,6 @@ class HardwareRig:
         self._closed = False  # a reset that goes on in another thread after `close` must open nothing again
         self.sighting: Sighting | None = None  # result of the detector for the last sample; None: no picture came
         self.due = 0.0  # when the last sample was due, host's clock, s
-
-    def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
-        return validated(HardwareSettings, settings)
 
     def _open_board(self) -> Board:
         return open_board(self.settings)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from emulator.truth import Diode
 
 from mazeplan.core.errors import InputError, TableError
-from mazeplan.rigs.emulation.truth import Diode
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.tiltcalibration import Reading, fit_tilt, read_readings, write_readings
 from mazeplan.rigs.hardware.tiltsensor import TiltSection

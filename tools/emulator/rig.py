@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from emulator.settings import EmulatedSettings
+from emulator.table import EmulatedTable
 from mazeplan.core.errors import MazeplanError, RigError
 from mazeplan.rigs.camera.source import FrameSource
-from mazeplan.rigs.emulation.table import EmulatedTable
-from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.rig import HardwareRig
-from mazeplan.rigs.hardware.settings import EmulatedSettings
 from mazeplan.rigs.link.board import Board
 
 SEEDS = 2**31
@@ -30,11 +27,8 @@ LOST = 0.02  # a larger share of lost pictures is reported
 class EmulatedRig(HardwareRig):
     """See `interface.Rig`. settings: the keys of emulated.yaml."""
 
+    settings_kind = EmulatedSettings
     settings: EmulatedSettings
-
-    def _checked(self, settings: Mapping[str, Any]) -> EmulatedSettings:
-        return validated(EmulatedSettings, settings)
-
     table: EmulatedTable | None = None
 
     def _open_board(self) -> Board:

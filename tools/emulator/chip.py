@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.resources import PACKAGE
 
 START_S, END_S, ORDER_S = 5.0, 1.0, 1.0  # time limits, s: of the start, of the end, of an order
 DEBIAN = ("gcc-avr", "avr-libc", "simavr", "libsimavr-dev", "libelf-dev")
+BUILD = Path(__file__).resolve().parents[2] / "build"  # where `make emulator` puts its files
 HEADER = Path("/usr/include/simavr/sim_avr.h")  # on Debian
 KEPT = 100_000  # number of changes that are kept: more than half an hour at 50 Hz
 
@@ -44,7 +44,7 @@ class Pulse:
 
 def paths(folder: Path | None = None) -> tuple[Path, Path]:
     """Paths of emulator and firmware, as `make emulator` builds them."""
-    folder = folder or PACKAGE.parent / "build"
+    folder = folder or BUILD
     return folder / "emulator" / "emulator", folder / "firmware" / "mazeplan.elf"
 
 

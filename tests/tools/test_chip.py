@@ -14,11 +14,10 @@ import time
 
 import numpy as np
 import pytest
-from bench_firmware import hostile
-from emulated_chip import chip
+from emulated_chip import chip, hostile
+from emulator.chip import EmulatedChip, built
 
 from mazeplan.core.errors import RigError
-from mazeplan.rigs.emulation.chip import EmulatedChip, built
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import FrameReader, encode
 from mazeplan.rigs.link.handshake import Timeouts

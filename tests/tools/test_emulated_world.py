@@ -8,11 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from emulated_chip import EMULATED
+from emulator.rig import EmulatedRig
+from emulator.table import SIZE
+from emulator.world import SLOTS, EmulatedCamera
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.emulation.rig import EmulatedRig
-from mazeplan.rigs.emulation.table import SIZE
-from mazeplan.rigs.emulation.world import SLOTS, EmulatedCamera
 from mazeplan.rigs.registry import make_rig
 
 
@@ -40,7 +41,7 @@ def test_pictures_that_come_too_late_are_left_out_and_counted():
 
 @pytest.mark.parametrize(("lost", "line"), [(1, ""), (25, "this machine does not keep up: 25 of 125 pictures of the ")])
 def test_the_end_of_an_emulated_rig_says_so_in_one_line(capsys, lost, line):
-    rig = make_rig("emulated", load_map("cme"))
+    rig = make_rig(str(EMULATED), load_map("cme"))
     assert isinstance(rig, EmulatedRig)
     rig.table = SimpleNamespace(lost=lost, shown=[(0.0, 0.0, 0.0)] * 100, close=lambda: None)  # pyright: ignore
     rig.close()

@@ -22,14 +22,14 @@ import numpy as np
 import pytest
 import yaml
 from commands import call
-from emulated_chip import NEEDED
+from emulated_chip import EMULATED, NEEDED
+from emulator.chip import built
+from emulator.rig import EmulatedRig
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.emulation.chip import built
-from mazeplan.rigs.emulation.rig import EmulatedRig
 from mazeplan.rigs.hardware import check as hardware_check
-from mazeplan.rigs.registry import PACKAGED, make_rig
+from mazeplan.rigs.registry import make_rig
 from mazeplan.run.navigate import navigate
 
 pytestmark = pytest.mark.realtime
@@ -48,9 +48,9 @@ def _built():
 
 def rig_file(folder: Path, **world) -> Path:
     """The packaged emulated rig with another world."""
-    data = yaml.safe_load((PACKAGED / "emulated.yaml").read_text())
+    data = yaml.safe_load(EMULATED.read_text())
     data["world"] |= world
-    (folder / "emulated.png").write_bytes((PACKAGED / "emulated.png").read_bytes())
+    (folder / "emulated.png").write_bytes(EMULATED.with_suffix(".png").read_bytes())
     (folder / "mine.yaml").write_text(yaml.safe_dump(data))
     return folder / "mine.yaml"
 
@@ -64,7 +64,7 @@ def trace(folder: Path) -> np.ndarray:
 
 def test_the_ball_is_driven_through_the_whole_chain(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    arguments = ["navigate", "--rig", "emulated", "--from", "ring4", "--to", "ring5", "--json", "--log", "run.mcap"]
+    arguments = ["navigate", "--rig", str(EMULATED), "--from", "ring4", "--to", "ring5", "--json", "--log", "run.mcap"]
     code, out, err = call(monkeypatch, capsys, *arguments)
     result = json.loads(out)
     assert (code, result["success"]) == (0, True), err
@@ -77,7 +77,7 @@ def test_the_ball_is_driven_through_the_whole_chain(tmp_path, monkeypatch, capsy
 def test_it_arrives_from_ring_1(seed):
     """At the second time where this machine was kept from giving pictures at the first: BENCHMARKS.md counts those."""
     for last in (False, True):
-        rig = make_rig("emulated", MAZE)
+        rig = make_rig(str(EMULATED), MAZE)
         try:
             result = navigate("ring1", "ring5", rig=rig, model="toy", seed=seed)
         except RigError:
@@ -95,7 +95,7 @@ def test_it_arrives_from_ring_1(seed):
 def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
     for name, seconds in (("LOOK_S", 0.2), ("SETTLE_S", 0.6), ("SWING_S", 5.0)):
         monkeypatch.setattr(hardware_check, name, seconds)
-    rig = make_rig("emulated", MAZE)
+    rig = make_rig(str(EMULATED), MAZE)
     assert isinstance(rig, EmulatedRig)
     asked = []
     try:
@@ -178,7 +178,7 @@ def group(rig) -> dict[str, int]:
 def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
     """Each of its two processes, by each signal; what is left are neither processes nor files."""
     for who, how in itertools.product(("world", "emulator"), (signal.SIGSTOP, signal.SIGKILL)):
-        rig = make_rig("emulated", MAZE)
+        rig = make_rig(str(EMULATED), MAZE)
         assert isinstance(rig, EmulatedRig)
         for _ in range(5):
             rig.observe()
@@ -211,12 +211,14 @@ def test_a_program_that_ends_without_closing_leaves_nothing(tmp_path):
 import os, signal, sys
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-rig = make_rig("emulated", load_map("cme"))
+rig = make_rig(sys.argv[1], load_map("cme"))
 rig.observe()
 print(rig.table._process.pid, rig.table.port, flush=True)
 os.kill(rig.table._process.pid, signal.SIGSTOP)
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(EMULATED)], capture_output=True, text=True, check=True, timeout=60
+    )
     leader, port = done.stdout.split()
     time.sleep(0.2)
     assert group(int(leader)) == {}
@@ -225,8 +227,9 @@ os.kill(rig.table._process.pid, signal.SIGSTOP)
 
 def test_what_ended_a_check_is_its_last_line(tmp_path):
     """The table is killed in the midst of it: one line with the cause, exit status 3."""
+    rig_file(tmp_path)
     with subprocess.Popen(
-        [sys.executable, "-m", "mazeplan", "rig", "check", "emulated", "--yes"], cwd=tmp_path, text=True,
+        [sys.executable, "-m", "mazeplan", "rig", "check", "mine.yaml", "--yes"], cwd=tmp_path, text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     ) as process:  # fmt: skip

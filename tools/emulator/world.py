@@ -3,7 +3,7 @@
     pulses at the pins --Servos--> machine --Diode--> volts at the inputs     the board runs the firmware, in simavr
     machine --Overhead, delay_ms later--> pictures
 
-    python -m mazeplan.rigs.emulation.world FD     writes pictures into the file FD, in SLOTS places in turn
+    python -m emulator.world FD     writes pictures into the file FD, in SLOTS places in turn
 
 Orders come on stdin, one JSON document a line. The first has map and settings. The others are:
 
@@ -37,16 +37,16 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from emulator.chip import EmulatedChip, built
+from emulator.settings import WorldSettings
+from emulator.truth import Truth
 from mazeplan.core.errors import MazeplanError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.render import Overhead
 from mazeplan.rigs.camera.sensing import over
-from mazeplan.rigs.emulation.chip import EmulatedChip, built
-from mazeplan.rigs.emulation.truth import Truth
 from mazeplan.rigs.files import validated
-from mazeplan.rigs.hardware.settings import WorldSettings
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
 from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
 

@@ -19,15 +19,16 @@ from typing import Any
 
 import numpy as np
 
+from emulator.chip import how_it_ended, new_folder
+from emulator.settings import WorldSettings
+from emulator.world import SLOTS
 from mazeplan.core.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.camera.source import CameraFrame
-from mazeplan.rigs.emulation.chip import how_it_ended, new_folder
-from mazeplan.rigs.emulation.world import SLOTS
-from mazeplan.rigs.hardware.settings import WorldSettings
 
 START_S, END_S, ANSWER_S = 60.0, 1.0, 2.0  # time limits, s: of the start, of the end, of an answer
+TOOLS = str(Path(__file__).resolve().parents[1])  # the folder from which `emulator` is imported
 SIZE = (480, 640, 3)  # shape of a picture
 
 
@@ -58,11 +59,12 @@ class EmulatedTable:
             file.truncate(SLOTS * bytes_each)
             self._memory = mmap.mmap(file.fileno(), 0)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "mazeplan.rigs.emulation.world", str(file.fileno())],
+                [sys.executable, "-m", "emulator.world", str(file.fileno())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
                 bufsize=1,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join((TOOLS, *filter(None, sys.path)))},
                 pass_fds=(file.fileno(),),
                 process_group=0,  # Ctrl-C is for the program, which levels the plate first
             )
