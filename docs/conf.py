@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -93,8 +94,38 @@ def _command(path: str, command: Any, level: int) -> list[str]:
     return [*lines, ""]
 
 
+def figures_page(app: Any) -> None:
+    """Write figures.md, the tables of all figures, from history.json."""
+    folder = Path(app.srcdir)
+    lines = [
+        "# All figures",
+        "",
+        "From docs/history.json, which tools/bench.py writes; [benchmarks](benchmarks.md) is the",
+        "short page.",
+        "",
+    ]
+    for section in json.loads((folder / "history.json").read_text(encoding="utf-8")).values():
+        gone = " The program of this section has left." if section.get("gone") else ""
+        lines += [
+            f"## {section['title']}",
+            "",
+            f"{section['date']}, `{section['command']}`, {section['machine']}.{gone}",
+            "",
+        ]
+        lines += ["\n\n".join(section["notes"]), ""]
+        for table in section["tables"]:
+            lines += [table["caption"], "", f"| {' | '.join(table['columns'])} |", "|---" * len(table["columns"]) + "|"]
+            lines += [f"| {' | '.join(row)} |" for row in table["rows"]]
+            lines.append("")
+    text = "\n".join(lines)
+    page = folder / "figures.md"
+    if not page.exists() or page.read_text(encoding="utf-8") != text:
+        page.write_text(text, encoding="utf-8")
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.connect("builder-inited", figures_page)
     app.connect("builder-inited", command_pages)
     app.connect("source-read", within_the_site)
     app.connect("autodoc-process-docstring", as_markup)

@@ -1,4 +1,4 @@
-"""Random trees run and halt cleanly; damaged files are errors at a line, or load. `tools/bench_trees.py` does the same
+"""Random trees run and halt cleanly; damaged files are errors at a line, or load. `tools/bench.py` does the same
 with larger counts."""
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from contextlib import suppress
 from random import Random
 
 import pytest
-from bench_trees import damaged_maps, damaged_trees
+from fuzz_files import damaged_maps, damaged_trees
 from fuzzing import KEYS, Dice, DiceRun, random_expression, random_tree, run_tree
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

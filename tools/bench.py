@@ -1,8 +1,8 @@
-"""Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py
-[--quick] [--parallel] [--only NAME ...] [-o FILE]
+"""Measures the figures of the program. Usage: python tools/bench.py [--quick] [--only NAME ...] [-o FOLDER]
 
-Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics
-(MuJoCo) that the planner does not share. Seeds are in the commands (default 0).
+All figures go into docs/history.json: for each section its title, date, command, machine, notes and tables. The figures
+that answer a user's questions go into BENCHMARKS.md, too. `--write` writes BENCHMARKS.md from the file, and measures
+nothing. Without --only, sections that take hours are left out.
 """
 
 from __future__ import annotations
@@ -10,297 +10,186 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import subprocess
-import sys
-import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from bench_balls import balls_section
-from bench_baselines import baselines_section
-from bench_batch import batch_section
-from bench_body import body_section
-from bench_camera import camera_section
 from bench_campaign import campaign_section
-from bench_closed_loop import closed_loop_section
 from bench_contact import contact_section
 from bench_contactplant import contactplant_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_effects import effects_section
-from bench_emps import emps_section
 from bench_faults import faults_section
-from bench_firmware import firmware_section
 from bench_growth import growth_section
 from bench_gym import gym_section
-from bench_improve import improve_section
-from bench_learning import learning_section
-from bench_logged_runs import logged_runs_section
-from bench_memory import memory_section
-from bench_models import collect_toy, measured_section, toy_section, training_section
-from bench_moves import moves_section
-from bench_mutants import mutants_section
-from bench_neural import neural_section
-from bench_out import out_section
-from bench_pairs import pairs_section
+from bench_kit import ROOT, Section
+from bench_logged_runs import loggedruns_section
+from bench_models import models_section
+from bench_navigation import navigation_section
 from bench_plant import plant_section
 from bench_policy import policy_section
-from bench_predictability import predictability_section
-from bench_real import real_section
 from bench_realtime import realtime_section
-from bench_replay import replay_section
 from bench_rig import rig_section
-from bench_solver import solver_section
 from bench_strange import drawn_section, strange_section
-from bench_supply import supply_section
 from bench_trees import trees_section
-from bench_view import view_section
-from bench_waypoints import waypoints_section
 
-from mazeplan.run.settings import load_settings
-
-ROOT = Path(__file__).resolve().parent.parent
-AGAIN = "- measured again on"
-PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
-PAPER = "7 of 10, mean 7.71 s, best 6.2 s, worst 10.13 s (published, on hardware)"
-
-
-def mazeplan(*arguments: str) -> dict:
-    """The JSON document of one command; its failure status is not ours to judge."""
-    done = subprocess.run(
-        [sys.executable, "-m", "mazeplan", *arguments, "--json"], capture_output=True, text=True, cwd=ROOT, check=False
-    )
-    if not done.stdout.strip():
-        raise SystemExit(f"mazeplan {' '.join(arguments)}: exit {done.returncode}\n{done.stderr}")
-    return json.loads(done.stdout)
-
-
-def cpu() -> str:
-    """Name of the processor, where the system tells."""
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
-
-
-def evaluation_rows(jobs: list[tuple[str, list[str]]]) -> list[str]:
-    rows = [
-        "| what | command | arrived | mean s | best | p50 | p95 | worst | failures on the way |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for label, arguments in jobs:
-        got = mazeplan("evaluate", *arguments)
-        t = got["time_s"]
-        times = [f"{t[key]:.2f}" if t[key] is not None else "-" for key in ("mean", "best", "p50", "p95", "worst")]
-        failures = ", ".join(f"{kind} {count}" for kind, count in got["failures"].items()) or "none"
-        command = "`mazeplan evaluate " + " ".join(arguments) + "`"
-        rows.append(f"| {label} | {command} | {got['success']}/{got['runs']} | {' | '.join(times)} | {failures} |")
-        print(rows[-1], file=sys.stderr)
-    return rows
-
-
-def navigation_section(quick: bool) -> list[str]:
-    few = "4" if quick else "16"
-    main = [
-        ("ideal rig", ["--rig", "ideal", "--runs", few]),
-        ("toy rig", ["--rig", "toy", "--runs", "8" if quick else "32"]),
-        ("toy rig, other noise", ["--rig", "toy", "--runs", few, "--seed", "1000"]),
-        ("outwards", ["--rig", "toy", "--from", "ring5", "--to", "ring1", "--runs", few]),
-        ("second map", ["--rig", "toy", "--map", "lopsided", "--runs", few]),
-        (
-            "second map, outwards",
-            ["--rig", "toy", "--map", "lopsided", "--from", "ring3", "--to", "ring1", "--runs", few],
-        ),
-    ]
-    pairs = [
-        (
-            f"ring {a} to {b}",
-            ["--rig", "toy", "--from", f"ring{a}", "--to", f"ring{b}", "--runs", "2" if quick else "4"],
-        )
-        for a in range(1, 6)
-        for b in range(1, 6)
-        if a != b and (a, b) not in ((1, 5), (5, 1))
-    ]
-    return [
-        "## Navigation (simulated)",
-        "",
-        f"To compare: {PAPER}.",
-        "",
-        "The settings were searched by tools/tune.py on packaged and drawn rigs with other seeds; a few of them "
-        "were set",
-        "by hand after trials on the standard starts of the packaged rigs, seeds 0 to 47. The rows with other seeds,",
-        "rings and maps had no part in that.",
-        "",
-        *evaluation_rows(main),
-        "",
-        "### Between any two rings",
-        "",
-        *evaluation_rows(pairs),
-    ]
-
-
-def tick_section() -> list[str]:
-    arguments = ["evaluate", "--rig", "toy", "--runs", "8"]
-    got = mazeplan(*arguments)
-    rows = ["## Time of one tick and of one plan", "", f"`mazeplan {' '.join(arguments)} --json`, one process.", ""]
-    rows += ["| what | p50 ms | p99 ms (worst run) | max ms |", "|---|---|---|---|"]
-    for key, label in (("tick_ms", "tick: estimate, tree, plan, command"), ("planner_ms", "plan")):
-        rows.append(f"| {label} | {got[key]['p50']:.2f} | {got[key]['p99']:.2f} | {got[key]['max']:.2f} |")
-    deadline = load_settings().leaves.travel.deadline_ms
-    late = sum(run["planner_ms"]["max"] > deadline + 1.0 for run in got["results"])
-    rows.append(
-        f"| runs with a plan over its deadline of {deadline:g} ms by 1 ms or more | {late} of {got['runs']} | | |"
-    )
-    log = ROOT / "build" / "bench.mcap"
-    log.parent.mkdir(exist_ok=True)
-    one = mazeplan("navigate", "--rig", "toy", "--log", str(log), "--force")["tick_ms"]
-    rows.append(f"| tick with the log written | {one['p50']:.2f} | {one['p99']:.2f} | {one['max']:.2f} |")
-    return rows
-
-
-def start_section() -> list[str]:
-    def seconds(*command: str) -> float:
-        began = time.perf_counter()
-        subprocess.run(command, capture_output=True, check=True, cwd=ROOT)
-        return time.perf_counter() - began
-
-    rows = ["## Start of the program", "", "| command | median of 5, s |", "|---|---|"]
-    for arguments in (["--help"], ["map", "check", "cme"], ["navigate", "--rig", "ideal", "--start-angle", "11.25"]):
-        times = sorted(seconds(sys.executable, "-m", "mazeplan", *arguments) for _ in range(5))
-        rows.append(f"| `mazeplan {' '.join(arguments)}` | {times[2]:.2f} |")
-    return rows
-
-
-def models_sections(quick: bool) -> list[list[str]]:
-    """What needs no quiet machine."""
-    return [
-        measured_section(mazeplan),
-        toy_section(mazeplan, quick),
-        neural_section(mazeplan, quick),
-        predictability_section(quick),
-        diagnose_section(quick),
-        logged_runs_section(quick),
-        plant_section(quick),
-        emps_section(quick),
-        body_section(quick),
-        contact_section(quick),
-        baselines_section(quick),
-        improve_section(quick),
-        learning_section(quick),
-        real_section(quick),
-        trees_section(quick),
-        faults_section(mazeplan, quick),
-        pairs_section(quick),
-        out_section(quick),
-        replay_section(quick),
-        camera_section(mazeplan, quick),
-    ]
-
-
-def timed_solver_section(quick: bool) -> list[str]:
-    """The solver on a model with 4000 rows a ring, learned from the log of `toy_section`."""
-    if quick:
-        return solver_section(None, True)
-    log, model = ROOT / "build" / "toy.mcap", ROOT / "build" / "toy4000"
-    if not log.exists():
-        collect_toy(quick)
-    command = ["learn", str(log), "-o", str(model), "--most", "4000", "--force"]
-    subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
-    section = solver_section(model, False)
-    return [line.replace(str(model), "build/toy4000") for line in section]
-
-
-SECTIONS: dict[str, Callable[[bool], list[str]]] = {
-    "navigation": navigation_section, "drive": drive_section, "moves": moves_section,
-    "tick": lambda quick: tick_section(), "start": lambda quick: start_section(),
-    "training": lambda quick: training_section(), "solver": timed_solver_section,
-    "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
-    "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
-    "loggedruns": logged_runs_section,
-    "plant": lambda quick: plant_section(quick, keep=True),
-    "baselines": baselines_section, "improve": improve_section, "effects": effects_section,
-    "closedloop": closed_loop_section, "body": body_section,
-    "contact": contact_section,
-    "contactplant": contactplant_section,  # hours, so only when it is asked for: it is not in `models_sections`
-    "neural": lambda quick: neural_section(mazeplan, quick), "learning": learning_section, "real": real_section,
-    "camera": lambda quick: camera_section(mazeplan, quick),
-    "campaign": campaign_section, "batch": batch_section,
-    "trees": trees_section, "waypoints": waypoints_section, "balls": balls_section, "policy": policy_section,
-    "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
-    "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
-    "strange": strange_section, "drawn": drawn_section,  # an hour, so only when it is asked for
-    "firmware": firmware_section, "supply": supply_section,
-    "growth": growth_section, "realtime": realtime_section, "memory": memory_section,
-    "mutants": mutants_section,  # hours as well
+SECTIONS: dict[str, Callable[[bool], Section]] = {
+    "navigation": navigation_section, "drive": drive_section, "realtime": realtime_section, "faults": faults_section,
+    "balls": balls_section, "policy": policy_section, "gym": gym_section, "campaign": campaign_section,
+    "trees": trees_section, "models": models_section, "strange": strange_section, "drawn": drawn_section,
+    "diagnose": diagnose_section, "loggedruns": loggedruns_section, "effects": effects_section,
+    "contact": contact_section, "contactplant": contactplant_section, "plant": plant_section,
+    "growth": growth_section, "rig": rig_section,
 }  # fmt: skip
+HOURS = ("drawn", "effects", "contactplant", "plant")
+PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
 
 
-def renew(path: Path, section: list[str]) -> None:
-    """Put a section in the place of the one with its heading, and say in the head that it is newer than the rest."""
-    kept = path if path.exists() else ROOT / "BENCHMARKS.md"
-    lines = kept.read_text().splitlines()
-    begin = lines.index(section[0]) if section[0] in lines else len(lines)  # one that is new comes last
-    if begin == len(lines):
-        lines.append("")
-        begin += 1
-    end = next((i for i in range(begin + 1, len(lines)) if lines[i].startswith("## ")), len(lines))
-    lines[begin:end] = [*section, ""]
-    title = f": {section[0].removeprefix('## ')}"
-    lines = [line for line in lines if not (line.startswith(AGAIN) and line.endswith(title))]
-    first = next(i for i, line in enumerate(lines) if line.startswith("- versions:"))
-    lines.insert(first + 1, f"{AGAIN} {datetime.now(UTC):%Y-%m-%d}{title}")
-    path.write_text("\n".join(lines).rstrip() + "\n")
+@dataclass(frozen=True)
+class Pick:
+    """Rows of BENCHMARKS.md.
+
+    table: number of the table of the section.
+    columns: columns that are shown as figures.
+    what: text that names a row; {0} is its first cell.
+    rows: texts, one of which a shown row has; empty: all rows."""
+
+    section: str
+    table: int
+    columns: tuple[str, ...]
+    what: str = "{0}"
+    rows: tuple[str, ...] = ()
+
+
+TIMES = ("arrived", "mean s", "p95", "worst")
+TOTAL = ("figure",)
+ERRORS = ("before", "after")
+PAGE: dict[str, tuple[Pick, ...]] = {
+    "Does the ball arrive, and how fast?": (
+        Pick("drive", 0, TIMES),
+        Pick("navigation", 0, TIMES, "ring 1 to ring 5, {0}", ("noise", "outwards", "second map")),
+        Pick("realtime", 0, ("arrived", "mean s", "p99 ms"), "toy in real time, machine: {0}"),
+        Pick("rig", 0, ("arrived", "s", "failures on the way"), "firmware and camera emulated, seed {0}"),
+        Pick("balls", 0, ("arrived", "mean, s", "longest, s"), "two balls on {0}"),
+        Pick("policy", 0, ("arrived", "mean s", "worst"), "learned policy: {0}"),
+    ),
+    "What happens when something fails?": (
+        Pick("faults", 0, TOTAL),
+        Pick("rig", 1, ("level pulses after ms",), "program killed in a run, trial {0}"),
+    ),
+    "What does learning bring on other rigs?": (
+        Pick("strange", 0, ("without a model", "learned")),
+        Pick("drawn", 0, TOTAL, "drawn rigs: {0}"),
+    ),
+    "Does it find what is wrong?": (
+        Pick("effects", 0, TOTAL, "record, diagnosis, new model: {0}"),
+        Pick("contact", 0, TOTAL, "records of others: {0}"),
+        Pick("contactplant", 0, TOTAL, "drawn rigs with walls: {0}"),
+        Pick("plant", 0, ("records", "right", "with a wrong name"), "rings without walls: {0}"),
+        Pick("loggedruns", 0, TOTAL, "logs of navigation: {0}"),
+    ),
+    "On whose data?": (
+        Pick("models", 0, ("pi", "np", "sp"), "published rig, {0}: nRMSE, train / test"),
+        Pick("models", 1, ("pi", "np", "sp"), "published rig, {0}: rad after 20 / 40 samples"),
+        Pick("diagnose", 1, ERRORS, "published rig, {0}: nRMSE with all named effects"),
+        Pick("diagnose", 0, ("finding", *ERRORS), "log with one undeclared effect, {0}: rad after 40 samples"),
+        Pick("diagnose", 2, ERRORS, "drive axis, force error: {0}"),
+    ),
+    "How fast is the program?": (
+        Pick("drive", 1, ("p99 ms (worst run)", "longest ms"), "a tick on {0}"),
+        Pick("navigation", 1, ("median of 5, s",)),
+        Pick("policy", 1, TOTAL, "learned policy: {0}"),
+        Pick("gym", 0, ("one thread", "two threads"), "samples a second, environments: {0}"),
+        Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
+    ),
+    "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
+    "What does each part bring? (toy)": (Pick("drive", 2, ("arrived", "mean s", "worst")),),
+    "What do damaged files do?": (Pick("trees", 1, ("loads", "error at a line", "anything else"), "{0}", (" all ",)),),
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
-    parser.add_argument("--parallel", action="store_true", help="models beside navigation; what is timed runs alone")
-    parser.add_argument("--only", choices=list(SECTIONS), nargs="+", help="measure these anew, keep the others")
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
+    parser.add_argument("--only", choices=list(SECTIONS), nargs="+", help="measure these sections, keep the others")
+    parser.add_argument("--write", action="store_true", help="measure nothing, write BENCHMARKS.md from the figures")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT, help="folder of BENCHMARKS.md and docs/history.json")
     options = parser.parse_args()
-    if options.only:
-        for name in options.only:
-            renew(options.output, SECTIONS[name](options.quick))
-        print(f"wrote {options.output}")
-        return
-    head = [
-        "# Benchmarks",
-        "",
-        "Written by `make bench` (tools/bench.py); nothing here is typed by hand.",
-        "",
-        f"- date: {datetime.now(UTC):%Y-%m-%d}{' (quick)' if options.quick else ''}",
-        f"- machine: {cpu()}, Python {platform.python_version()}, {platform.system()}",
-        f"- versions: {', '.join(f'{p} {version(p)}' for p in PACKAGES)}",
-        "",
-    ]
-    with ThreadPoolExecutor(1) as beside:
-        models = beside.submit(models_sections, options.quick)
-        if not options.parallel:
-            wait([models])
-        sections = [section(options.quick) for section in (navigation_section, drive_section, moves_section)]
-        tables = models.result()
-    # what is timed runs alone
-    sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
-    sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick)]
-    sections += [
-        supply_section(options.quick),
-        policy_section(options.quick),
-        gym_section(options.quick),
-        campaign_section(options.quick),
-        batch_section(options.quick),
-        *tables,
-    ]
-    if options.parallel:
-        head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
-    text = "\n".join(head + [line for section in sections for line in [*section, ""]])
-    options.output.write_text(text.rstrip() + "\n")
-    print(f"wrote {options.output}")
+    names = options.only or [name for name in SECTIONS if name not in HOURS]
+    for name in () if options.write else names:
+        keep(options.output, name, SECTIONS[name](options.quick), options.quick)
+    history = load(options.output)
+    (options.output / "BENCHMARKS.md").write_text("\n".join(page(history)) + "\n", encoding="utf-8")
+
+
+def load(folder: Path) -> dict[str, Any]:
+    """{name: section} of the file of figures; that of the checkout if the folder has none."""
+    path = folder / "docs" / "history.json"
+    return json.loads((path if path.exists() else ROOT / "docs" / "history.json").read_text(encoding="utf-8"))
+
+
+def keep(folder: Path, name: str, section: Section, quick: bool = False) -> None:
+    """Put a section into the file of figures."""
+    history = load(folder)
+    history[name] = {
+        "title": section.title,
+        "date": f"{datetime.now(UTC):%Y-%m-%d}" + (" (quick)" if quick else ""),
+        "command": f"python tools/bench.py --only {name}",
+        "machine": f"{cpu()}, Python {platform.python_version()}, {platform.system()}; "
+        + ", ".join(f"{package} {version(package)}" for package in PACKAGES),
+        "notes": list(section.notes),
+        "tables": [asdict(table) for table in section.tables],
+    }
+    path = folder / "docs" / "history.json"
+    path.parent.mkdir(exist_ok=True, parents=True)
+    path.write_text(json.dumps(history, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def cpu() -> str:
+    """Name of the processor, if the system has it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
+
+
+def page(history: dict[str, Any]) -> Iterator[str]:
+    """Lines of BENCHMARKS.md."""
+    yield "# Benchmarks"
+    yield ""
+    yield "`python tools/bench.py` measures these figures and writes this page. `--only NAME` stands for"
+    yield "`python tools/bench.py --only NAME`. Rigs are simulated, except in the rows about measured data. On hardware"
+    yield "(published), 7 of 10 runs arrived, after 7.71 s on average."
+    yield ""
+    yield "[docs/history.json](docs/history.json) has all figures, also those of sections whose program has left, with"
+    yield "the conditions of measurement and the machine. The documentation shows it as tables."
+    for question, picks in PAGE.items():
+        yield ""
+        yield f"## {question}"
+        yield ""
+        yield "| what | figures | again with | date |"
+        yield "|---|---|---|---|"
+        for pick in picks:
+            if pick.section in history and pick.table < len(history[pick.section]["tables"]):
+                yield from rows(pick, history[pick.section])
+
+
+def rows(pick: Pick, section: dict[str, Any]) -> Iterator[str]:
+    """Rows that a pick shows."""
+    table = section["tables"][pick.table]
+    at = {name: table["columns"].index(name) for name in pick.columns}
+    for cells in table["rows"]:
+        text = f" {' | '.join(cells)} "
+        if pick.rows and not any(part in text for part in pick.rows):
+            continue
+        named = (cells[i] if name in ("figure", "size: time") else f"{name} {cells[i]}" for name, i in at.items())
+        figures = "; ".join(named).replace("finding - ", "nothing missing ")
+        yield f"| {pick.what.format(*cells)} | {figures} | `--only {pick.section}` | {section['date']} |"
 
 
 if __name__ == "__main__":

@@ -1,27 +1,20 @@
-"""Verdicts on records of balls that touch walls, against a reference record of the same rig.
-
-Usage: python tools/bench_contact.py [--quick]. Two rigs that others simulated with contact, taken from MAZEPLAN_DATA or
-beside the checkout, and left out where there are none. What changed is known of rig A; of rig B it is not. Used by
-tools/bench.py.
-"""
+"""Section `contact`: verdicts on records of two rigs that others simulated with contact, against a reference record."""
 
 from __future__ import annotations
 
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from bench_body import contact_folder
+from bench_kit import Section, Table, data_folder
 
 from mazeplan.core.logs.table import read_table
-from mazeplan.diagnosis.rig.reference import RigReference, reference_of
-from mazeplan.diagnosis.rig.result import RigVerdict
+from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 
-MAZE = load_map("cme")
+# What changed on rig A, by record; of rig B it is not known here.
 TRUE = {
     "null-1": "", "null-2": "", "null-3": "", "friction": "dry_friction", "hollow": "rolling_inertia",
     "tilt": "tilt_offset", "late": "sensor_delay", "camera-offset": "camera_offset", "camera-scale": "camera_scale",
@@ -31,76 +24,51 @@ TRUE = {
 }  # fmt: skip
 
 
-def record_row(path: Path, was: RigReference) -> tuple[str, RigVerdict]:
-    """A line of the table: what was found, how it predicts, how long it took."""
-    began = time.perf_counter()
-    done = verdict_on(read_table(path), MAZE, was)
-    took = time.perf_counter() - began
-    names = [effect["name"] for effect in done.effects]
-    sizes = [
-        f"{key} {number['value']:.4g} ± {number['stderr']:.2g}"
-        for effect in done.effects for key, number in effect["parameters"].items()
-        if abs(number["value"] - effect["known_before"].get(key, 0.0)) > 3.0 * number["stderr"]
-    ]  # fmt: skip
-    errors = f"{done.before['rollout40']:.3f} | {done.after['rollout40']:.3f}"
-    cells = [
-        path.stem,
-        done.verdict,
-        ", ".join(names),
-        ", ".join(sizes),
-        errors,
-        f"{done.remaining:.2f}",
-        f"{took:.0f}",
-    ]
-    return f"| {' | '.join(cells)} |", done
+def rig_rows(folder: Path, quick: bool) -> list[list[str]]:
+    """A row for each record of a rig."""
+    maze = load_map("cme")
+    reference = reference_of([read_table(folder / "reference.csv")], maze, load_model(folder / "model"))
+    rows = []
+    for path in sorted(path for path in folder.glob("*.csv") if path.stem != "reference")[: 2 if quick else None]:
+        began = time.perf_counter()
+        done = verdict_on(read_table(path), maze, reference)
+        took = time.perf_counter() - began
+        sizes = [
+            f"{key} {number['value']:.4g} ± {number['stderr']:.2g}"
+            for effect in done.effects for key, number in effect["parameters"].items()
+            if abs(number["value"] - effect["known_before"].get(key, 0.0)) > 3.0 * number["stderr"]
+        ]  # fmt: skip
+        names = ", ".join(effect["name"] for effect in done.effects)
+        errors = [f"{when['rollout40']:.3f}" for when in (done.before, done.after)]
+        name = f"{folder.name} {path.stem}"
+        rows.append([name, done.verdict, names, ", ".join(sizes), *errors, f"{done.remaining:.2f}", f"{took:.0f}"])
+    return rows
 
 
-def rig_rows(folder: Path, quick: bool) -> tuple[list[str], int, int]:
-    """The lines of a rig; how many of its known effects come first, and how many names there are too many."""
-    began = time.perf_counter()
-    was = reference_of([read_table(folder / "reference.csv")], MAZE, load_model(folder / "model"))
-    rows, right, surplus = [f"| {folder.name}: reference | | | | | | | {time.perf_counter() - began:.0f} |"], 0, 0
-    records = sorted(path for path in folder.glob("*.csv") if path.stem != "reference")
-    for path in records[: 2 if quick else None]:
-        row, done = record_row(path, was)
-        rows.append(row)
-        names, true = [effect["name"] for effect in done.effects], TRUE.get(path.stem, "")
-        right += bool(true) and names[:1] == [true]
-        surplus += len([name for name in names if name != true])
-        print(row, file=sys.stderr, flush=True)
-    return rows, right, surplus
-
-
-def contact_section(quick: bool) -> list[str]:
-    """Everything, as lines of Markdown."""
-    folder = contact_folder()
-    lines = [
-        "## Diagnosis of balls that touch walls",
-        "",
-        "`mazeplan diagnose LOG --reference REFERENCE --model MODEL`: records of 300 s by two rigs that others",
-        "simulated with contact, against a record of 600 s in which the model was right. Errors of the angle (rad) 40",
-        "samples ahead, each half predicted with what the other half tells; remaining: innovations over those",
-        "that noise alone would cause. What changed on B is not known here. Thresholds were chosen on A.",
-        "",
-    ]
+def contact_section(quick: bool) -> Section:
+    """Totals of rig A, and a row for each record."""
+    title, folder = "Diagnosis of balls that touch walls", data_folder("contact")
     if folder is None:
-        return [*lines, "The records are not on this machine (MAZEPLAN_DATA names their folder); nothing was measured."]
-    table, (right, surplus) = list[str](), (0, 0)
-    rigs = (folder, folder.parent / "B")
+        raise SystemExit("contact: the records are not on this machine; MAZEPLAN_DATA names the folder of the data")
+    rigs = [folder / name for name in ("A", "B")]
     with ProcessPoolExecutor(len(rigs)) as pool:
-        found = list(pool.map(rig_rows, rigs, [quick] * len(rigs)))
-    for rig, (rows, first, more) in zip(rigs, found, strict=True):
-        table += rows
-        if rig.name == "A":
-            right, surplus = first, more
-    effects = sum(bool(name) for name in TRUE.values())
-    return [
-        *lines,
-        f"On A {right} of {effects} effects come first, with {surplus} names too many in {len(TRUE)} records.",
-        "",
-        "| record | verdict | effects | sizes | before | after | remaining | s |", "|---" * 8 + "|", *table,
-    ]  # fmt: skip
-
-
-if __name__ == "__main__":
-    print("\n".join(contact_section("--quick" in sys.argv)))
+        found = [row for rows in pool.map(rig_rows, rigs, [quick] * len(rigs)) for row in rows]
+    table = Table(("record", "verdict", "effects", "sizes", "before", "after", "remaining", "s"))
+    right = surplus = effects = 0
+    for row in found:
+        table.add(*row)
+        rig, _, record = row[0].partition(" ")
+        if rig == "A":
+            names, true = [name for name in row[2].split(", ") if name], TRUE.get(record, "")
+            effects += bool(true)
+            right += bool(true) and names[:1] == [true]
+            surplus += len([name for name in names if name != true])
+    total = Table(("what", "figure"))
+    total.add("rig A: the right effect first", f"{right} of {effects}")
+    total.add("rig A: wrong names", f"{surplus} in {sum(row[0].startswith('A ') for row in found)} records")
+    notes = (
+        "`mazeplan diagnose LOG --reference REFERENCE --model MODEL`: records of 300 s, reference of 600 s.",
+        "Before and after: error of the angle after 40 samples, rad. Remaining: innovations over those of noise alone.",
+        "Thresholds were chosen on rig A.",
+    )
+    return Section(title, notes, (total, table))

@@ -1,7 +1,6 @@
-"""A policy that imitates the planner: training, arrivals, time of a decision. The section `policy` of BENCHMARKS.md.
+"""Section `policy`: a policy that imitates the planner: training, arrivals, time of a decision.
 
-Usage: python tools/bench_policy.py [--quick]. It keeps the policy in build/policy. The runs of the training have seeds
-from 10 000 000 on; those that are counted here begin at SEED, which no choice was made by.
+The policy stays in build/policy. The runs of the training have seeds from 10 000 000 on.
 """
 
 from __future__ import annotations
@@ -13,22 +12,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from bench_kit import BUILD, ROOT, Section, Table, arrivals
 
 from mazeplan.control.policy import Policy, policy_inputs
 from mazeplan.control.policy_file import load_policy
 from mazeplan.control.tilt import Plate
 from mazeplan.core import resources
-from mazeplan.core.records import NavigationResult, State
+from mazeplan.core.records import State
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
 
-ROOT = Path(__file__).resolve().parent.parent
-FOLDER = ROOT / "build" / "policy"
-SEED, WORKERS = 20_000, 2
+FOLDER = BUILD / "policy"
+SEED, WORKERS = 20_000, 2  # no choice was made by runs with seeds from here on
 PLANNED = """\
       <PlanInRing opening="{opening}" plan="{plan}"/>
       <Track opening="{opening}" plan="{plan}"/>
@@ -75,66 +73,41 @@ def decision_us(policy: Policy, count: int) -> list[float]:
     return times
 
 
-def arrival_row(what: str, results: list[NavigationResult]) -> str:
-    """A line of the table of arrivals."""
-    times = [result.time_s for result in results if result.success]
-    failures = Counter(str(failure.kind) for result in results for failure in result.failures)
-    told = ", ".join(f"{kind} {count}" for kind, count in sorted(failures.items())) or "none"
-    figures = f"{statistics.mean(times):.2f} | {max(times):.2f}" if times else "- | -"
-    plans = sum(result.planner_ms["max"] > 0.0 for result in results)
-    row = f"| {what} | {len(times)}/{len(results)} | {figures} | {plans} | {told} |"
-    print(row, file=sys.stderr, flush=True)
-    return row
-
-
-def arrival_rows(quick: bool) -> list[str]:
-    """The table of arrivals."""
+def arrival_table(quick: bool) -> Table:
+    """Runs from ring 1 to the centre with each tree; plans have no deadline."""
     many, few = (4, 2) if quick else (100, 16)
+    table = Table(("tree", "arrived", "mean s", "worst", "runs with a plan", "failures on the way"))
 
-    def runs(count: int, **more: str) -> list[NavigationResult]:
+    def row(what: str, count: int, **more: str) -> None:
         given = {"rig": "toy", "policy": str(FOLDER), "behavior": "policy", **more}
-        given = {key: value for key, value in given.items() if value}
-        return evaluate(Campaign(runs=count, seed=SEED, deadline=False, **given), workers=WORKERS)  # pyright: ignore
+        campaign = Campaign(runs=count, seed=SEED, deadline=False, **{k: v for k, v in given.items() if v})  # pyright: ignore
+        results = evaluate(campaign, workers=WORKERS)
+        arrived, times, failures = arrivals(results)
+        figures = (f"{statistics.mean(times):.2f}", f"{max(times):.2f}") if times else ("-", "-")
+        table.add(what, arrived, *figures, sum(r.planner_ms["max"] > 0.0 for r in results), failures)
 
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "alone.xml"
         alone.write_text(without_planner(), encoding="utf-8")
-        return [
-            "| tree | arrived | mean s | worst | runs with a plan | failures on the way |",
-            "|---|---|---|---|---|---|",
-            arrival_row("`policy`: the planner as its fallback", runs(many)),
-            arrival_row("no planner: recoveries only, any distance", runs(many, behavior=str(alone))),
-            arrival_row("`navigate`: the planner", runs(many, policy="", behavior="navigate")),
-            arrival_row("`policy` on the rig rough, of which it knows nothing", runs(few, rig="rough")),
-            arrival_row("`policy` on the map lopsided, of which it knows nothing", runs(few, map="lopsided")),
-        ]
+        row("`policy`: the planner as its fallback", many)
+        row("no planner: recoveries only, any distance", many, behavior=str(alone))
+        row("`navigate`: the planner", many, policy="", behavior="navigate")
+        row("`policy` on the rig rough, of which it knows nothing", few, rig="rough")
+        row("`policy` on the map lopsided, of which it knows nothing", few, map="lopsided")
+    return table
 
 
-def policy_section(quick: bool) -> list[str]:
-    """Everything, as lines of Markdown."""
+def policy_section(quick: bool) -> Section:
+    """Training, arrivals, time of a decision."""
     command, wall, cpu = trained(quick)
     policy = load_policy(FOLDER)
-    times = decision_us(policy, 2000 if quick else 20_000)
-    facts = policy.facts
-    return [
-        "## A policy that imitates the planner (simulated)",
-        "",
-        f"`{command}`: {facts['rounds']} rounds of {facts['runs']} runs, {facts['samples']} samples, seeds"
-        f" {facts['run_seeds'][0]} to {facts['run_seeds'][1]}.",
-        f"It took {wall / 60.0:.1f} min in {WORKERS} processes beside other work on this machine, and"
-        f" {cpu / 60.0:.1f} min of processor time. On the samples held out",
-        f"its commands are off by {facts['error_deg']:.2f} deg on average.",
-        "",
-        f"Runs from ring 1 to the centre, seeds from {SEED}, which no choice was made by; plans without a deadline:",
-        "",
-        *arrival_rows(quick),
-        "",
-        f"One decision (inputs, distance, command; numpy, one core), wall time of each of {len(times)}: median"
-        f" {statistics.median(times):.0f} us, 90 % within {np.quantile(times, 0.9):.0f} us.",
-        f"The network has {policy.size} numbers, {policy.size * 4 / 1024:.1f} KiB as `float`, and the"
-        f" {len(policy.centres)} centres of its distance {policy.centres.size * 4 / 1024:.1f} KiB.",
-    ]  # fmt: skip
-
-
-if __name__ == "__main__":
-    print("\n".join(policy_section("--quick" in sys.argv)))
+    times, facts = decision_us(policy, 2000 if quick else 20_000), policy.facts
+    training = Table(("what", "figure"))
+    training.add("runs of the training", f"{facts['rounds']} rounds of {facts['runs']}, {facts['samples']} samples")
+    training.add("time of the training", f"{wall / 60.0:.1f} min in {WORKERS} processes, {cpu / 60.0:.1f} min of CPU")
+    training.add("mean error of its commands, held-out samples", f"{facts['error_deg']:.2f} deg")
+    low, high = statistics.median(times), np.quantile(times, 0.9)
+    training.add("one decision (numpy, one core)", f"median {low:.0f} us, 90 % within {high:.0f} us")
+    training.add("size", f"{policy.size} numbers, {policy.size * 4 / 1024:.1f} KiB as `float`")
+    notes = (f"`{command}`.", f"Counted runs: seeds from {SEED}; no choice was made by these seeds.")
+    return Section("A policy that imitates the planner (simulated)", notes, (arrival_table(quick), training))

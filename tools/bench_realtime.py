@@ -1,4 +1,4 @@
-"""Ticks by the clock on the wall on a machine that does other work: the section `realtime` of BENCHMARKS.md."""
+"""Section `realtime`: ticks by the clock on the wall on a machine that does other work."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from time import perf_counter
 from unittest import mock
 
 import numpy as np
+from bench_kit import Section, arrivals
+from bench_kit import Table as Figures
 
 from mazeplan.core.records import NavigationResult, Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
@@ -101,26 +103,21 @@ def runs_of(way: str, runs: int) -> tuple[list[NavigationResult], np.ndarray]:
     return results, np.array(ticks)
 
 
-def realtime_section(quick: bool) -> list[str]:
+def realtime_section(quick: bool) -> Section:
     """A row for each way."""
-    runs, rows = 3 if quick else 100, []
+    runs = 3 if quick else 100
+    table = Figures(("machine", "arrived", "mean s", "ticks", "p50 ms", "p99 ms", "longest ms", "beyond 33 ms"))
     for way in WAYS:
         results, ticks = runs_of(way, runs)
-        times = [result.time_s for result in results if result.success]
-        beyond, (p50, p99) = int((ticks > PERIOD_MS).sum()), np.percentile(ticks, [50, 99])
-        cells = [way, f"{len(times)}/{runs}", f"{np.mean(times or [math.nan]):.2f}", f"{len(ticks)}"]
-        cells += [f"{p50:.1f}", f"{p99:.1f}", f"{ticks.max():.0f}", f"{beyond} ({100.0 * beyond / len(ticks):.2f} %)"]
-        rows.append(f"| {' | '.join(cells)} |")
-    return [
-        "## Real time on a busy machine (simulated rig)",
-        "",
-        f"Rig `toy` at 30 Hz by the clock on the wall, {runs} runs a row with their logs, seeds from {SEED}. The world",
-        "goes on while the program computes: a late command acts late, and the samples between are lost. Every",
-        f"twentieth picture is {1e3 * LATE_S:.0f} ms older than the others. Busy: {_cores()} processes compute without",
-        f"end on {_cores()} cores, at the same priority. A run keeps Python's garbage collector away from all that was",
-        "there before it began (`gc.freeze`); the last row shows what that brings.",
-        "",
-        "| machine | arrived | mean s | ticks | p50 ms | p99 ms | longest ms | beyond 33 ms |",
-        "|---|---|---|---|---|---|---|---|",
-        *rows,
-    ]
+        arrived, times, _ = arrivals(results)
+        beyond, percentiles = int((ticks > PERIOD_MS).sum()), np.percentile(ticks, [50, 99, 100])
+        ms, late = (f"{x:.1f}" for x in percentiles), f"{beyond} ({100.0 * beyond / len(ticks):.2f} %)"
+        table.add(way, arrived, f"{np.mean(times or [math.nan]):.2f}", len(ticks), *ms, late)
+    notes = (
+        f"Rig `toy` at 30 Hz by the clock on the wall, {runs} runs a row with their logs, seeds from {SEED}.",
+        "The world goes on while the program computes: a late command acts late, and samples between are lost.",
+        f"Every twentieth picture is {1e3 * LATE_S:.0f} ms older than the others.",
+        f"Busy: {_cores()} processes compute without end on {_cores()} cores, at the same priority.",
+        "The last row is without `gc.freeze`, which keeps old objects away from Python's garbage collector.",
+    )
+    return Section("Real time on a busy machine (simulated rig)", notes, (table,))

@@ -1,4 +1,4 @@
-"""Learning on rigs that nobody here made: collect, learn, and runs before and after. Used by tools/bench.py.
+"""Sections `strange` and `drawn`: learning on rigs of other kinds: collect, learn, and runs before and after.
 
 The rigs are those of tests/strange_rigs.py: six named ones, and any number drawn at random; further ones are classes in
 the folder that MAZEPLAN_RIGS names. Each gets 300 s of `collect --rings --place`, `learn --kind pi` of them, and the
@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 import yaml
+from bench_kit import Section, Table
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
 SECONDS = 300.0
 SIX = tuple(f"strange_rigs:{name}" for name in ("Stepper", "Prompt", "Late", "Springy", "Blind", "Slow"))
 FIRST = 7000  # seed of the first drawn rig of the table; none of these had a part in the work on the program
@@ -159,21 +158,20 @@ def others() -> tuple[str, ...]:
     return ("euler_rig:StickyRig", "delay_rig:Delayed")
 
 
-def strange_section(quick: bool) -> list[str]:
+def strange_section(quick: bool) -> Section:
     """The six, and the rigs of others."""
-    rows = [
-        "## Learning on rigs of other kinds (simulated)",
-        "",
-        "`MAZEPLAN_RIGS=FOLDER python tools/bench.py --only strange`: 300 s of `collect --rings --place`, `learn",
-        "--kind pi`, then the same starts and seeds without a model and with the model just learned.",
-        "",
-        "| rig | servo, as found | fit: stage, ball (times the noise) | without a model | learned | CPU s of `learn` |",
-        "|---|---|---|---|---|---|",
-    ]
-    return rows + [table_row(row) for row in measured([(name, 2 if quick else 24, 0) for name in (*others(), *SIX)])]
+    columns = ("rig", "servo, as found", "fit: stage, ball (times the noise)", "without a model", "learned")
+    table = Table((*columns, "CPU s of `learn`"))
+    for row in measured([(name, 2 if quick else 24, 0) for name in (*others(), *SIX)]):
+        table.add(*cells(row))
+    notes = (
+        "`MAZEPLAN_RIGS=FOLDER`: 300 s of `collect --rings --place`, `learn --kind pi`, then the same starts and seeds",
+        "without a model and with the model just learned.",
+    )
+    return Section("Learning on rigs of other kinds (simulated)", notes, (table,))
 
 
-def drawn_section(quick: bool) -> list[str]:
+def drawn_section(quick: bool) -> Section:
     """Rigs drawn at random, and ten records of each named rig."""
     drawn, logs = (2, 1) if quick else (100, 10)
     many = [row for row in measured([(f"drawn {FIRST + i}", 8, 0) for i in range(drawn)]) if "error" not in row]
@@ -182,23 +180,20 @@ def drawn_section(quick: bool) -> list[str]:
     still = [row["rig"] for row in measured([(name, 8, 0, True) for name in worse]) if slower(row)]
     written = measured([(name, 0, seed) for name in (*others(), *SIX) for seed in range(logs)])
     failed, open_ = [r for r in written if "error" in r], [n for r in written if "error" not in r for n in r["open"]]
-    return [
-        "## Learning on rigs drawn at random (simulated)",
-        "",
-        "`MAZEPLAN_RIGS=FOLDER python tools/bench.py --only drawn`: servos, balls, walls, tilt sensors and cameras of",
-        "all kinds of tests/strange_rigs.py, 300 s of record each, 8 runs before and after.",
-        "",
-        "| what | figure |",
-        "|---|---|",
-        f"| rigs (seeds {FIRST} on) | {drawn} |",
-        f"| arrive in all runs without a model | {arrive[0]} |",
-        f"| arrive in all runs with the model that they learned | {arrive[1]} |",
-        f"| made worse by learning: fewer arrivals, or longer by {SIGMAS:g} standard errors | {listed(worse)} |",
-        f"| the same with `learn --rig`, which drives a few runs | {listed(still)} |",
-        f"| records that could not be learned from | {drawn - len(many)} |",
-        f"| records of the named rigs, {logs} each: files that cannot be read | {len(failed)} of {len(written)} |",
-        f"| numbers in them at a bound or as uncertain as their range | {len(open_)} |",
-    ]
+    table = Table(("what", "figure"))
+    table.add(f"rigs (seeds {FIRST} on)", drawn)
+    table.add("arrive in all runs without a model", arrive[0])
+    table.add("arrive in all runs with the model that they learned", arrive[1])
+    table.add(f"made worse by learning: fewer arrivals, or longer by {SIGMAS:g} standard errors", listed(worse))
+    table.add("the same with `learn --rig`, which drives a few runs", listed(still))
+    table.add("records that could not be learned from", drawn - len(many))
+    table.add(f"records of the named rigs, {logs} each: unreadable files", f"{len(failed)} of {len(written)}")
+    table.add("numbers in them at a bound or as uncertain as their range", len(open_))
+    notes = (
+        "`MAZEPLAN_RIGS=FOLDER`: servos, balls, walls, tilt sensors and cameras of all kinds of tests/strange_rigs.py,",
+        "300 s of record each, 8 runs before and after.",
+    )
+    return Section("Learning on rigs drawn at random (simulated)", notes, (table,))
 
 
 def listed(names: Sequence[str]) -> str:
@@ -206,10 +201,10 @@ def listed(names: Sequence[str]) -> str:
     return f"{len(names)}{f' ({names[0]} ...)' if names else ''}"
 
 
-def table_row(row: dict[str, Any]) -> str:
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """The row of a named rig."""
     if "error" in row:
-        return f"| `{row['rig']}` | {row['error']} | | | | |"
+        return f"`{row['rig']}`", row["error"], "", "", "", ""
     order, frequency, dead = row["stage"][0]
     kind = ("at once", f"first order, {frequency:.0f} rad/s", f"second order, {frequency:.0f} rad/s")[order]
     fits = ", ".join(f"{name} {times:.1f}" for name, times in row["fits"].items())
@@ -220,7 +215,7 @@ def table_row(row: dict[str, Any]) -> str:
         for when in ("before", "after")
     ]
     late = f" after {1e3 * dead:.0f} ms" if dead > 5e-3 else ""
-    return f"| `{row['rig']}` | {kind}{late} | {fits} | {runs[0]} | {runs[1]} | {row['learn_s']:.0f} |"
+    return f"`{row['rig']}`", kind + late, fits, *runs, f"{row['learn_s']:.0f}"
 
 
 def main() -> None:

@@ -1,151 +1,34 @@
-"""Random behaviour trees, and damaged trees and maps, by the thousand: the section `trees` of BENCHMARKS.md, and with
-smaller counts tests/test_fuzzing.py.
-
-A random tree loads, is ticked 200 times and halted: afterwards nothing runs, and every leaf that was started has
-finished or was halted exactly once. A damaged file loads, or is an error with file and line in one line of text; within
-a second of processor time.
-"""
+"""Section `trees`: random behaviour trees, and damaged trees and maps, by the thousand."""
 
 from __future__ import annotations
 
-import gc
 import tempfile
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
-from time import process_time
 
-from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, LEAVES, DiceRun, random_tree, run_tree
-
-from mazeplan.behavior.registry import REGISTRY
-from mazeplan.behavior.trees import load_tree
-from mazeplan.btree.outline import tree_text
-from mazeplan.core import resources
-from mazeplan.core.errors import MapError, TreeError
-from mazeplan.maze.mapfile import check_text, dump_map, load_map
-
-TICKS = 200
-LIMIT = 1.0  # s of processor time for one file
-LONGEST = 1500  # characters of an error
+from bench_kit import Section, Table, counts
+from fuzz_files import TICKS, damaged_maps, damaged_trees, ticked_trees
 
 
-@dataclass
-class Outcome:
-    """Of damaged files, by the kind of damage: how many loaded and how many were refused; the longest time, s; and what
-    came out that should not have."""
-
-    loaded: Counter[str] = field(default_factory=Counter)
-    refused: Counter[str] = field(default_factory=Counter)
-    longest: float = 0.0
-    wrong: list[str] = field(default_factory=list)
-
-
-def ticked_trees(count: int, folder: Path) -> tuple[Counter[str], int, list[str]]:
-    """How the random trees of seeds 0 to count - 1 ended, how many leaves were started, and what went wrong."""
-    ended, started, wrong, path = Counter[str](), 0, [], folder / "random.xml"
-    for seed in range(count):
-        rng = Random(seed)
-        path.write_text(random_tree(rng), encoding="utf-8")
-        try:
-            how, leaves = run_tree(path, rng, TICKS)
-        except Exception as problem:  # whatever it is, it is a finding
-            wrong.append(f"seed {seed}: {type(problem).__name__}: {problem}")
-        else:
-            ended[how] += 1
-            started += leaves
-    return ended, started, wrong
-
-
-def damaged_trees(count: int, folder: Path) -> Outcome:
-    """Mutants of the packaged trees and of random ones, of seeds 0 to count - 1."""
-
-    def load(path: Path) -> None:
-        tree_text(load_tree(path, {**REGISTRY, **LEAVES}, DiceRun(Random(0))))
-
-    sources = [path.read_bytes() for path in sorted(resources.share("behaviors").glob("*.xml"))]
-    sources += [random_tree(Random(seed)).encode() for seed in range(20)]  # of all kinds of nodes
-    return _damaged(count, folder / "mutant.xml", sources, DAMAGE_TO_XML, load, TreeError)
-
-
-def damaged_maps(count: int, folder: Path) -> Outcome:
-    """Mutants of the packaged maps, of seeds 0 to count - 1; one that loads must be the same when written and read."""
-
-    def load(path: Path) -> None:
-        maze = load_map(path)
-        if check_text(dump_map(maze)).maze != maze:
-            raise ValueError("written and read again it is another maze")
-
-    sources = [path.read_bytes() for path in sorted(resources.share("maps").glob("*.yaml"))]
-    return _damaged(count, folder / "mutant.yaml", sources, DAMAGE_TO_YAML, load, MapError)
-
-
-def _damaged(
-    count: int,
-    path: Path,
-    sources: list[bytes],
-    damages: tuple[Callable[[bytes, Random], bytes], ...],
-    load: Callable[[Path], None],
-    expected: type[TreeError] | type[MapError],
-) -> Outcome:
-    outcome = Outcome()
-    gc.disable()  # all that a test process holds would be looked through, for seconds, in the time of one file
-    for seed in range(count):
-        rng = Random(seed)
-        damage = rng.choice(damages)
-        path.write_bytes(damage(rng.choice(sources), rng))
-        began = process_time()
-        try:
-            load(path)
-            outcome.loaded[damage.__name__] += 1
-        except expected as error:
-            outcome.refused[damage.__name__] += 1
-            text = str(error)
-            place = (
-                f"{error.file}:{error.line}: "  # a value that a packaged tree does not take is told at its line there
-            )
-            there = error.file is not None and Path(error.file).is_file()
-            if not (error.line and there and text.startswith(place) and text.isprintable()):
-                outcome.wrong.append(f"seed {seed}: no line, or more than one: {text[:200]!r}")
-            if len(text) > LONGEST:
-                outcome.wrong.append(f"seed {seed}: an error of {len(text)} characters")
-        except Exception as problem:  # whatever it is, it is a finding
-            outcome.wrong.append(f"seed {seed}: {type(problem).__name__}: {str(problem)[:200]}")
-        took = process_time() - began
-        outcome.longest = max(outcome.longest, took)
-        if took > LIMIT:
-            outcome.wrong.append(f"seed {seed}: took {took:.1f} s")
-    gc.enable()
-    return outcome
-
-
-def trees_section(quick: bool) -> list[str]:
+def trees_section(quick: bool) -> Section:
+    """Random trees, damaged files, and what went wrong with them."""
     trees, files = (100, 300) if quick else (1000, 10_000)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         ended, started, wrong = ticked_trees(trees, folder)
         outcomes = {"trees (XML)": damaged_trees(files, folder), "maps (YAML)": damaged_maps(files, folder)}
-    said = ", ".join(f"{how} {n}" for how, n in sorted(ended.items()))
-    rows = [
-        "## Behaviour trees and maps, random and damaged",
-        "",
-        f"{trees} random trees with preconditions, {TICKS} ticks each with leaves that do what a die says; halted:",
-        f"{len(wrong)} went wrong. {started} leaves were started, and each finished or was halted exactly once. How",
-        f"the last tick ended: {said}",
-        "(error: an expression or port without a value, named with its line).",
-        "",
-        "Packaged files, damaged at random (seeds from 0). Error at a line: one line of text that names file and line.",
-        "",
-        "| damaged | what was done | loads | error at a line | anything else | longest, ms |",
-        "|---|---|---|---|---|---|",
-    ]
+    ticked = Table(("random trees", "ticks each", "went wrong", "leaves started", "result of the last tick"))
+    ticked.add(trees, TICKS, len(wrong), started, counts(ended))
+    damaged = Table(("damaged", "how", "loads", "error at a line", "anything else", "longest, ms"))
     for what, outcome in outcomes.items():
         for kind in sorted({*outcome.loaded, *outcome.refused}):
-            words = kind.replace("damaged_", "")
-            rows.append(f"| {what} | {words} | {outcome.loaded[kind]} | {outcome.refused[kind]} | | |")
+            how = kind.replace("damaged_", "")
+            damaged.add(what, how, outcome.loaded[kind], outcome.refused[kind], "-", "-")
         loads, errors = outcome.loaded.total(), outcome.refused.total()
-        longest = f"{1e3 * outcome.longest:.0f}"
-        rows.append(f"| {what} | all | {loads} | {errors} | {len(outcome.wrong)} | {longest} |")
+        damaged.add(what, "all", loads, errors, len(outcome.wrong), f"{1e3 * outcome.longest:.0f}")
     findings = [*wrong, *(text for outcome in outcomes.values() for text in outcome.wrong)]
-    return rows + [f"- {text}" for text in findings[:20]]
+    notes = (
+        "Leaves of random trees draw their result. `error`: an expression or port without a value, named with a line.",
+        "Damaged: packaged files, seeds from 0. Error at a line: one line of text that names file and line.",
+        *(f"Finding: {text}" for text in findings[:20]),
+    )
+    return Section("Behaviour trees and maps, random and damaged", notes, (ticked, damaged))

@@ -1,4 +1,4 @@
-"""Random trees, and random damage to files: material for tests/test_fuzzing.py and tools/bench_trees.py.
+"""Random trees, and random damage to files: material for tests/test_fuzzing.py and tools/fuzz_files.py.
 
 A random tree is drawn from the grammar of the format: every node, ports as literals and keys, subtrees, preconditions.
 Its leaves do what a die says and note what happens to them. Damage is done to bytes, lines, numbers, and to elements

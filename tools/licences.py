@@ -1,23 +1,12 @@
-"""Writes docs/licences.md: every package that mazeplan or an extra brings, with version and licence.
+"""Checks the licences of all packages that mazeplan or an extra brings, in an environment with all extras.
 
-Usage: python tools/licences.py [FILE], in an environment with all extras that shall be listed
+Usage: python tools/licences.py. Prints package, version and licence; exit status 1: a package of the base install is
+under GPL or AGPL, or the metadata of a package names no licence.
 """
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-from dependencies import BASE, ROOT, UNKNOWN, Dependency, closure, copyleft, requirements
-
-PAGE = ROOT / "docs" / "licences.md"
-HEAD = """\
-# Licences of dependencies
-
-mazeplan itself is under Apache-2.0. `python tools/licences.py` writes this page from the metadata of the installed
-packages. A test checks that every licence is known, and that no package of the base install is under GPL or AGPL.
-Direct dependencies are bold. An extra lists what it adds to the base install."""
-NOT_HERE = "not installed where this page was written"
+from dependencies import BASE, UNKNOWN, Dependency, closure, copyleft, requirements
 
 
 def groups() -> dict[str, list[Dependency]]:
@@ -29,28 +18,6 @@ def groups() -> dict[str, list[Dependency]]:
         if extra != BASE:
             found[extra] = [one for name, one in closure(group).items() if name not in base]
     return {name: sorted(group, key=lambda one: one.name.lower()) for name, group in found.items()}
-
-
-def page(found: dict[str, list[Dependency]]) -> str:
-    """The page in Markdown."""
-    rows = [HEAD]
-    for name, group in found.items():
-        rows += [
-            "",
-            "## Base install" if name == BASE else f"## Extra `{name}`",
-            "",
-            "| package | version | licence |",
-            "|---|---|---|",
-        ]
-        rows += [_row(one) for one in group]
-    return "\n".join(rows) + "\n"
-
-
-def _row(one: Dependency) -> str:
-    name = f"**{one.name}**" if one.direct else one.name
-    if one.version is None:
-        return f"| {name} | | {NOT_HERE} |"
-    return f"| {name} | {one.version.partition('+')[0]} | {one.licence.replace('|', '/')} |"
 
 
 def problems(found: dict[str, list[Dependency]]) -> list[str]:
@@ -67,9 +34,9 @@ def problems(found: dict[str, list[Dependency]]) -> list[str]:
 
 def main() -> None:
     found = groups()
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
-    target.write_text(page(found), encoding="utf-8")
-    print(f"wrote {target}: {len({one.name for group in found.values() for one in group})} packages")
+    for name, group in found.items():
+        for one in group:
+            print(f"{name:9s} {one.name} {one.version or 'not installed'}: {one.licence}")
     if bad := problems(found):
         raise SystemExit("\n".join(bad))
 

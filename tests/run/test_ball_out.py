@@ -10,8 +10,8 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from bench_out import LIMIT_S, MAZE, RIGS, RIM, thrown_run, told
 from planar_rig import PATIENT, PlanarRig, known
+from thrown_ball import LIMIT_S, MAZE, RIGS, RIM, thrown_run, told
 
 import mazeplan.apps.environment as room
 from mazeplan.apps.view.panel import facts_html

@@ -10,14 +10,14 @@ import check_pins
 import licences
 import pytest
 import try_wheel
-from dependencies import BASE, UNKNOWN, Dependency, closure, copyleft, licence_of, requirements
+from dependencies import BASE, UNKNOWN, Dependency, closure, copyleft, licence_of
 from lowest import direct, lowest
 from packaging.requirements import Requirement
 from packaging.version import Version
 
 HERE = pytest.mark.skipif(
     (sys.platform, *sys.version_info[:2]) != ("linux", 3, 11),
-    reason="constraints.txt and the page of licences are written by Python 3.11 on Linux; others need other packages",
+    reason="constraints.txt is written by Python 3.11 on Linux; others need other packages",
 )
 
 
@@ -32,19 +32,6 @@ def test_every_dependency_has_a_known_licence_and_the_base_install_no_copyleft(g
     names = {one.name.lower() for one in groups[BASE]}
     assert {"numpy", "mujoco", "pydantic_core", "llvmlite"} <= names, "those that others bring, too"
     assert all(one.version for one in groups[BASE])
-
-
-@HERE
-def test_the_page_of_licences_lists_every_package_of_the_base_install(groups):
-    text = licences.PAGE.read_text(encoding="utf-8")
-    base = text.partition("## Base install")[2].partition("## ")[0]
-    listed = {
-        re.sub(r"[-_.]+", "-", name.lower()) for name in re.findall(r"^\| \**([\w.-]+?)\** \|", base, re.MULTILINE)
-    }
-    here = {re.sub(r"[-_.]+", "-", one.name.lower()) for one in groups[BASE]}
-    assert listed - {"package"} == here, "make licences writes the page anew"
-    for extra in requirements():
-        assert extra == BASE or f"## Extra `{extra}`" in text
 
 
 def test_a_missing_licence_and_copyleft_are_told(groups):

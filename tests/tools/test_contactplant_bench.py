@@ -1,13 +1,10 @@
-"""How the bench over drawn rigs with contact counts verdicts, and that it goes on where it was interrupted."""
+"""How the bench over drawn rigs with contact counts verdicts."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
-
-import bench_contactplant as bench
 import pytest
-from bench_contactplant import Job, Outcome, jobs_of, kept, report
+from bench_contactplant import jobs_of
+from contact_outcomes import NULL, Job, Outcome, totals
 from contacteffects import EFFECTS
 
 
@@ -19,9 +16,9 @@ def outcome(effect, names=(), verdict="effect_found", alike=(), sizes=None, size
 @pytest.mark.parametrize(
     ("done", "called"),
     [
-        (outcome(bench.NULL, verdict="nothing_missing"), "right"),
-        (outcome(bench.NULL, verdict="unknown_effect"), "unknown"),
-        (outcome(bench.NULL, ["deadband"]), "wrong names"),
+        (outcome(NULL, verdict="nothing_missing"), "right"),
+        (outcome(NULL, verdict="unknown_effect"), "unknown"),
+        (outcome(NULL, ["deadband"]), "wrong names"),
         (outcome("lost_pictures", verdict="nothing_missing"), "right"),
         (outcome("dry_friction", ["dry_friction"]), "right"),
         (outcome("dry_friction", ["dry_friction", "deadband"]), "also wrong names"),
@@ -55,25 +52,14 @@ def test_the_table_has_every_size_of_every_effect_on_different_rigs():
     assert len(jobs) == len(set(jobs)) == 4 * 3 + 2 * 3 * len(EFFECTS)
     for name in EFFECTS:
         assert len({job.rig for job in jobs if job.effect == name}) >= 3
-    assert {job.effect for job in jobs_of(2, 1, 1, ["backlash"])} == {bench.NULL, "backlash"}
+    assert {job.effect for job in jobs_of(2, 1, 1, ["backlash"])} == {NULL, "backlash"}
 
 
-def test_what_is_in_the_file_is_not_done_again(tmp_path, monkeypatch):
-    path, done = tmp_path / "kept.jsonl", []
-
-    def played(jobs):
-        for job in jobs:
-            done.append(job)
-            yield Outcome(job, "nothing_missing", [], [], {}, 1.0, 0.1, 0.1, 1.0)
-
-    monkeypatch.setattr(bench, "of_rig", played)
-    jobs = jobs_of(2, 1, 1, ["backlash"])
-    first = Outcome(jobs[0], "effect_found", ["deadband"], [], {}, 1.0, 0.1, 0.1, 1.0)
-    path.write_text(json.dumps(asdict(first)) + "\n" + '{"job": {"rig"')  # cut short while it was written
-    assert kept(path) == {first.job: first}
-    got = bench.run(jobs, path, 1)
-    assert [o.job for o in got] == jobs
-    assert sorted(map(str, done)) == sorted(map(str, jobs[1:]))
-    assert bench.run(jobs, path, 1) == got
-    assert len(done) == len(jobs) - 1
-    assert any("alarms where nothing changed" in line for line in report(got))
+def test_totals_count_alarms_and_right_names():
+    done = [
+        outcome(NULL, verdict="nothing_missing"), outcome(NULL, ["deadband"]),
+        outcome("dry_friction", ["dry_friction"]), outcome("dry_friction", ["viscous_friction"]),
+    ]  # fmt: skip
+    figures = dict(totals(done).rows)
+    assert figures["alarms where nothing changed"] == "1 of 2 (50 %)"
+    assert figures["effects named rightly"] == "1 of 2 (50 %)"
