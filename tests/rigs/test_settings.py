@@ -22,7 +22,7 @@ MAPS = Path(__file__).resolve().parents[2] / "maps"
 
 def test_packaged_rigs_are_as_documented():
     assert rig_names() == ("hardware", "ideal", "rough", "surprise", "toy", "worn")
-    ideal, rough, _, toy, _ = (make_rig(name, MAZE).settings for name in rig_names()[2:])  # pyright: ignore
+    ideal, rough, _, toy, _ = (make_rig(name, MAZE).settings for name in rig_names()[1:])  # pyright: ignore
     for name in ("camera_noise_mm", "camera_delay_frames", "tilt_noise_deg", "table_x_deg", "ball_lost_probability"):
         assert getattr(ideal, name) == 0
     assert (toy.camera_noise_mm, toy.camera_delay_frames, toy.tilt_noise_deg) == (0.5, 2, 0.05)
