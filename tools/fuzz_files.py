@@ -17,9 +17,9 @@ from time import process_time
 
 from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, LEAVES, DiceRun, random_tree, run_tree
 
-from mazeplan.behavior.outline import tree_text
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree.outline import tree_text
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError, TreeError
 from mazeplan.maze.mapfile import check_text, dump_map, load_map

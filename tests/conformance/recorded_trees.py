@@ -15,11 +15,11 @@ from typing import Any, ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior import tree as trees
-from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.ports import REQUIRED, Port
-from mazeplan.behavior.status import FAILURE, RUNNING, SUCCESS
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.trees import load_tree
+from mazeplan.btree import tree as trees
+from mazeplan.btree.leaf import Leaf
+from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS
 from mazeplan.core.errors import TreeError
 
 FOLDER = Path(__file__).resolve().parent
