@@ -9,7 +9,8 @@ from py_trees.common import Status
 
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import shown
-from mazeplan.core.records import Failure, FailureKind, State
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.records import Command, Failure, FailureKind, State
 from mazeplan.maze.geometry import Opening
 
 if TYPE_CHECKING:
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
 STILL_AFTER = 0.6  # s after which a ball that stands where it should not counts as stuck
+HELD_AFTER = 0.35  # s after which such a ball is freed by a push along the ring; a slow servo has moved it by then
+THROAT_M = 1e-3  # m; a ball this far beyond the free width of its ring is between the walls of an opening
+THROAT_S = 0.2  # s after which a ball that stands there is freed
 
 
 class MazeLeaf(Leaf):
@@ -88,10 +92,40 @@ class StillWatch:
     def __init__(self) -> None:
         self._since, self._x, self._y = 0.0, math.inf, math.inf
 
-    def standing(self, state: State | None) -> bool:
-        """Whether the ball has now been standing for too long. state: where the ball was measured."""
+    def standing(self, state: State | None, after: float = STILL_AFTER) -> bool:
+        """Whether the ball has now been standing for more than `after` s. state: where the ball was measured."""
         if state is None:
             return False
         if math.hypot(state.x - self._x, state.y - self._y) > STILL_RADIUS:
             self._since, self._x, self._y = state.t, state.x, state.y
-        return state.t - self._since > STILL_AFTER
+        return state.t - self._since > after
+
+
+class HeldWatch:
+    """Notices a ball that is held on its way along a ring, and gives the command that frees it.
+
+    A ball between the walls of an opening that is not its next one: the run counts it as in the ring, but a command
+    along the ring only presses it against these walls. The command points to the middle of the ring.
+
+    A ball that stands: the lean of a plan presses it against the wall of the ring, where friction holds it. The command
+    points along the ring."""
+
+    def __init__(self) -> None:
+        self._still, self._in_throat = StillWatch(), False
+
+    def command(self, run: RunContext, opening: Opening) -> Command | None:
+        """The command that frees the ball; None if nothing holds it. opening: the next one."""
+        ring, state = run.maze.ring(run.here.ring), run.measured
+        if ring.is_disc or state is None:
+            return None
+        c, s, full = state.x / state.r, state.y / state.r, GRAVITY * run.plate.limit
+        beyond = abs(state.r - ring.track_radius) - (ring.outer_radius - ring.track_radius - run.maze.ball.radius)
+        stands = self._still.standing(state, THROAT_S)
+        self._in_throat = beyond > THROAT_M and (stands or self._in_throat)  # until it is out
+        if self._in_throat:
+            pull = math.copysign(full, ring.track_radius - state.r)
+            return run.plate.command(pull * c, pull * s)
+        if self._still.standing(state, HELD_AFTER):
+            pull = math.copysign(full, run.turn_to(opening))
+            return run.plate.command(-pull * s, pull * c)
+        return None

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from py_trees.common import Status
 
-from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
+from mazeplan.behavior.mazeleaf import HELD_AFTER, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
-from mazeplan.control.opening import aligned, opening_command
+from mazeplan.control.opening import aligned, freeing_command, opening_command, opening_frame
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.events import OpeningPassed
 from mazeplan.core.records import FailureKind
@@ -88,7 +88,7 @@ class PassOpening(MazeLeaf):
 
     def start(self) -> None:
         """Remember where and when it begins."""
-        self._began, self._ring = self.context.now, self.context.here.ring
+        self._began, self._ring, self._still = self.context.now, self.context.here.ring, StillWatch()
 
     def step(self) -> Status:
         """SUCCESS in the next ring; FAILURE missed_opening, opening_closed, fell_back, wrong_ring."""
@@ -105,11 +105,19 @@ class PassOpening(MazeLeaf):
         # a missed opening shows that the model, or its delay, is not good enough for roll-outs
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
         command = None if trusted is None else trusted.improved_command(run.here, opening, target)
-        if command is None:
+        if self._held(opening):
+            command = freeing_command(run.here, opening, target, run.plate)
+        elif command is None:
             ahead = run.ahead(run.options.gate.lead_s)
             command = opening_command(ahead, opening, target, run.plate, run.options.gate)
         run.steer(self.name, command)
         return Status.RUNNING
+
+    def _held(self, opening: Opening) -> bool:
+        """Whether an edge of the opening holds the ball: it stands, and beside the middle line."""
+        state, clearance = self.context.measured, 0.5 * opening.width - self.context.maze.ball.radius
+        standing = self._still.standing(state, HELD_AFTER)
+        return standing and state is not None and abs(opening_frame(state, opening).across) > clearance
 
 
 class ConfirmRing(MazeLeaf):

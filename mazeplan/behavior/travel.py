@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from py_trees.common import Status
 
-from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
+from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
@@ -180,6 +180,7 @@ class Track(MazeLeaf):
         """Remember where the leg begins."""
         run = self.context
         self._began, self._ring, self._still, self._ticks = run.now, run.here.ring, StillWatch(), 0
+        self._held = HeldWatch()
         expected = run.graph.travel_s(self._ring, run.turn_to(self.current_opening()))
         self._most = self.get("timeout_s") + max(0.0, LONG_WAY * expected - USUAL_S)
 
@@ -202,7 +203,7 @@ class Track(MazeLeaf):
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         plan = self._renewed(plan, opening)
-        run.steer(self.name, self._follow(plan, opening))
+        run.steer(self.name, self._held.command(run, opening) or self._follow(plan, opening))
         run.leg.followed = True
         return Status.RUNNING
 

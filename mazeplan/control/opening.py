@@ -23,6 +23,8 @@ from mazeplan.maze.geometry import Opening
 if TYPE_CHECKING:
     from mazeplan.control.tilt import Plate
 
+AWAY = 0.2  # of the tilt limit, away from an edge that holds the ball
+
 
 @dataclass(frozen=True)
 class OpeningOptions:
@@ -96,3 +98,13 @@ def opening_command(
     strength = GRAVITY * math.radians(options.push_deg if push_deg is None else push_deg)
     sign = -1.0 if towards == opening.inner else 1.0
     return plate.command_along((-s * hold, c * hold), (sign * strength * c, sign * strength * s))
+
+
+def freeing_command(state: State, opening: Opening, towards: int, plate: Plate) -> Command:
+    """The command that frees a ball held by the edge of an opening: across it, to the middle line, and a little away
+    from the edge, where a push would only cause friction."""
+    frame = opening_frame(state, opening)
+    c, s = math.cos(opening.angle), math.sin(opening.angle)
+    full = GRAVITY * plate.limit
+    across, along = -math.copysign(full, frame.across), AWAY * full * (1.0 if towards == opening.inner else -1.0)
+    return plate.command_along((-s * across, c * across), (along * c, along * s))

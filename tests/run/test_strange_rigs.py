@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 from planar_rig import PATIENT
-from strange_rigs import SIX
+from strange_rigs import SIX, StrangeRig, drawn
 
 from mazeplan.core.logs.table import read_table
+from mazeplan.core.records import FailureKind
 from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -45,3 +46,12 @@ def test_with_the_model_of_two_minutes_a_run_arrives(rig, tmp_path):
         learned.kind, learned.stage.beta.order, learned.stage.gamma.order
     )  # fmt: skip
     assert [result.reason for result in runs(rig, model)] == ["arrived"] * 3
+
+
+@pytest.mark.parametrize("start", [3, 7])
+def test_a_ball_held_in_a_throat_is_freed(start):
+    """Walls with friction and a ball with a heavy side: the ball rests between the walls of an opening."""
+    setup = Setup(MAZE, RigModel.nominal(MAZE), settings=PATIENT)
+    result = run_job(StrangeRig(MAZE, drawn(7032)), setup, Job(1, 5, start_angle(start), start, 12.0))
+    assert result.success
+    assert sum(failure.kind == FailureKind.STUCK for failure in result.failures) <= 1
