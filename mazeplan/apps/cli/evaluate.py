@@ -63,7 +63,7 @@ def evaluate(
     from mazeplan.run.balls import with_balls
     from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 
-    check_learning(learn, workers, {"--faults": faults, "--dask": dask, "--store": store})
+    check_learning(learn, output, workers, {"--faults": faults, "--dask": dask, "--store": store})
     maze = with_balls(load_map(map_), balls)
     note_missing_model(rig, model, maze, sense)
     campaign = Campaign(

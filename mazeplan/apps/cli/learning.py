@@ -24,8 +24,12 @@ EXCLUDED = {
 }
 
 
-def check_learning(learn: bool, workers: int | None = None, others: Mapping[str, object] | None = None) -> None:
+def check_learning(
+    learn: bool, output: Path | None, workers: int | None = None, others: Mapping[str, object] | None = None
+) -> None:
     """Raises InputError for options that exclude each other. others: {option in EXCLUDED: its value, or None}"""
+    if output is not None and not learn:
+        raise InputError("-o: got a folder without --learn, expected both: -o keeps the model that the runs teach")
     if learn and workers is not None and workers > 1:
         raise InputError(f"--workers: got {workers} with --learn, expected 1: {EXCLUDED['--dask']}")
     for name, value in (others or {}).items():
