@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,6 @@ ROLLED = ("pi", "np", "npd", "sp")  # kinds with roll-outs, besides networks
 MISFIT = 0.5  # error of the model over the spread of theta_dd, as assumed by the filter before a roll-out
 THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
 COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "nn": 3.0, "spnn": 30.0, "roll": 0.5}  # relative duration
-CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
 ANGLES = 36  # cells of the residual map around the ring
 SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed at the edges of its cells, for either direction
 FEWEST = 3  # minimum number of samples in a cell with a value
@@ -55,7 +54,6 @@ class CompareOptions:
     samples:    settings of the samples
     rates:      rates of the samples; "auto": chosen by the noise of the angle
     fit:        settings of the fits
-    curve:      whether to make learning curves
     bands:      settings of the confidence bands
     kinds:      names in `fitting.KINDS`
     split:      a name in `comparison.SPLITS`
@@ -66,7 +64,6 @@ class CompareOptions:
     samples: SampleOptions = field(default_factory=SampleOptions)
     rates: str = "auto"
     fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
-    curve: bool = False
     bands: ConfidenceOptions = field(default_factory=ConfidenceOptions)
     kinds: tuple[str, ...] = PREDICTED
     split: str = "blocks"
@@ -194,7 +191,6 @@ class RingScores:
     centre:            of the rings, m
     rollout:           mean absolute error of theta, rad, by kind and sample
     interval, bands:   95 % intervals of the scores, and bands of the roll-out errors
-    curve:             learning curve by kind: rows and test nRMSE
     confidence:        `Confidence.document` by kind
     blocks:            number of blocks of time with test rows, and with windows
     best:              None with fewer than two kinds of roll-outs
@@ -212,7 +208,6 @@ class RingScores:
     nrmse_test: dict[str, float]
     rollout: dict[str, dict[str, float]]
     interval: dict[str, dict[str, tuple[float, float]]]
-    curve: dict[str, list[tuple[int, float]]]
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     residual: ResidualMap | None = None
     confidence: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -232,7 +227,7 @@ class RingScores:
         }  # fmt: skip
         if self.best is not None:
             out["best"] = asdict(self.best)
-        more = {"curve": self.curve, "bands": self.bands, "confidence": self.confidence, "carried_over": self.carried}
+        more = {"bands": self.bands, "confidence": self.confidence, "carried_over": self.carried}
         out = _rounded(out | {name: value for name, value in more.items() if value})
         return out | ({"residual": self.residual.document()} if self.residual else {})
 
@@ -263,7 +258,7 @@ def score(
     nrmse_train, nrmse_test, models, left = {}, {}, {}, {}
     interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
     fits = sum(COST[kind] for kind in options.kinds)
-    done, whole = 0.0, fits * (1.0 + options.curve * sum(CURVE[:-1])) + COST["roll"] * len(ROLLED)
+    done, whole = 0.0, fits + COST["roll"] * len(ROLLED)
     for kind in options.kinds:
         progress(kind)
         words, share = led_by(f"{kind}, ", progress), piece(advance, done, COST[kind], whole)
@@ -298,11 +293,9 @@ def score(
                 sure |= {} if found is None else {kind: found.document()}
         done += COST["roll"]
         advance(done, whole)
-    rest = piece(advance, done, whole - done, whole)
-    curve = _curve(data, train_rows, options, progress, rest) if options.curve else {}
     return RingScores(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
-        rollout, interval, curve, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
+        rollout, interval, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
         data.blocks(windows),
         Best.of(errors, data.block[windows.start], np.random.default_rng([options.seed, ring, 2])),
     )  # fmt: skip
@@ -336,19 +329,3 @@ def nrmse(truth: Array, predicted: Array) -> float:
     """Root mean square error over the standard deviation of the truth; NaN for no rows or a constant truth."""
     spread = float(np.std(truth)) if len(truth) else 0.0
     return float(np.sqrt(np.mean((truth - predicted) ** 2)) / spread) if spread > 0.0 else math.nan
-
-
-def _curve(
-    data: RingData, rows: IntArray, options: CompareOptions, progress: Words, advance: Advance
-) -> dict[str, list[tuple[int, float]]]:
-    """Test nRMSE by number of training rows, the first rows of the record: more rows mean a longer record."""
-    fit = replace(options.fit, heavy_tails=False)  # no roll-outs here
-    curve: dict[str, list[tuple[int, float]]] = {kind: [] for kind in options.kinds if kind != "p"}
-    for share in CURVE[:-1]:
-        some = rows[: max(50, round(share * len(rows)))]
-        for kind in curve:
-            progress(f"learning curve, {kind} on {len(some)} rows")
-            model = fit_kind(kind, data.train, some, fit).model
-            curve[kind].append((len(some), nrmse(*data.pairs(model, data.test_rows))))
-        advance(sum(CURVE[: CURVE.index(share) + 1]), sum(CURVE[:-1]))
-    return curve

@@ -216,18 +216,12 @@ def test_the_test_log_is_scored(compare):
 
 
 @pytest.mark.slow
-def test_learning_curves_are_drawn(compare, tmp_path):
-    picture = tmp_path / "new" / "one" / "curve.png"
-    pages = ("--curve", picture, "--report", tmp_path / "page.html")
-    document, err = compare("one.csv", *QUICK, *pages, "--json")
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert f"wrote {picture}" in err
+def test_the_page_has_the_tables_and_the_roll_outs(compare, tmp_path):
+    document, _ = compare("one.csv", *QUICK, "--report", tmp_path / "page.html", "--json")
     ring = document["ring2"]
-    assert set(ring["curve"]) == KINDS - {"p"}
-    assert all(n == 50 for n, _ in ring["curve"]["sp"])  # fewer are never tried
     page = alone(tmp_path / "page.html")
     assert f"{ring['nrmse_train']['sp']:.3f} / {ring['nrmse_test']['sp']:.3f}" in page.replace(HARD, " ")
-    assert page.count("<figure") == 4
+    assert page.count("<figure") == 2
     for kind, bands in ring["bands"].items():
         assert bands["mean"][20] == pytest.approx(ring["rollout"][kind]["20"], abs=1e-4)
     assert sum(map(sum, ring["residual"]["count"])) == ring["n_test"]
@@ -244,14 +238,7 @@ def compared(monkeypatch):
 
 def test_the_page_is_of_the_map_that_was_compared(compare, compared, tmp_path):
     compare("one.csv", "--map", "seven", "--report", tmp_path / "a.html")
-    assert alone(tmp_path / "a.html").count("<figure") == 4
-
-
-def test_curves_of_a_record_too_short_for_intervals_are_drawn(compare, compared, tmp_path):
-    short = comparison((7,))["ring7"] | {"interval95": {"nrmse_test": {"sp": (math.nan, math.nan)}}}
-    compared[0].document = lambda: short
-    compare("one.csv", "--map", "seven", "--curve", tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert alone(tmp_path / "a.html").count("<figure") == 2
 
 
 def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, tmp_path, monkeypatch):
@@ -298,9 +285,6 @@ def test_a_table_without_ring_needs_options(compare, refused):
         (["one.csv", "--most", "3"], "--most"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
         (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
-        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected a file that ends in .png, .svg, .pdf"),
-        (["one.csv", "--curve", "one.csv/a.png"], "one.csv is a file; expected a folder that can be made"),
-        (["one.csv", "--curve", "a.png", "--kinds", "p"], "--curve: got --kinds p, which learns nothing"),
         (["one.csv", "--bands", "49"], "--bands: got 49, expected 0 (none), or 50"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),

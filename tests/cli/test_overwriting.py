@@ -51,7 +51,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("learn", "-o"): (("no.csv",), "model/model.yaml"),
     ("report", "--video"): (("no.mcap", "-o", "page.html"), "run.gif"),
-    ("compare", "--curve"): (("no.csv",), "curve.png"),
     ("compare", "--report"): (("no.csv",), "page.html"),
     ("diagnose", "-o"): (("no.csv",), "out/report.html"),
     ("improve", "-o"): (("--rig", "no.yaml"), "out/round1/round.json"),
@@ -97,7 +96,7 @@ def commands(group, path=()):
 
 def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
     outputs, new = set(), set()
-    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--curve", "--pictures", "--keep")
+    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--pictures", "--keep")
     for name, command in commands(get_command(app)):
         hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
         for param in command.params:

@@ -74,7 +74,7 @@ def test_numbers_and_what_would_tell_apart():
     notes = kept(done.parts, Note)
     assert notes[0].text.startswith("Hard to tell apart in this record: dry friction, viscous friction. Dry friction")
     assert notes[0].code == "mazeplan collect --tilt 1.5 -o apart.mcap"
-    assert [p.name for p in kept(done.parts, PagePicture)] == ["candidates", "residual", "spectrum"]
+    assert [p.name for p in kept(done.parts, PagePicture)] == ["candidates", "residual"]
     assert done.title == "Diagnosis of log, ring 2"
     assert ("track radius", "68.92 mm") in done.facts
 

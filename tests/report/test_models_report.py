@@ -108,7 +108,7 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
 
 def test_pictures_are_those_that_there_are_numbers_for():
     names = [part.name for part in kept(section(comparison()).parts, PagePicture)]
-    assert names == ["learning", "rollouts", "residual-maze", "residual-rings"]
+    assert names == ["rollouts", "residual-maze"]
     old = comparison()
     for scores in old.values():
         for name in ("curve", "bands", "residual"):
@@ -119,7 +119,7 @@ def test_pictures_are_those_that_there_are_numbers_for():
 def test_the_picture_over_the_maze_needs_a_map_with_all_rings():
     document = comparison((1, 7))
     without = section(document).parts
-    assert [part.name for part in kept(without, PagePicture)] == ["learning", "rollouts", "residual-rings"]
+    assert [part.name for part in kept(without, PagePicture)] == ["rollouts"]
     note = Note(
         "The picture over the maze needs the map. This command draws it:",
         "mazeplan compare LOG... --report FILE.html",
@@ -131,18 +131,6 @@ def test_the_picture_over_the_maze_needs_a_map_with_all_rings():
     reach = max(np.abs(np.asarray(path.vertices)).max() for c in axes.collections for path in c.get_paths())
     assert reach > load_map("seven").ring(7).inner_radius
     assert note not in section(comparison()).parts
-
-
-def test_the_heat_map_shows_the_cell_and_its_sign():
-    parts = section(comparison()).parts
-    axes = drawn(parts, "residual-rings").axes[0]
-    cells = axes.collections[0].get_array()
-    assert cells[0, 4] == -1.75
-    assert cells[5, 4] == 0.5
-    assert int((~np.ma.getmaskarray(cells)).sum()) == 2
-    assert [(t.get_text(), t.get_position()) for t in axes.texts] == [("−", (45.0, 0.5))]  # .5 is not worth a sign
-    (curve,) = drawn(parts, "learning").axes[0].lines
-    assert curve.get_xydata().tolist() == [[50, 0.8], [200, 0.5], [400, 0.3451]]
 
 
 def test_too_few_samples_to_judge_by_are_counted():
@@ -174,7 +162,7 @@ def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
     assert code == 0, err
     page = alone(tmp_path / "m.html")
     assert "Model mine on x.csv" in page
-    assert page.count("<figure") == 3
+    assert page.count("<figure") == 2
     assert "viscous friction: coefficient, 1/s" in page
     code, _, err = done(folder, "-o", tmp_path / "n.html")
     assert code == 0, err
@@ -231,12 +219,3 @@ def test_intervals_are_explained_where_they_are_shown():
     parts = section(comparison()).parts
     notes = [p.text for p in kept(parts, Note)]
     assert any("with few blocks an interval may begin at" in text for text in notes)
-
-
-def test_a_roll_out_that_leaves_the_picture_has_a_mark_at_the_edge():
-    document = comparison()
-    for scores in document.values():
-        scores["bands"]["npd"] = {name: [0.1 * k for k in range(41)] for name in ("mean", "p10", "p90")}
-    for axes in drawn(section(document).parts, "rollouts").axes:
-        (mark,) = [line for line in axes.lines if line.get_marker() == "^" and len(line.get_xdata()) == 1]
-        assert 0.9 < float(mark.get_ydata()[0]) / axes.get_ylim()[1] <= 1.0

@@ -93,15 +93,15 @@ def test_the_section_says_how_it_went(log):
     assert tables["Failures and recoveries"] == [["1.00 s", "stuck", "Track", EVIL, "dither"]]
     assert tables["Computing time"][0][2:] == ["2.00 ms"] * 3
     assert tables["Computing time"][1] == ["tick", "90", "45.50 ms", "89.11 ms", "90.00 ms"]
-    assert [p.name for p in section.parts if isinstance(p, PagePicture)] == ["path", "theta", "tree", "tilt", "times"]
+    assert [p.name for p in section.parts if isinstance(p, PagePicture)] == ["path", "theta", "tree", "tilt"]
 
 
 def test_pictures_over_time_begin_and_end_alike_so_that_an_instant_is_read_straight_downwards(log):
     parts = run_section(log).parts
     sizes = {part.name: part.size[0] for part in parts if isinstance(part, PagePicture)}
-    found = {name: drawn(parts, name).axes for name in ("theta", "tree", "tilt", "times")}
+    found = {name: drawn(parts, name).axes for name in ("theta", "tree", "tilt")}
     panels = [axes for several in found.values() for axes in several]
-    assert len(panels) == 6
+    assert len(panels) == 5
     assert {sizes[name] for name in found} == {9.0}
     assert len({(axes.get_position().x0, axes.get_position().x1, *axes.get_xlim()) for axes in panels}) == 1
     first, last = panels[0].get_xlim()
@@ -115,7 +115,7 @@ def test_pictures_over_time_begin_and_end_alike_so_that_an_instant_is_read_strai
     assert all(axes.get_ylabel().endswith("degrees") for axes in found["tilt"])
 
 
-@pytest.mark.parametrize("name", ["theta", "tree", "tilt", "times"])
+@pytest.mark.parametrize("name", ["theta", "tree", "tilt"])
 def test_nothing_of_a_picture_over_time_is_cut_however_long_a_leafs_name_is(log, name):
     tree = replace(log.trees[0], outline=replace(log.trees[0].outline, paths=tuple(
         path + " of a tree whose leaves have very long names" for path in log.trees[0].outline.paths)))  # fmt: skip

@@ -362,16 +362,7 @@ def test_too_little_is_said(table):
         compare([Table({name: table[name] for name in ("t", "theta", "beta", "gamma")})], [], MAZE, ONE)
 
 
-# --- learning curves and measured data
-
-
-def test_learning_curves_grow_to_all_rows(table):
-    found = compare([table], [], MAZE, replace(ONE, curve=True, rates="smoothed"))[0]
-    assert set(found.curve) == {"pi"}  # p learns nothing
-    rows = [n for n, _ in found.curve["pi"]]
-    assert rows == [50, 62, 125]
-    assert all(0.0 < x < 1.5 for _, x in found.curve["pi"])
-    assert found.document()["curve"]["pi"][0][0] == 50
+# --- measured data
 
 
 def measured(name):

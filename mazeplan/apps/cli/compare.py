@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import finite, plural, print_json, say
+from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError
-from mazeplan.core.whole_file import whole_file
 
 # the two splits agree if the error of the split in time is at most this many times the error of the split by blocks;
 # intervals of 95 % are about twice as wide
@@ -18,7 +16,6 @@ LARGER = 1.05
 
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
-    from mazeplan.maze.geometry import Maze
 
 
 def compare(
@@ -35,7 +32,6 @@ def compare(
     kernel: opt.Kernel = "auto",
     most: opt.CompareRows = 5000,
     device: opt.Device = "cpu",
-    curve: opt.Curve = None,
     page: opt.Report = None,
     bands: opt.Bands = 2000,
     seed: opt.Seed = 0,
@@ -63,8 +59,6 @@ def compare(
     chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
     if wrong := [kind for kind in chosen if kind not in KINDS]:
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
-    if curve is not None and set(chosen) == {"p"}:
-        raise InputError("--curve: got --kinds p, which learns nothing; expected another kind as well")
     if split != "blocks" and test:
         raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
     require_torch()
@@ -73,7 +67,7 @@ def compare(
         check_channel(ring, found.maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
-        delay=delay, rates=rates, seed=seed, kinds=chosen, split=split, curve=curve is not None or page is not None,
+        delay=delay, rates=rates, seed=seed, kinds=chosen, split=split,
         samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands, device),
         fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
     )  # fmt: skip
@@ -91,8 +85,6 @@ def compare(
     else:
         report(scores)
     # the files come last: one that cannot be written loses no result
-    if curve is not None:
-        _draw_curves(document, found.maze, curve)
     if page is not None:
         write_report("comparison", document, page, ", ".join(log.name for log in logs), found.maze)
 
@@ -184,24 +176,3 @@ def _enough(s: RingScores) -> bool:
     from mazeplan.learning.split import enough
 
     return enough(len(s.windows), s.blocks["windows"])
-
-
-def _draw_curves(document: dict[str, Any], maze: Maze, path: Path) -> None:
-    """Draw the learning curves of the report into a separate file. Raises InputError."""
-    from matplotlib.figure import Figure
-
-    from mazeplan.apps.report.documents import ComparedRing
-    from mazeplan.apps.report.models import models_pictures
-
-    known = finite(document)  # a short record has no intervals
-    rings = {int(name.removeprefix("ring")): ComparedRing.model_validate(found) for name, found in known.items()}
-    picture = next(picture for picture in models_pictures(rings, maze) if picture.name == "learning")
-    figure = Figure(figsize=picture.size, layout="constrained")
-    picture.draw(figure)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
-            figure.savefig(beside, dpi=150)
-    except (OSError, ValueError) as problem:
-        raise InputError(f"cannot be drawn: {problem}", file=path) from None
-    say(f"wrote {path}")

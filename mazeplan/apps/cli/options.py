@@ -334,16 +334,6 @@ Kernel = Annotated[
     Literal["auto", "rbf", "exponential"],
     Option("--kernel", metavar="auto|rbf|exponential", help="Kernel of the Gaussian processes."),
 ]
-Curve = Annotated[
-    Path | None,
-    Option(
-        "--curve",
-        parser=file(*PICTURES, chosen=True),
-        callback=new_file,
-        metavar="FILE",
-        help="Draw learning curves (PNG, SVG, PDF).",
-    ),
-]
 Bands = Annotated[
     int,
     Option(

@@ -21,11 +21,11 @@ from mazeplan.apps.report.diagnosis_documents import (
     RigDocument,
     RingDocument,
 )  # fmt: skip
-from mazeplan.apps.report.drawing import INK, empty_panel, legend_beside, line, panel_row, plain_log
+from mazeplan.apps.report.drawing import INK, empty_panel, legend_beside, line, panel_row
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
 from mazeplan.apps.report.rigdiagnosis import navigation_table, rig_section
-from mazeplan.core.palette import COLOURS, FAINT
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 
@@ -227,11 +227,6 @@ def diagnosis_pictures(document: RingDocument, evidence: EvidenceDocument) -> li
                 "mean residual against position, speed and time, before and after",
                 partial(_residuals, evidence=evidence), (9.0, 3.2),
             ),
-            PagePicture(
-                "spectrum", "Whether the residual is white: its spectrum, and its correlation from sample to sample",
-                "power spectrum and autocorrelation of the residual, before and after",
-                partial(_white, evidence=evidence), (9.0, 3.2),
-            ),
         ]  # fmt: skip
     return found
 
@@ -345,26 +340,3 @@ def _residuals(figure: Figure, evidence: EvidenceDocument) -> None:
                 side.set(visible=True, linewidth=1.4)
     panels[0].set_ylabel("mean residual,\nin standard deviations")
     legend_beside(panels[2])
-
-
-def _white(figure: Figure, evidence: EvidenceDocument) -> None:
-    spectrum, lags = panel_row(figure, (1.7, 1.0))
-    for when, role in WHEN.items():
-        part = getattr(evidence, when)
-        spectrum.plot(part.spectrum["hz"], part.spectrum["highest"], **line(role, linewidth=1.0), label=when)
-        found = part.correlations
-        lags.plot(range(1, len(found) + 1), found, **line(role, linewidth=1.2), label=when)
-    spectrum.axhline(evidence.peak, **line("neutral"))
-    spectrum.text(0.99, evidence.peak, "seldom by chance above", fontsize=7.5, ha="right", va="bottom",
-                  transform=spectrum.get_yaxis_transform())  # fmt: skip
-    plain_log(spectrum)
-    spectrum.margins(x=0.01)
-    spectrum.set_xlabel("frequency, Hz")
-    spectrum.set_ylabel("highest power in a band,\nmean of all: 1 (log scale)")
-    if evidence.after is not None and math.isfinite(evidence.after.white):
-        lags.axhspan(-evidence.after.white, evidence.after.white, color=FAINT["grid"], zorder=0, label="white: inside")
-    lags.set_xlabel("how far apart, samples")
-    lags.set_ylabel("correlation, 1: alike")
-    for axes in (spectrum, lags):
-        axes.grid(axis="y")
-    legend_beside(lags)

@@ -6,13 +6,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-import numpy as np
-from pydantic import Field, StrictBool, StrictInt, StrictStr, model_validator
+from pydantic import Field, StrictBool, StrictInt, StrictStr
 
-from mazeplan.apps.report.documents import Document, Grid, NullIsEmpty, Number, Real, Row, Scores, alike, counted, wrong
+from mazeplan.apps.report.documents import Document, Grid, NullIsEmpty, Number, Real, Row, Scores
 
-BeforeAfter = Annotated[dict[str, Row], alike("before", "after")]
-BinnedCurve = Annotated[dict[str, Row], alike("at", "mean", "stderr")]
+BeforeAfter = dict[str, Row]
+BinnedCurve = dict[str, Row]
 
 
 class ParameterEntry(Document):
@@ -160,17 +159,11 @@ class CandidateEntry(Document):
 class ResidualEvidence(Document):
     """The residual of a model.
 
-    correlations: autocorrelation at 1, 2, ... samples.
-    white: bound of the autocorrelation of white noise.
-    position, speed, time: mean residual in bins of each.
-    spectrum: power in bands of frequency."""
+    position, speed, time: mean residual in bins of each."""
 
-    correlations: Row
-    white: Number
     position: BinnedCurve
     speed: BinnedCurve
     time: BinnedCurve
-    spectrum: Annotated[dict[str, Row], alike("hz", "highest", "mean")]
 
 
 class EvidenceDocument(Document):
@@ -181,16 +174,10 @@ class EvidenceDocument(Document):
     labels: dict[str, StrictStr] = {}
     drawn: StrictStr = "rollout40"
     accept: Real = 15.0
-    peak: Real = 18.0
     axes: list[StrictStr]
     candidates: list[CandidateEntry]
     before: ResidualEvidence | None = None
     after: ResidualEvidence | None = None
-
-    @model_validator(mode="after")
-    def _labelled(self) -> EvidenceDocument:
-        counted([("axes", len(self.axes), 2, "labels")])
-        return self
 
 
 class ErrorMap(Document):
@@ -221,13 +208,6 @@ class PlaceMark(Document):
     inner: Number = math.nan
     outer: Number = math.nan
 
-    @model_validator(mode="after")
-    def _complete(self) -> PlaceMark:
-        for name in ("y", "width") if math.isfinite(self.x) else ("centre", "inner", "outer"):
-            if not math.isfinite(getattr(self, name)):
-                raise wrong(name, "is not there")
-        return self
-
 
 class PredictionErrors(Document):
     """Error of the predicted angle, by time ahead.
@@ -246,41 +226,12 @@ class RigEvidenceDocument(PredictionErrors):
     """Evidence for the pictures of a `RigDocument`.
 
     map: text of the map.
-    block_s: length of a block of time, s.
-    gain: gain of -2 log L in each block by what was found.
-    gain_t: time of each block, s.
-    white: 95 % bound of the correlation of noise alone.
-    alike_from: correlation from which on the residual is not like noise.
     places: error of the prediction over the maze.
     marks: places that were found.
-    correlation: autocorrelation of the residual.
-    spectrum: spectrum of the residual.
     remaining: residual divided by the noise; `then`: its value when the model was right, 0 if not known."""
 
     title: StrictStr
     map: StrictStr
-    block_s: Real
-    gain: Row
-    gain_t: Row = np.empty(0)
-    white: Real
-    alike_from: Real
     places: ErrorMap
     marks: list[PlaceMark]
-    correlation: BeforeAfter
-    spectrum: Annotated[dict[str, Row], alike("hz", "before", "after")] | None = None
     remaining: Annotated[Scores, NullIsEmpty] = {}
-
-    @model_validator(mode="after")
-    def _lengths(self) -> RigEvidenceDocument:
-        count, places = len(self.ahead_s), self.places
-        if not np.isfinite(self.ahead_s).all():
-            raise wrong("ahead_s", "got null, expected finite numbers")
-        counted((f"{k}.before", len(getattr(self, k)["before"]), count, "values") for k in ("error", "low", "high"))
-        if len(self.gain):
-            counted([("gain_t", len(self.gain_t), len(self.gain), "times")])
-        counted((f"places.{k}", len(getattr(places, k)), len(places.rings), "rows") for k in ("before", "after"))
-        if len(places.rings):
-            counted([("places.rings", places.rings.shape[1], 2, "radii in each row")])
-        if not 1 <= places.ahead <= count:
-            raise wrong("places.ahead", f"got {places.ahead}, expected a number of samples from 1 to {count}")
-        return self

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -24,26 +23,13 @@ from pydantic import (
     StrictStr,
     TypeAdapter,
     ValidationError,
-    model_validator,
 )  # fmt: skip
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic_core import core_schema
 
 from mazeplan.apps.report.words import KINDS
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array
 from mazeplan.maze.yamltree import key_path
-
-
-def wrong(key: str, problem: str) -> PydanticCustomError:
-    """The error for a problem at a key inside the value that is checked."""
-    return PydanticCustomError("document", "{problem}", {"problem": problem, "key": key})
-
-
-def counted(counts: Iterable[tuple[str, int, int, str]]) -> None:
-    """Raise an error for the first entry (key, number got, number expected, what is counted) whose numbers differ."""
-    for key, got, expected, words in counts:
-        if got != expected:
-            raise wrong(key, f"got {got} {words}, expected {expected}")
 
 
 def _through(kind: Any, convert: Any) -> Any:
@@ -56,24 +42,7 @@ def _through(kind: Any, convert: Any) -> Any:
 
 
 def _table(rows: list[list[float]]) -> Array:
-    if len({len(row) for row in rows}) > 1:
-        raise wrong("", f"got rows of {sorted({len(row) for row in rows})} numbers, expected as many in each")
     return np.array(rows, dtype=float) if rows else np.empty((0, 0))
-
-
-def alike(*names: str) -> AfterValidator:
-    """A check that lists with these names exist, and that all have the same length."""
-
-    def check(lists: dict[str, Array]) -> dict[str, Array]:
-        for name in names:
-            if name not in lists:
-                raise wrong(name, "is not there")
-        lengths = sorted({len(lists[name]) for name in names})
-        if len(lengths) > 1:
-            raise wrong("", f"got lists of {lengths} numbers, expected as many in each")
-        return lists
-
-    return AfterValidator(check)
 
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -108,12 +77,6 @@ class FailureEntry(Document):
     y: Number = math.nan
 
 
-class StartAngle(Document):
-    """Angle at which the ball began, rad."""
-
-    theta: Real
-
-
 class RunEntry(Document):
     """One run of an evaluation."""
 
@@ -122,41 +85,16 @@ class RunEntry(Document):
     time_s: Real
     rings: list[RingTime]
     failures: list[FailureEntry]
-    start: StartAngle | None = None
 
 
 class EvaluationSetup(Document):
-    """What was evaluated. `dict(setup)` also has the keys that are not listed here.
-
-    changes: numbers of the runs that begin with a changed rig."""
+    """What was evaluated. `dict(setup)` also has the keys that are not listed here."""
 
     model_config = ConfigDict(extra="allow")
     rig: StrictStr | None = None
     map: StrictStr | None = None
     model: StrictStr | None = None
     time_limit_s: Number = math.nan
-    changes: list[StrictInt] = []
-
-
-class LessonEntry(Document):
-    """What the model learned from one run.
-
-    error_m_s2: rms error of the acceleration that the learning model expected before the run.
-    fixed_error_m_s2: the same for the model of the beginning.
-    trusted: whether the next run used the learning model.
-    why_not: reason if the model did not learn from the run."""
-
-    run: StrictInt
-    error_m_s2: Number = math.nan
-    fixed_error_m_s2: Number = math.nan
-    trusted: StrictBool = True
-    why_not: StrictStr | None = None
-
-
-class LearningDocument(Document):
-    """What a model learned from each run."""
-
-    runs: list[LessonEntry] = []
 
 
 class EvaluationDocument(Document):
@@ -164,7 +102,6 @@ class EvaluationDocument(Document):
 
     results: list[RunEntry] = Field(min_length=1)
     setup: Annotated[EvaluationSetup, NullIsEmpty] = EvaluationSetup()
-    learning: Annotated[LearningDocument, NullIsEmpty] = LearningDocument()
 
 
 # -- compare --json ----------------------------------------------------------------------------------------------------
@@ -182,37 +119,6 @@ class ResidualDocument(Document):
     mean: dict[str, Grid]
     rms: dict[str, Grid]
 
-    @model_validator(mode="after")
-    def _shapes(self) -> ResidualDocument:
-        if not self.mean:
-            raise wrong("mean", "got no kind of model, expected one or more")
-        if set(self.rms) != set(self.mean):
-            raise wrong("rms", f"got kinds {sorted(self.rms)}, expected those of mean: {sorted(self.mean)}")
-        tables = {f"{name}.{kind}": t for name in ("mean", "rms") for kind, t in getattr(self, name).items()}
-        counted((key, len(t), len(self.rate) - 1, "rows") for key, t in {"count": self.count, **tables}.items())
-        counted((key, t.shape[1], self.count.shape[1], "columns") for key, t in tables.items())
-        return self
-
-
-class ConfidenceEntry(Document):
-    """How sure a kind of model is of its roll-outs.
-
-    rollouts: number of roll-outs of each window.
-    windows: number of windows.
-    below, above: edges of the band of 90 % minus its middle, mean over the windows, by sample, rad.
-    coverage: share of the windows whose measured angle lies in the band, by sample.
-    coverage20, coverage40: the same after 20 and 40 samples.
-    window: one window with its band."""
-
-    rollouts: StrictInt
-    windows: StrictInt
-    below: Row
-    above: Row
-    coverage: Row
-    coverage20: Number
-    coverage40: Number
-    window: Annotated[dict[str, Row], alike("low", "middle", "high", "measured")]
-
 
 class ComparedRing(Document):
     """Scores of kinds of models on one ring.
@@ -221,7 +127,6 @@ class ComparedRing(Document):
     nrmse_train, nrmse_test: {kind: nRMSE}.
     rollout: {kind: {"20", "40": mean error after so many samples, rad}}.
     interval95: {score: {kind: ends of the 95 % interval}}.
-    curve: {kind: learning curve}.
     bands: {kind: mean error and percentiles of the errors, by sample, rad}."""
 
     n_train: StrictInt | None = None
@@ -235,20 +140,8 @@ class ComparedRing(Document):
     nrmse_test: Scores
     rollout: dict[str, Scores]
     interval95: dict[str, dict[str, Row | None]] = {}
-    curve: dict[str, Grid] = {}
-    bands: dict[str, Annotated[dict[str, Row], alike("mean", "p10", "p90")]] = {}
+    bands: dict[str, dict[str, Row]] = {}
     residual: ResidualDocument | None = None
-    confidence: dict[str, ConfidenceEntry] = {}
-
-    @model_validator(mode="after")
-    def _lengths(self) -> ComparedRing:
-        for kind, errors in self.rollout.items():
-            for step in ("20", "40"):
-                if not math.isfinite(errors.get(step, math.nan)):
-                    raise wrong(f"rollout.{kind}.{step}", "is not there")
-        intervals = {f"{s}.{kind}": ends for s, kinds in self.interval95.items() for kind, ends in kinds.items()}
-        counted((f"interval95.{key}", len(ends), 2, "ends") for key, ends in intervals.items() if ends is not None)
-        return self
 
     def interval(self, score: str, kind: str) -> tuple[float, float] | None:
         """Ends of the 95 % interval of a score; None if the document has none."""
@@ -295,11 +188,9 @@ def checked(model: Any, document: Any, path: Path, place: tuple[str | int, ...] 
         return TypeAdapter(model).validate_python(document)
     except ValidationError as error:
         first = error.errors()[0]
-    context, kind = first.get("ctx", {}), first["type"]
-    key = ".".join(part for part in (key_path((*place, *first["loc"])), context.get("key", "")) if part)
-    if kind == "document":
-        problem = context["problem"]
-    elif kind == "missing":
+    kind = first["type"]
+    key = key_path((*place, *first["loc"]))
+    if kind == "missing":
         problem = "is not there"
     elif kind == "too_short":
         problem = f"got no {'runs' if key == 'results' else key}, expected one or more"

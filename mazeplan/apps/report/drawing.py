@@ -99,16 +99,6 @@ def sector_map(
     return axes.add_collection(drawn)
 
 
-def plain_log(axes: Axes) -> None:
-    """Make the upright axis logarithmic, with plain numbers at 1, 2, 5, 10 ...: 0.5 and not 5 x 10^-1."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
-
-
 def round_the_ring(axis: Axis) -> None:
     """Label an axis of angles from 0 to 360 degrees, also where a line goes on beyond a whole turn."""
     from matplotlib.ticker import MultipleLocator

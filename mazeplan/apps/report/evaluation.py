@@ -14,7 +14,6 @@ from mazeplan.apps.report import published
 from mazeplan.apps.report.drawing import (
     FAILURE_MARKERS,
     INK,
-    empty_panel,
     failure_mark,
     legend_beside,
     line,
@@ -22,12 +21,9 @@ from mazeplan.apps.report.drawing import (
     series,
 )  # fmt: skip
 from mazeplan.apps.report.evaluation_runs import (
-    SECTORS,
     EvaluatedRuns,
     as_published,
     by_kind,
-    by_ring,
-    by_sector,
     figures,
     interval,
     maze_of,
@@ -35,8 +31,7 @@ from mazeplan.apps.report.evaluation_runs import (
     runs_of,
 )  # fmt: skip
 from mazeplan.apps.report.inputs import Input
-from mazeplan.apps.report.learning import learning_parts
-from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
+from mazeplan.apps.report.page import PagePicture, PageSection, PageTable
 from mazeplan.apps.report.words import MISSING, seconds, setup_facts
 from mazeplan.core.palette import COLOURS, INKS, MARKERS
 from mazeplan.maze.geometry import Maze
@@ -61,9 +56,6 @@ def evaluation_section(given: Sequence[Input]) -> PageSection:
     parts: list[Any] = [_table(several, as_published(maze)), *evaluation_pictures(several, maze)]
     if any(by_kind(runs) for runs in several):
         parts.append(_kinds_table(several))
-    parts += [part for runs in several for part in learning_parts(runs, several)]
-    if any(not np.isfinite(runs.start).any() for runs in several):
-        parts.append(Note("A document without start angles is of an older version."))
     alone = len(several) == 1
     title = f"Evaluation {several[0].name}" if alone else "Evaluations: " + ", ".join(runs.name for runs in several)
     facts = setup_facts(dict(several[0].setup), seed="first seed") if alone else []
@@ -125,14 +117,6 @@ def evaluation_pictures(several: Several, maze: Maze) -> list[PagePicture]:
             "arrivals", "Arrived by then" + ("; the published times as marks" if marks else ""),
             "share of the runs that have arrived against time, and the times of each run",
             partial(_arrivals, several=several, marks=marks), (9.0, 3.2 + 0.45 * (n + 1)),
-        ),
-        PagePicture(
-            "starts", "Success and time by start angle", "polar plots of success and time against the start angle",
-            partial(_starts, several=several), (9.0, 0.2 + 4.3 * n), automatic=False,
-        ),
-        PagePicture(
-            "rings", "Time in each ring, runs that arrived", "box plots of the time in each ring",
-            partial(_rings, several=several), (9.0, 3.4),
         ),
     ]  # fmt: skip
     if kinds:
@@ -208,89 +192,11 @@ def _short(name: str, most: int = 26) -> str:
     return name if len(name) <= most else name[: most - 1] + "…"
 
 
-def _starts(figure: Figure, several: Several) -> None:
-    height = figure.get_size_inches()[1]
-    figure.subplots_adjust(0.04, 0.45 / height, 0.96, 1.0 - 0.95 / height, wspace=0.05, hspace=0.55)
-    panels: Any = figure.subplots(len(several), 2, subplot_kw={"projection": "polar"}, squeeze=False)
-    for i, (runs, (shares, times)) in enumerate(zip(several, panels, strict=True)):
-        if np.isfinite(runs.start).any():
-            _shares_by_start(shares, runs, i)
-            _times_by_start(times, runs, i)
-        else:
-            for axes in (shares, times):
-                empty_panel(axes, "no start angles in the document")
-
-
-def _shares_by_start(axes: Any, runs: EvaluatedRuns, number: int) -> None:
-    arrived, total = by_sector(runs)
-    width = 2.0 * math.pi / SECTORS
-    middle = (np.arange(SECTORS) + 0.5) * width
-    some, lost = total > 0, arrived < total
-    style: Any = {"facecolor": _pale(series(number)), "edgecolor": COLOURS[series(number)], "linewidth": 0.9}
-    axes.bar(middle[some], 100.0 * arrived[some] / total[some], width=width, **style)
-    rest = 100.0 * (total[lost] - arrived[lost]) / total[lost]
-    style = {"facecolor": "white", "edgecolor": COLOURS["failure"], "hatch": "xxx", "linewidth": 0.8}
-    axes.bar(middle[lost], rest, width=width, bottom=100.0 - rest, **style)
-    for at, a, n in zip(middle[some], arrived[some], total[some], strict=True):
-        axes.text(at, 113.0, f"{a}/{n}", ha="center", va="center", fontsize=7, in_layout=False)
-    axes.set_ylim(0.0, 100.0)
-    axes.set_yticks([50, 100], ["50 %", "100 %"], fontsize=7)
-    axes.set_axisbelow(False)  # otherwise bars would hide the labels of the circles
-    axes.tick_params(axis="x", pad=13, labelsize=8)
-    more = "\n(hatched: did not)" if lost.any() else ""
-    axes.set_title(f"{_short(runs.name)}: arrived of all, by start angle{more}", pad=16)
-
-
-def _times_by_start(axes: Any, runs: EvaluatedRuns, number: int) -> None:
-    name, known = series(number), np.isfinite(runs.start)
-    good, lost = runs.arrived & known, ~runs.arrived & known
-    top = float(runs.time[runs.arrived].max()) * 1.1 if runs.arrived.any() else runs.limit
-    style: Any = {"ls": "none", "mec": "white"}
-    axes.plot(runs.start[good], runs.time[good], marker=MARKERS[name], color=COLOURS[name], ms=5, **style)
-    at_rim = np.full(lost.sum(), top)
-    axes.plot(runs.start[lost], at_rim, marker="X", color=COLOURS["failure"], ms=8, clip_on=False, **style)
-    axes.set_ylim(0.0, top)
-    axes.tick_params(axis="x", pad=3)
-    axes.yaxis.set_major_locator(_whole(4, prune="lower"))
-    axes.yaxis.set_major_formatter("{x:g} s")
-    axes.tick_params(labelsize=7)
-    axes.set_title("time by start angle" + ("\n(X at the rim: did not arrive)" if lost.any() else ""), pad=16)
-
-
 def _whole(most: int, **more: Any) -> Any:
     """Ticks at whole numbers."""
     from matplotlib.ticker import MaxNLocator
 
     return MaxNLocator(most, integer=True, **more)
-
-
-def _rings(figure: Figure, several: Several) -> None:
-    axes = figure.add_subplot()
-    spent = [by_ring(runs) for runs in several]
-    rings = sorted({ring for found in spent for ring in found})
-    if not rings:
-        return empty_panel(axes, "no run arrived")
-    width = 0.8 / len(several)
-    for i, found in enumerate(spent):
-        if not found:
-            continue
-        where = [rings.index(ring) - 0.4 + (i + 0.5) * width for ring in found]
-        boxes: Any = axes.boxplot(
-            list(found.values()), positions=where, widths=0.7 * width, patch_artist=True, manage_ticks=False,
-            showfliers=False, whis=(0, 100), medianprops={"color": INK, "linewidth": 1.6},
-        )  # fmt: skip
-        for box in boxes["boxes"]:
-            box.set(facecolor=_pale(series(i)), edgecolor=COLOURS[series(i)], hatch=HATCH[i % len(HATCH)])
-        boxes["boxes"][0].set_label(several[i].name)
-        for x, times in zip(where, found.values(), strict=True):
-            beside = x + 0.3 * width * _spread_out(len(times))
-            axes.plot(beside, times, ls="none", marker=MARKERS[series(i)], ms=2.6, color=COLOURS[series(i)], zorder=3)
-    axes.set_xticks(range(len(rings)), [f"ring {ring}" for ring in rings])
-    axes.set_ylabel("time in the ring, s")
-    axes.set_ylim(bottom=0.0)
-    axes.grid(axis="y")
-    legend_beside(axes, title="box: quartiles,\nwhiskers: all")
-    return None
 
 
 def _pale(name: str) -> tuple[float, ...]:

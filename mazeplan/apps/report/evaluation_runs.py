@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.apps.report.documents import EvaluationSetup, FailureEntry, LessonEntry, RunEntry
+from mazeplan.apps.report.documents import EvaluationSetup, FailureEntry, RunEntry
 from mazeplan.apps.report.inputs import Input
 from mazeplan.core.errors import MapError
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 
-SECTORS = 16  # sectors of the start angle
 Z = 1.959964  # half width of a 95 % interval, in standard deviations
 
 
@@ -26,23 +25,13 @@ class EvaluatedRuns:
 
     time (N,): time until arrival or end of the run, s.
     arrived (N,): whether the run arrived.
-    start (N,): start angle, rad; NaN if the document has none.
-    results, setup, learning: as in the document."""
+    results, setup: as in the document."""
 
     name: str
     time: Array
     arrived: np.ndarray
-    start: Array
     results: list[RunEntry]
     setup: EvaluationSetup
-    learning: list[LessonEntry]
-
-    @property
-    def number(self) -> np.ndarray:
-        """Number of each run in its campaign, from 1 on, (N,). The first may be above 1, because a model may have
-        learned in earlier runs."""
-        numbers = [lesson.run for lesson in self.learning]
-        return np.array(numbers) if len(numbers) == len(self.time) else np.arange(1, len(self.time) + 1)
 
     @property
     def limit(self) -> float:
@@ -66,10 +55,8 @@ def runs_of(given: Input, name: str = "") -> EvaluatedRuns:
         name or given.name,
         np.array([run.time_s for run in results]),
         np.array([run.success for run in results]),
-        np.array([run.start.theta if run.start else math.nan for run in results]),
         results,
         given.document.setup,
-        given.document.learning.runs,
     )
 
 
@@ -95,26 +82,6 @@ def interval(successes: int, runs: int) -> tuple[float, float]:
     middle = (p + 0.5 * zz) / (1.0 + zz)
     half = Z * math.sqrt(p * (1.0 - p) / runs + 0.25 * zz / runs) / (1.0 + zz)
     return max(middle - half, 0.0), min(middle + half, 1.0)
-
-
-def by_sector(runs: EvaluatedRuns) -> tuple[np.ndarray, np.ndarray]:
-    """(number of runs that arrived, number of all runs) by sector of the start angle; the first sector begins at 0."""
-    known = np.isfinite(runs.start)
-    sector = np.floor(np.mod(runs.start[known], 2.0 * math.pi) / (2.0 * math.pi) * SECTORS).astype(int) % SECTORS
-    total = np.bincount(sector, minlength=SECTORS)
-    return np.bincount(sector, runs.arrived[known], minlength=SECTORS).astype(int), total
-
-
-def by_ring(runs: EvaluatedRuns) -> dict[int, Array]:
-    """{ring: time in it, s, of each run that arrived}. Sums over several visits of a ring."""
-    found: dict[int, list[float]] = {}
-    for run in runs.results:
-        spent: Counter[int] = Counter()
-        for visit in run.rings if run.success else ():
-            spent[visit.ring] += visit.time_s  # pyright: ignore[reportArgumentType] counts may be floats
-        for ring, time in spent.items():
-            found.setdefault(ring, []).append(time)
-    return {ring: np.array(times) for ring, times in sorted(found.items())}
 
 
 def by_kind(runs: EvaluatedRuns) -> dict[str, tuple[int, int]]:

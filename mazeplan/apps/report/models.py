@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mazeplan.apps.report import published, words
-from mazeplan.apps.report.confidence import confidence_parts
 from mazeplan.apps.report.documents import ComparedRing, Comparison, ResidualDocument, best_kind, kinds
 from mazeplan.apps.report.drawing import (
-    INK,
     KIND_STYLES,
     darker,
     legend_beside,
@@ -28,7 +26,7 @@ from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import maze_of
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.core.palette import COLOURS, FAINT
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.learning.split import BLOCKS, TOO_FEW, WINDOWS, enough
 from mazeplan.maze.geometry import Maze
@@ -45,7 +43,6 @@ INTERVALS = (
 )
 SLASH = f"{words.HARD}/{words.HARD}"
 DRAWS = "mazeplan compare LOG... --report FILE.html"  # draws all pictures, as it knows the map
-MOST_DRAWN = 2.0  # nRMSE; the range of the axis ignores larger values
 MAPS_SHOWN = 3  # number of kinds of models whose maps are side by side
 
 
@@ -53,15 +50,11 @@ def models_section(given: Input) -> PageSection:
     """The section of a page about a comparison. Rings that the maze lacks leave out the picture over the maze."""
     document, maze = given.document, given.maze or load_map("cme")
     known = max(document) <= len(maze.rings)
-    parts: list[Any] = [_accelerations(document), _rollouts(document), *confidence_parts(document)]
+    parts: list[Any] = [_accelerations(document), _rollouts(document)]
     if any(scores.interval95 for scores in document.values()):
         parts.insert(1, Note(INTERVALS))
     parts += models_pictures(document, maze if known else None)
-    if not any(scores.curve for scores in document.values()):
-        parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
-    if not any(scores.residual for scores in document.values()):
-        parts.append(Note("A document without residuals over the maze and bands is of an older version."))
-    elif not known:
+    if not known:
         parts.append(Note("The picture over the maze needs the map. This command draws it:", DRAWS))
     first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
     if first.rates is not None:
@@ -228,13 +221,6 @@ def models_pictures(document: Comparison, maze: Maze | None, main: str = "") -> 
     main: the kind on which they focus, by default the best."""
     main = main or best_kind(document)
     found, width = [], min(12.0, 1.4 + 2.7 * len(document))
-    if any(scores.curve for scores in document.values()):
-        found.append(
-            PagePicture(
-                "learning", "Learning curves", "relative test error against the number of training rows, by ring",
-                partial(_learning, document=document), (width, 3.2),
-            )
-        )  # fmt: skip
     if any(scores.bands for scores in document.values()):
         found.append(
             PagePicture(
@@ -244,48 +230,18 @@ def models_pictures(document: Comparison, maze: Maze | None, main: str = "") -> 
             )
         )  # fmt: skip
     residuals = {ring: scores.residual for ring, scores in document.items() if scores.residual}
-    if residuals:
+    if residuals and maze is not None:
         have = list(next(iter(residuals.values())).rms)
         wanted = dict.fromkeys(kind for kind in ("p", "pi", main, "np") if kind in have)
         shown = list(wanted or have)[:MAPS_SHOWN]
-        if maze is not None:
-            found.append(
-                PagePicture(
-                    "residual-maze", "Residual of the acceleration, over the maze (white: too few samples)",
-                    "root mean square residual by ring and angle, over the plan of the maze",
-                    partial(_over_maze, residuals=residuals, maze=maze, shown=shown), (1.0 + 3.7 * len(shown), 4.4),
-                )
-            )  # fmt: skip
         found.append(
             PagePicture(
-                "residual-rings", f"Mean residual in each ring, by angle and speed: {KINDS.get(main, main)}",
-                "heat map of the mean residual against angle and rate, a panel a ring",
-                partial(_heat, residuals=residuals, kind=main), (9.0, 1.0 + 1.75 * len(residuals)),
+                "residual-maze", "Residual of the acceleration, over the maze (white: too few samples)",
+                "root mean square residual by ring and angle, over the plan of the maze",
+                partial(_over_maze, residuals=residuals, maze=maze, shown=shown), (1.0 + 3.7 * len(shown), 4.4),
             )
         )  # fmt: skip
     return found
-
-
-def _learning(figure: Figure, document: Comparison) -> None:
-    panels, top = figure.subplots(1, len(document), sharey=True, squeeze=False)[0], 0.1
-    for axes, (ring, scores) in zip(panels, document.items(), strict=True):
-        rows: set[float] = set()
-        for kind in kinds(document, "curve"):
-            last = (math.nan if scores.n_train is None else scores.n_train, scores.nrmse_test.get(kind, math.nan))
-            n, y = np.array([*scores.curve.get(kind, np.empty((0, 2))), last]).T
-            rows |= {value for value in n if value and math.isfinite(value)}
-            top = max([top, *y[y < MOST_DRAWN]])
-            name = KIND_STYLES.get(kind, "neutral")
-            axes.plot(n, y, **{**points(name, markersize=4.5), **line(name)}, label=KINDS.get(kind, kind))
-        axes.set_xscale("log")
-        axes.set_xticks(sorted(rows), [f"{n:g}" for n in sorted(rows)], rotation=45)
-        axes.minorticks_off()
-        axes.set_title(f"ring {ring}")
-        axes.set_xlabel("training rows")
-        axes.grid()
-    panels[0].set_ylim(0.0, 1.05 * top)
-    panels[0].set_ylabel("relative error of the angular\nacceleration on test rows (nRMSE)")
-    legend_beside(panels[-1])
 
 
 def _rollout_errors(figure: Figure, document: Comparison) -> None:
@@ -305,18 +261,7 @@ def _rollout_errors(figure: Figure, document: Comparison) -> None:
         axes.grid()
     panels[0].set_ylabel("error of the angle, degrees")
     panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
-    _mark_leaving(panels, 1.05 * top)
     legend_beside(panels[-1])
-
-
-def _mark_leaving(panels: Any, top: float) -> None:
-    """Draw an arrow at the upper edge of a panel where a line leaves the panel."""
-    for axes in panels:
-        for drawn in list(axes.lines):
-            x, y = (np.asarray(values, dtype=float) for values in drawn.get_data())
-            above = np.flatnonzero(y > top)
-            if drawn.get_linestyle() != "None" and top > 0.0 and len(above):
-                axes.plot(x[above[0]], 0.98 * top, marker="^", color=drawn.get_color(), ms=6, clip_on=False, ls="none")
 
 
 def _over_maze(figure: Figure, residuals: dict[int, ResidualDocument], maze: Maze, shown: list[str]) -> None:
@@ -331,28 +276,3 @@ def _over_maze(figure: Figure, residuals: dict[int, ResidualDocument], maze: Maz
         axes.set_title(KINDS.get(kind, kind))
     bar = figure.colorbar(drawn, ax=list(panels), shrink=0.75, extend="max", aspect=30)
     bar.set_label("measured less predicted,\nroot mean square, rad/s²")
-
-
-def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> None:
-    panels = figure.subplots(len(residuals), 1, sharex=True, squeeze=False)[:, 0]
-    tables = list(residuals.values())
-    kind = kind if all(kind in table.mean for table in tables) else next(iter(tables[0].mean))
-    top = max(float(np.nanpercentile(np.abs(np.concatenate([t.mean[kind].ravel() for t in tables])), 97.0)), 1e-6)
-    drawn: Any = None
-    for axes, (ring, table) in zip(panels, residuals.items(), strict=True):
-        mean = table.mean[kind]
-        angle, row = np.linspace(0.0, 360.0, mean.shape[1] + 1), np.arange(len(table.rate))
-        drawn = axes.pcolormesh(angle, row, np.ma.masked_invalid(mean), cmap="PuOr_r", vmin=-top, vmax=top)
-        axes.patch.set(facecolor="white", edgecolor=FAINT["hatch"], hatch="//////")
-        # signs, because grey print shows only the size of a value
-        for j, i in zip(*np.nonzero(np.abs(mean) > 0.35 * top), strict=True):
-            ink = "white" if abs(mean[j, i]) > 0.65 * top else INK
-            axes.text(0.5 * (angle[i] + angle[i + 1]), j + 0.5, "+" if mean[j, i] > 0 else "−", color=ink, ha="center",
-                      va="center", fontsize=7)  # fmt: skip
-        axes.axhline(0.5 * row[-1], color=INK, lw=0.6)
-        axes.set_ylabel(f"ring {ring}\nspeed, rad/s")
-        axes.set_yticks(row, [f"{v:.1f}" for v in table.rate], fontsize=7.5)
-    panels[-1].set_xticks(range(0, 361, 45))
-    panels[-1].set_xlabel("angle of the ball, degrees   (speed: angular; hatched: too few samples)")
-    bar = figure.colorbar(drawn, ax=list(panels), extend="both", aspect=40)
-    bar.set_label("measured less predicted, mean, rad/s²")

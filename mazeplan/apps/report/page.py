@@ -148,7 +148,10 @@ def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures
             if not isinstance(part, PagePicture):
                 parts.append({"kind": type(part).__name__, "part": part})
                 continue
-            svg, png = part.files(png=pictures is not None)
+            try:
+                svg, png = part.files(png=pictures is not None)
+            except (ValueError, LookupError, TypeError) as problem:  # a document whose lists do not fit together
+                raise InputError(f"{section.title}: {part.title}: cannot be drawn: {problem}") from None
             parts.append({"kind": "PagePicture", "part": part, "source": _data(svg, png)})
             if pictures is not None:
                 _save(pictures, _stem(part.name, number if len(sections) > 1 else 0, stems), svg, png)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
-from mazeplan.apps.report.drawing import INK, darker, empty_panel, line, panel_row, plain_log, plan_view, sector_map
+from mazeplan.apps.report.drawing import INK, darker, empty_panel, line, panel_row, plan_view, sector_map
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
 from mazeplan.apps.report.words import DEG
@@ -36,9 +36,6 @@ COMMAND = re.compile(r":\s+(mazeplan .+?)\.?$")  # a command at the end of an ad
 SMALL_UNITS = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # {unit in the document: (factor, unit in the table)}
 MOST = 0.98  # share of the sectors that the colour scale covers, with the model as it was
 MM = 1e3
-# limit of a spectrum. By noise alone, the mean power of two axes exceeds p with the probability exp(-2 p) (1 + 2 p). So
-# one of about 4000 frequencies exceeds 8 in about one of a hundred records
-PEAK = 8.0
 
 
 def rig_section(given: Input) -> PageSection:
@@ -153,26 +150,6 @@ def rig_pictures(document: RigDocument, evidence: RigEvidenceDocument) -> list[P
                 partial(_places, evidence=evidence, shown=shown), (9.4 if len(shown) > 1 else 5.6, 4.4),
             )
         )  # fmt: skip
-    if len(evidence.gain):
-        better = int(np.sum(evidence.gain > 0.0))
-        title = (
-            f"Does all of the record say so? {better} of {len(evidence.gain)} blocks of "
-            f"{evidence.block_s:g} s are likelier with the finding"
-        )
-        alt = "gain of each block of time by what was found"
-        found.append(PagePicture("blocks", title, alt, partial(_blocks, evidence=evidence), (9.0, 2.8)))
-    found.append(
-        PagePicture(
-            "remains", _memory_title(evidence, shown),
-            "correlation of what remains from picture to picture, before and after",
-            partial(_memory, evidence=evidence, shown=shown), (9.0, 3.0),
-        )
-    )  # fmt: skip
-    if evidence.spectrum is not None:
-        title = "What swings? A peak is a motion that the model does not know"
-        alt = "spectrum of what was not expected, before and after"
-        draw = partial(_spectrum, evidence=evidence, shown=shown)
-        found.append(PagePicture("spectrum", title, alt, draw, (9.0, 3.0)))
     return found
 
 
@@ -200,18 +177,6 @@ def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
     axes.set_xlim(0.0, t[-1] if len(t) else 1.0)
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, loc="upper left")
-
-
-def _blocks(figure: Figure, evidence: RigEvidenceDocument) -> None:
-    """Draw the gains of the blocks. If -2 log L of a block falls by g, the block is exp(g / 2) times likelier."""
-    (axes,) = panel_row(figure, (1.0,))
-    gain = evidence.gain / (2.0 * math.log(10.0))
-    for rows, style, hatch in ((gain > 0.0, "good", ""), (gain <= 0.0, "bad", "xxx")):
-        axes.bar(evidence.gain_t[rows], gain[rows], width=0.85 * evidence.block_s, color=COLOURS[style], hatch=hatch,
-                 edgecolor="white", linewidth=0.0)  # fmt: skip
-    axes.axhline(0.0, color=COLOURS["neutral"], linewidth=0.8)
-    axes.set_xlabel(words.TIME)
-    axes.set_ylabel("likelier, powers of ten\n(2: 100 times)")
 
 
 def _places_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
@@ -257,40 +222,3 @@ def _mark(axes: Axes, mark: PlaceMark) -> None:
         radius = np.r_[np.full(40, mark.inner), np.full(40, mark.outer), mark.inner]
         x, y = radius * np.cos(angle), radius * np.sin(angle)
     axes.plot(MM * x, MM * y, color=INK, linewidth=1.8, zorder=6, clip_on=False)
-
-
-def _memory_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
-    first = np.abs(evidence.correlation[list(shown)[-1]][:3])
-    most, limit = float(np.nanmax(first, initial=0.0)), evidence.alike_from
-    if most < limit:
-        return f"Is what remains like noise? Yes: pictures that follow one another are alike by less than {limit:.2g}"
-    return f"Is what remains like noise? No: pictures that follow one another are alike by {most:.2f}"
-
-
-def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    (axes,) = panel_row(figure, (1.0,))
-    white, limit = evidence.white, evidence.alike_from
-    top = limit
-    axes.axhspan(-white, white, color=COLOURS["neutral"], alpha=0.25, label="noise alone, 95 %", linewidth=0.0)
-    for when, (style, text) in shown.items():
-        values = evidence.correlation[when]
-        axes.plot(np.arange(1, len(values) + 1), values, marker="o", markersize=4, **line(style), label=text)
-        top = max(top, float(np.nanmax(np.abs(values), initial=0.0)))
-    for side, text in ((-limit, None), (limit, "an alarm from here on")):
-        axes.axhline(side, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label=text)
-    axes.set_ylim(-1.3 * top, 1.7 * top)
-    axes.set_xlabel("pictures later")
-    axes.set_ylabel("correlation")
-    axes.legend(frameon=False, loc="upper right", ncols=4)
-
-
-def _spectrum(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
-    (axes,) = panel_row(figure, (1.0,))
-    spectrum: Any = evidence.spectrum
-    for when, (style, text) in shown.items():
-        axes.plot(spectrum["hz"], spectrum[when], **line(style, linewidth=1.1), label=text)
-    axes.axhline(PEAK, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label="noise alone is seldom higher")
-    plain_log(axes)
-    axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel("highest power of each band,\ntimes that of noise")
-    axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)  # lines may be anywhere

@@ -21,10 +21,9 @@ from mazeplan.apps.report.drawing import (
     failure_mark,
     legend_beside,
     line,
-    plain_log,
     round_the_ring,
 )  # fmt: skip
-from mazeplan.apps.report.page import STYLE, Note, PagePicture, PageSection, PageTable
+from mazeplan.apps.report.page import STYLE, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import (
     AHEAD,
     LoggedFailure,
@@ -69,10 +68,6 @@ def run_section(log: RunLog) -> PageSection:
     parts: list[Any] = [_rings_table(log), *run_pictures(log, maze), _times_table(log)]
     if failures:
         parts.insert(1, _failures_table(failures))
-    if not log.trees:
-        parts.append(
-            Note("An older version wrote this log, without its tree: the timeline shows which leaf commanded.")
-        )
     return PageSection(f"Run {log.path.name}", lead(log), facts, parts)
 
 
@@ -152,10 +147,6 @@ def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
         PagePicture(
             "tilt", "Tilt of the plate, commanded and measured", "tilt of both axes against time",
             partial(_tilt, **over_time, **marked), (9.0, 4.0), automatic=False,
-        ),
-        PagePicture(
-            "times", "Computing time of plans and ticks", "planner and tick times against the time of a sample",
-            partial(_times, **over_time), (9.0, 3.2), automatic=False,
         ),
     ]  # fmt: skip
 
@@ -313,22 +304,3 @@ def _tilt(figure: Figure, log: RunLog, left: float, failures: list[LoggedFailure
         axes.set_ylabel(label.replace(" (", "\n("))
         axes.grid(axis="y")
     legend_beside(panels[0])
-
-
-def _times(figure: Figure, log: RunLog, left: float) -> None:
-    (axes,), took, t = _panels(figure, log, left), times_ms(log), log.ticks["t"]
-    if len(took["tick"]):
-        axes.plot(t, took["tick"], **line("real", linewidth=0.9), label="tick")
-    if len(took["plan"]):
-        at = [plan.t0 for plan in log.plans]
-        axes.plot(at, took["plan"], "s", color=COLOURS["planned"], markersize=3.5, label="plan", zorder=3)
-    if len(t) > 1:
-        sample = 1e3 * float(np.median(np.diff(t)))
-        axes.axhline(sample, **line("bad", linewidth=1.0), label=f"until the next\nsample, {sample:.1f} ms")
-    if any(np.nanmax(part, initial=0.0) > 0.0 for part in took.values()):
-        plain_log(axes)
-    else:
-        axes.text(0.5, 0.5, "the log has no times", transform=axes.transAxes, ha="center")
-    axes.set_ylabel("computing time, ms (log scale)")
-    axes.grid(axis="y")
-    legend_beside(axes)
