@@ -35,7 +35,7 @@ def test_documents_of_the_tests_have_the_keys_that_commands_print():
         assert set(run) <= set(told)
         assert all(set(f) <= set(told["failures"][0]) for f in run["failures"])
     windows = Windows(np.zeros(1, dtype=np.int64), "evenly spaced")
-    empty = RingScores(1, 0, 0, "smoothed", 0.0, (1, 1), windows, (0.0, 0.0), {}, {}, {}, {}, {"sp": [(1, 1.0)]},
+    empty = RingScores(1, 0, 0, "smoothed", 0.0, (1, 1), windows, (0.0, 0.0), {}, {}, {}, {},
                        {"sp": {}}).document()  # fmt: skip
     assert set(comparison()["ring1"]) <= {*empty, "residual"}
     assert set(diagnosis()) & set(evidence()) == {"before", "after", "notes"}
