@@ -15,27 +15,37 @@ from __future__ import annotations
 
 import hashlib
 import io
-import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
+from pydantic import Field
 
 from mazeplan.control.policy import INPUTS, KNOWN, Policy, Single
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gp_file import arrays_of, content_of, write_content
-from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
+from mazeplan.maze.sections import Section, read_section
+from mazeplan.maze.yamltree import read_yaml
 
 FORMAT = 1
 YAML, ARRAYS = "policy.yaml", "policy.npz"
 MOST_BYTES = 16 << 20
-KEYS = ("inputs", "hidden", "limit", "reach", "arrays", "trained")
 MOST_LAYERS, WIDEST = 8, 1024
+
+
+class PolicyFile(Section):
+    """The content of policy.yaml."""
+
+    inputs: list[str]
+    hidden: list[Annotated[int, Field(ge=1, le=WIDEST)]] = Field(max_length=MOST_LAYERS)
+    limit: float = Field(gt=0.0)
+    reach: float = Field(gt=0.0)
+    arrays: dict[str, Any]
+    trained: dict[str, Any] | None
 
 
 def policy_document(policy: Policy) -> dict[str, Any]:
@@ -76,29 +86,21 @@ def load_policy(folder: str | Path) -> Policy:
     if not path.exists():
         raise ModelError(f"got {file_kinds.got(folder)}, expected a folder with {YAML}", file=folder)
     tree = read_yaml(path, error=ModelError, what=f"a policy ({YAML})")
-    check_format(tree, FORMAT, file=path, error=ModelError)
+    file = read_section(PolicyFile, tree, path, ModelError, FORMAT)
 
-    def wrong(problem: str, *key: str) -> ModelError:
-        return ModelError(problem, file=path, line=tree.line(key), key=key_path(key) or None)
+    def wrong(problem: str, key: str) -> ModelError:
+        return ModelError(problem, file=path, line=tree.line((key,)), key=key)
 
-    data = _mapping(tree, KEYS, wrong)
-    if data["inputs"] != list(INPUTS):
+    if file.inputs != list(INPUTS):
         raise wrong(f"got others, expected {', '.join(INPUTS)}", "inputs")
-    for name in ("limit", "reach"):
-        value = data[name]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-            raise wrong(f"got {shown(value)}, expected a finite number > 0", name)
-    hidden, widths = data["hidden"], range(1, WIDEST + 1)
-    if not isinstance(hidden, list) or len(hidden) > MOST_LAYERS or not all(w in widths for w in hidden):
-        raise wrong(f"got {shown(hidden)}, expected at most {MOST_LAYERS} widths from 1 to {WIDEST}", "hidden")
     try:
-        arrays = _arrays(path.with_name(ARRAYS), data["arrays"], [len(INPUTS), *hidden, 2])
+        arrays = _arrays(path.with_name(ARRAYS), file.arrays, [len(INPUTS), *file.hidden, 2])
     except (ValueError, TypeError) as problem:
         raise wrong(str(problem), "arrays") from None
-    layers = tuple((arrays[f"weights{k}"], arrays[f"bias{k}"]) for k in range(len(hidden) + 1))
+    layers = tuple((arrays[f"weights{k}"], arrays[f"bias{k}"]) for k in range(len(file.hidden) + 1))
     return Policy(
-        layers, arrays["mean"], arrays["scale"], arrays["centres"], float(data["reach"]), float(data["limit"]),
-        data["trained"] if isinstance(data["trained"], dict) else {}, str(path.parent.absolute()),
+        layers, arrays["mean"], arrays["scale"], arrays["centres"], file.reach, file.limit, file.trained or {},
+        str(path.parent.absolute()),
     )  # fmt: skip
 
 
@@ -108,19 +110,6 @@ def policy_sha256(folder: str | Path) -> str:
         return hashlib.sha256((Path(folder) / YAML).read_bytes()).hexdigest()
     except (OSError, ValueError):
         return ""
-
-
-def _mapping(tree: Tree, keys: tuple[str, ...], wrong: Any) -> dict[str, Any]:
-    data = tree.data
-    if not isinstance(data, dict):
-        raise wrong(f"got {shown(data)}, expected a mapping")
-    for name in data:
-        if name not in (*keys, "format", "version"):
-            raise wrong(f"unknown key, expected {one_of(keys, name)}", name)
-    for name in keys:
-        if name not in data:
-            raise wrong(f"{name} is missing")
-    return data
 
 
 def _arrays(path: Path, entry: Any, sizes: list[int]) -> dict[str, Single]:

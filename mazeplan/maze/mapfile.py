@@ -15,10 +15,10 @@ from pydantic import ValidationError
 
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import guess
 from mazeplan.maze.geometry import ROOMY, Ball, Maze, Opening, RadialWall, Ring
-from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
+from mazeplan.maze.mapschema import MapFile, OpeningSection
+from mazeplan.maze.sections import as_tuples, problems
 from mazeplan.maze.wallrules import (
     cut_off,
     dead_regions,
@@ -110,20 +110,20 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
         return MapCheck(None, (error(((), problem)),))
     try:
         check_format(tree, FORMAT, file=file, error=MapError)
-        spec = MapFile.model_validate({key: value for key, value in tree.data.items() if key != "format"})
+        spec = MapFile.model_validate(as_tuples({key: value for key, value in tree.data.items() if key != "format"}))
     except MapError as newer:
         return MapCheck(None, (newer,))
     except ValidationError as wrong:
-        return MapCheck(None, tuple(sorted(map(error, complaints(wrong)), key=_line)[:MAX_REPORTED]))
+        return MapCheck(None, tuple(sorted(map(error, problems(MapFile, wrong)), key=_line)[:MAX_REPORTED]))
     # check openings only if the rings are right, and radial walls only if both are
     for rule in (_ring_problems, _opening_problems, wall_problems):
-        if problems := tuple(error(item) for item in rule(spec)):
-            return MapCheck(None, problems)
+        if found := tuple(error(item) for item in rule(spec)):
+            return MapCheck(None, found)
     maze = _maze(spec, str(file))
-    if maze.radial_walls and (problems := tuple(error(item) for item in cut_off(maze))):
-        return MapCheck(None, problems)
-    found = [*_warnings(spec), *(dead_regions(maze) if maze.radial_walls else ())]
-    return MapCheck(maze, (), tuple(str(error(item)) for item in found))
+    if maze.radial_walls and (found := tuple(error(item) for item in cut_off(maze))):
+        return MapCheck(None, found)
+    doubts = [*_warnings(spec), *(dead_regions(maze) if maze.radial_walls else ())]
+    return MapCheck(maze, (), tuple(str(error(item)) for item in doubts))
 
 
 def _line(error: MapError) -> int:
@@ -144,8 +144,7 @@ def _ring_problems(spec: MapFile) -> Iterator[Problem]:
     volume, mass = 4.0 / 3.0 * math.pi * (0.1 * spec.ball.radius_mm) ** 3, spec.ball.mass_g
     low, high = (density * volume for density in DENSITIES)
     if not low <= mass <= high:
-        hint = unit_hint(mass, "g", low, high)
-        yield ("ball", "mass_g"), f"got {mass:g}, expected {low:.2g} to {high:.3g} for a ball of this radius{hint}"
+        yield ("ball", "mass_g"), f"got {mass:g}, expected {low:.2g} to {high:.3g} for a ball of this radius"
     for i, ring in enumerate(spec.rings):
         inner, outer = ("rings", i, "inner_radius_mm"), ("rings", i, "outer_radius_mm")
         if i == last and ring.inner_radius_mm != 0.0:
@@ -177,9 +176,9 @@ def crowded(balls: int, ball_mm: float, centre_mm: float) -> str | None:
 
 
 def _opening_problems(spec: MapFile) -> Iterator[Problem]:
-    problems = [problem for i in range(len(spec.openings)) for problem in _one_opening(spec, i)]
-    yield from problems
-    if problems:
+    wrong = [problem for i in range(len(spec.openings)) for problem in _one_opening(spec, i)]
+    yield from wrong
+    if wrong:
         return
     yield from duplicate_names("openings", [(_name(o), bool(o.name)) for o in spec.openings])
     gaps: dict[int, list[tuple[float, int, float]]] = {}
@@ -198,7 +197,7 @@ def _one_opening(spec: MapFile, i: int) -> Iterator[Problem]:
         yield (*key, "rings"), f"got ring {inner}, expected 1 to {len(spec.rings)}"
         return
     if inner != outer + 1:
-        yield (*key, "rings"), f"got {opening.rings}, expected two neighbours, such as [1, 2]"
+        yield (*key, "rings"), f"got {list(opening.rings)}, expected two neighbours, such as [1, 2]"
         return
     diameter, wall = 2.0 * spec.ball.radius_mm, 2.0 * spec.rings[inner - 1].outer_radius_mm
     if opening.width_mm <= diameter:

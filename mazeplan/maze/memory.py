@@ -15,18 +15,34 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import Field
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
-from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
+from mazeplan.maze.sections import Section, read_section
+from mazeplan.maze.yamltree import Key, key_path, read_yaml, shown
 
 FORMAT = 1
 FADING_S = 120.0  # s of rig time in which counts fall to 1/e
 KEPT = 0.8  # share of the counts kept for the next run
 MOST = 1e6  # maximum count in a file
 NOTE = "# What happened at the openings of the map, fading. Written by `mazeplan navigate --memory`; may be deleted.\n"
+
+
+class Counts(Section):
+    """What happened at one opening."""
+
+    successes: float = Field(default=0.0, ge=0.0, le=MOST)
+    failures: float = Field(default=0.0, ge=0.0, le=MOST)
+
+
+class MemoryFile(Section):
+    """A whole file."""
+
+    map: str | None = None
+    openings: dict[str, Counts] | None = None
 
 
 @dataclass
@@ -86,21 +102,17 @@ def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> Open
     tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (YAML)")
     if other := file_kinds.by_keys(tree.data):
         raise InputError(f"got {other}, expected a file of `navigate --memory`", file=path, line=1)
-    names = tuple(openings)
-    check_format(tree, FORMAT, file=path)
-    root = _mapping(tree, path, (), tree.data, ("format", "map", "openings"))
-    if "format" not in root:
-        raise _wrong(tree, path, ("format",), f"is missing, expected {FORMAT}")
-    made_for = root.get("map", map_name)
+    found, known = read_section(MemoryFile, tree, path, InputError, FORMAT), list(openings)
+    made_for = map_name if found.map is None else found.map
     if map_name and made_for != map_name:
         expected = f"{map_name!r}, the map of this run; give another file, which is made where there is none"
-        raise _wrong(tree, path, ("map",), f"got {shown(made_for)}, expected {expected}")
-    entries = _mapping(tree, path, ("openings",), root.get("openings") or {}, names)
-    for name, entry in entries.items():
-        key = ("openings", name)
-        counts = _mapping(tree, path, key, entry, ("successes", "failures"))
-        successes, failures = (_count(tree, path, key, counts, which) for which in ("successes", "failures"))
-        memory._counts[name] = (KEPT * successes, KEPT * failures, 0.0)
+        raise InputError(f"got {shown(made_for)}, expected {expected}", file=path, line=tree.line(("map",)), key="map")
+    for name, counts in (found.openings or {}).items():
+        if name not in known:
+            key: Key = ("openings", name)
+            expected = f"unknown key, expected {one_of(known, name)}"
+            raise InputError(expected, file=path, line=tree.line(key), key=key_path(key))
+        memory._counts[name] = (KEPT * counts.successes, KEPT * counts.failures, 0.0)
     return memory
 
 
@@ -126,23 +138,3 @@ def save_memory(memory: OpeningMemory, path: Path, now: float, map_name: str = "
 def _quoted(name: str) -> str:
     """A name as YAML text, on one line."""
     return yaml.safe_dump(name, default_style='"', width=math.inf).strip()
-
-
-def _wrong(tree: Tree, path: Path, key: Key, problem: str) -> InputError:
-    return InputError(problem, file=path, line=tree.line(key), key=key_path(key) or None)
-
-
-def _mapping(tree: Tree, path: Path, key: Key, node: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(node, dict):
-        raise _wrong(tree, path, key, f"got {shown(node)}, expected a mapping")
-    for name in node:
-        if name not in allowed:
-            raise _wrong(tree, path, (*key, name), f"unknown key, expected {one_of(allowed, name)}")
-    return node
-
-
-def _count(tree: Tree, path: Path, key: Key, counts: dict[str, Any], which: str) -> float:
-    value = counts.get(which, 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MOST:
-        raise _wrong(tree, path, (*key, which), f"got {shown(value)}, expected a number from 0 to {MOST:g}")
-    return float(value)

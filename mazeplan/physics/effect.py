@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import one_of
 
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
@@ -134,8 +133,7 @@ class Effect(WallPattern, FitHints):
         for key, value in given.items():
             allowed = self.parameters[key]
             if not allowed.low <= value <= allowed.high:  # also refuses NaN
-                said = f"{key}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip()
-                raise ValueError(said + unit_hint(value, allowed.unit, allowed.low, allowed.high))
+                raise ValueError(f"{key}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip())
         return Term(self, tuple(float(given.get(key, p.default)) for key, p in self.parameters.items()))
 
     @property

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.field_checks import unit_hint, unit_of
-from mazeplan.core.name_hints import one_of, unknown_keys_first
+from mazeplan.maze.sections import as_tuples, problems
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1  # also the format of a file without the key `format`
 OURS = "mazeplan."  # a class whose name begins so is one of this package
 MAPPING = "settings as `key: value`"
-EXPECTED = {  # pydantic's kind of error: what to expect, in the words of a YAML file
-    "model_type": MAPPING, "model_attributes_type": MAPPING, "dict_type": MAPPING, "tuple_type": "a list",
-    "list_type": "a list", "string_type": "text", "bool_type": "true or false", "finite_number": "a finite number",
-}  # fmt: skip
-
-
-class RigSection(BaseModel):
-    """Base of all sections of a rig's file. Refuses unknown keys, NaN, and text for a number."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class FileSettings(dict[str, Any]):
@@ -80,54 +68,9 @@ def validated(
     try:
         return kind.model_validate(as_tuples(data))
     except ValidationError as problem:
-        raise placed(
-            mistake(kind, unknown_keys_first(problem.errors())[0], within), data if source is None else source
-        ) from None
-
-
-def mistake(kind: type[BaseModel], error: Any, within: Key = ()) -> SettingsError:
-    """One of pydantic's errors as a SettingsError without a file."""
-    key = tuple(part for part in error["loc"] if not str(part).startswith("function-"))
-    if error["type"] == "extra_forbidden":
-        said = f"unknown key, expected {one_of(_fields(kind, key[:-1]), key[-1])}"
-    else:
-        said = _sentence(error)
-    return SettingsError(said, key=key_path((*within, *key)) or None)
-
-
-def as_tuples(value: Any) -> Any:
-    """The value with tuples in place of lists, as strict validation expects."""
-    if isinstance(value, Mapping):
-        return {key: as_tuples(item) for key, item in value.items()}
-    return tuple(as_tuples(item) for item in value) if isinstance(value, list | tuple) else value
-
-
-def _sentence(error: Any) -> str:
-    """One of pydantic's errors in words: the value and what is allowed."""
-    name = next((part for part in reversed(error["loc"]) if isinstance(part, str)), "")
-    message, kind, got = str(error["msg"]), error["type"], error.get("input")
-    if kind == "value_error":  # from a validator of this program
-        return message.removeprefix("Value error, ")
-    if kind == "missing":
-        return "is missing"
-    if kind in ("too_long", "too_short"):
-        most = error["ctx"].get("max_length", error["ctx"].get("min_length"))
-        return f"got {len(got)} entries, expected {'at most' if kind == 'too_long' else 'at least'} {most}"
-    expected = EXPECTED.get(kind) or message.removeprefix("Input should be ").removeprefix("Field ")
-    limit: Any = next(iter(error.get("ctx", {}).values()), None) if kind.startswith(("less", "greater")) else None
-    low, high = (0.0, limit) if kind.startswith("less") else (limit, math.inf)
-    hint = "" if limit is None else unit_hint(got, unit_of(name), low, high)
-    return f"got {shown(list(got) if isinstance(got, tuple) else got)}, expected {expected}{hint}"
-
-
-def _fields(kind: Any, key: Key) -> list[str]:
-    """Names of the keys of the section at `key` in a model."""
-    for name in key:
-        if isinstance(name, str):
-            annotation = kind.model_fields[name].annotation
-            options = (annotation, *getattr(annotation, "__args__", ()))
-            kind = next(option for option in options if hasattr(option, "model_fields"))
-    return list(kind.model_fields)
+        key, said = problems(kind, problem)[0]
+        error = SettingsError(said, key=key_path((*within, *key)) or None)
+        raise placed(error, data if source is None else source) from None
 
 
 def _parsed_key(text: str) -> Key:

@@ -119,7 +119,10 @@ def test_its_effect_is_found_by_a_diagnosis_and_can_be_declared(mazeplan, seen, 
     assert found["effects"][0]["parameters"]["force"]["value"] == pytest.approx(0.5, abs=0.05)
     assert "also tried wind of package outside-cart 1.2" in found["notes"]
     declared = mazeplan("diagnose", "log.csv", *KNOWN, "--declare", "wind.force=9", "--json")
-    assert (declared.returncode, declared.stderr) == (2, "mazeplan: --declare: got wind.force 9, expected -5 to 5\n")
+    assert (declared.returncode, declared.stderr) == (
+        2,
+        "mazeplan: --declare: got wind.force 9, expected -5 to 5 rad/s^2\n",
+    )
 
 
 # -- in this process -------------------------------------------------------------------------------------------------

@@ -62,7 +62,7 @@ def test_check_names_every_problem_and_goes_on(tmp_path):
     assert result.exit_code == 2
     assert "cme: ok" in result.stdout
     line = text[: text.index("angle_deg: 45")].count("\n") + 1
-    assert f"{bad}:{line}: openings[0].angle_deg: got 400, expected 0 <= angle_deg < 360" in result.stderr
+    assert f"{bad}:{line}: openings[0].angle_deg: got 400" in result.stderr
     assert len(result.stderr.splitlines()) == 2
     document = json.loads(run("check", "--json", str(bad), "cme").stdout)
     assert [item["ok"] for item in document] == [False, True]

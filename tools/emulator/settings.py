@@ -6,10 +6,11 @@ from typing import Any
 
 from pydantic import Field
 
-from mazeplan.rigs.hardware.settings import HardwareSettings, RigSection
+from mazeplan.maze.sections import Section
+from mazeplan.rigs.hardware.settings import HardwareSettings
 
 
-class WorldSettings(RigSection):
+class WorldSettings(Section):
     """The section `world:` of an emulated rig's file.
 
     `seed` draws the true servos, diode and camera. No file has these true values."""

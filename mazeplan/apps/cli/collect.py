@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
-from mazeplan.core.field_checks import unit_hint
 
 if TYPE_CHECKING:
     from mazeplan.run.collect import Collected
@@ -51,8 +50,7 @@ def collect(
     others = [r.number for r in maze.rings if r.number != first] if rings else []
     limit = math.degrees(maze.tilt_limit)
     if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
-        hint = unit_hint(tilt, "deg", LEAST_TILT, limit)
-        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees{hint}")
+        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees")
     most = None if tilt is None else math.radians(tilt)
     plan = Collection(seconds, (first, *others), seed, most, highest_hz, rig, map_)
     setup, tour = None, None

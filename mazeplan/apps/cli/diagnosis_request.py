@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.output import finite, print_json, write_text
 from mazeplan.core.errors import InputError
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
@@ -67,8 +66,7 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
             raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number{hint}") from None
         spec = allowed[parameter]
         if not (math.isfinite(number) and spec.low <= number <= spec.high):
-            hint = unit_hint(number, spec.unit, spec.low, spec.high)
-            expected = f"expected {spec.low:g} to {spec.high:g}{hint}"
+            expected = f"expected {spec.low:g} to {spec.high:g} {spec.unit}"
             raise InputError(f"--declare: got {effect}.{parameter} {number:g}, {expected}")
         defaults = {} if effect == partly else {key: p.default for key, p in allowed.items()}
         known.setdefault(effect, defaults)[parameter] = number

@@ -19,7 +19,6 @@ from typer import BadParameter, CallbackParam, Context
 
 from mazeplan.apps.cli.output import check_new
 from mazeplan.core.errors import InputError
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.whole_file import in_dev, is_stream
 
 PATHS = {"DIR", "FILE", "FOLDER", "INPUT", "LOG", "MAP", "MODEL", "OUT", "RIG", "TREE"}  # metavars of files, folders
@@ -76,8 +75,7 @@ def number(
             wanted = f"{low:g} to {most:g}"
             if math.inf in (-low, most):
                 wanted = f"at most {most:g}" if low == -math.inf else f"at least {low:g}"
-            hint = unit_hint(value, {"degrees": "deg"}.get(unit, unit), low, most)
-            raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}{hint}")
+            raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}")
         return value
 
     return parse

@@ -23,8 +23,8 @@ from pydantic import Field, ValidationError
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.name_hints import one_of, unknown_keys_first
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
-from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.sim.settings import Fault
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -33,7 +33,7 @@ Ring = Annotated[int, Field(ge=1)]
 FOR_EVER = 1e6  # s
 
 
-class _While(RigSection):
+class _While(Section):
     """A mishap that lasts from one moment of rig time to another."""
 
     from_s: Seconds = 0.0
@@ -75,7 +75,7 @@ class AxisDead(_While):
         return ("beta", "gamma") if self.axis == "both" else (self.axis,)
 
 
-class _Once(RigSection):
+class _Once(Section):
     """A mishap that happens once: at `at_s`, or as soon after it as the ball is in the ring `in_ring`."""
 
     at_s: Seconds = 0.0

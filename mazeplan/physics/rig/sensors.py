@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.maths.fingerprint import LATER
 
 ROUNDS = 20  # iterations that correct the lens (fixed point); each leaves a share k |p - c|^2 of the error
@@ -45,8 +44,7 @@ class Camera:
         for name, low, high, unit in LIMITS:
             value = getattr(self, name)
             if not low <= value <= high:  # also refuses NaN
-                hint = unit_hint(value, unit, low, high)
-                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip() + hint)
+                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip())
 
     def true(self, x: float, y: float) -> tuple[float, float]:
         """True position, m, of a ball that is measured at (x, y)."""

@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Array
 
@@ -76,8 +75,7 @@ class StageAxis:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                hint = unit_hint(value, unit, low, high)
-                raise ValueError(f"{name}: got {value}, expected {low} to {high}{hint}")
+                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}")
 
     @classmethod
     def prompt(cls, gain: float = 1.0, dead_time: float = 0.0, offset: float = 0.0) -> StageAxis:

@@ -13,12 +13,13 @@ from pydantic import BeforeValidator, Field, ValidationError
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.yamltree import shown
+from mazeplan.maze.sections import MISSING, Section, as_tuples, problems
+from mazeplan.maze.yamltree import key_path, shown
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectorSettings
 from mazeplan.rigs.camera.floor import floor_side
 from mazeplan.rigs.camera.markers import SIZE, Markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
-from mazeplan.rigs.files import RigSection, as_tuples, mistake, placed, validated
+from mazeplan.rigs.files import placed, validated
 
 Positive = Annotated[float, Field(gt=0.0)]
 Hue = Annotated[float, Field(ge=0.0, le=360.0)]
@@ -35,7 +36,7 @@ def _device(source: Any) -> int | str:
 Device = Annotated[int | str, BeforeValidator(_device)]
 
 
-class MarkerSection(RigSection):
+class MarkerSection(Section):
     """Markers on the plate. The upper edge of each marker is towards +y.
 
     size_mm: side of a marker.
@@ -49,7 +50,7 @@ class MarkerSection(RigSection):
         return Markers({n: (x / 1000, y / 1000, z / 1000) for n, x, y, z in self.at_mm}, self.size_mm / 1000)
 
 
-class CameraSection(RigSection):
+class CameraSection(Section):
     """A calibrated camera.
 
     source: number of a device, URL or video file.
@@ -118,9 +119,9 @@ def check_begun(data: Mapping[str, Any], source: Mapping[str, Any]) -> None:
     try:
         CameraSection.model_validate(as_tuples(data))
     except ValidationError as problem:
-        for error in problem.errors():
-            if error["type"] != "missing" or len(error["loc"]) > 1:
-                raise placed(mistake(CameraSection, error, ("camera",)), source) from None
+        for key, said in problems(CameraSection, problem):
+            if said != MISSING or len(key) > 1:
+                raise placed(SettingsError(said, key=key_path(("camera", *key))), source) from None
 
 
 def marker_section(data: Mapping[str, Any], source: Mapping[str, Any] | None = None) -> MarkerSection:

@@ -23,11 +23,11 @@ from pydantic import BeforeValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import one_of
+from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import check_format, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
-from mazeplan.rigs.files import FileSettings, RigSection, validated
+from mazeplan.rigs.files import FileSettings, validated
 
 FORMAT = 1  # also the format of a file without the key `format`
 MOST = 1e3  # s, maximum of any time in a schedule
@@ -53,7 +53,7 @@ Numbers = Annotated[Range, BeforeValidator(_range(MOST))]
 Sizes = Annotated[Range, BeforeValidator(_range(math.inf))]  # `FaultKind.allowed` has the limits of each kind
 
 
-class Entry(RigSection):
+class Entry(Section):
     """One fault of a schedule. A field that is None takes the default of the fault's kind."""
 
     kind: str
@@ -81,12 +81,11 @@ class Entry(RigSection):
         least, most = kind.allowed
         for value in size:
             if not least <= value <= most:
-                hint = unit_hint(value, kind.unit, least, most)
-                raise ValueError(f"got {value:g}, expected {least:g} to {most:g} {kind.unit}{hint}")
+                raise ValueError(f"got {value:g}, expected {least:g} to {most:g} {kind.unit}")
         return size
 
 
-class Schedule(RigSection):
+class Schedule(Section):
     """All entries of a schedule's file."""
 
     faults: tuple[Entry, ...]

@@ -15,8 +15,8 @@ from pydantic import Field, field_validator, model_validator
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Latency
 from mazeplan.core.whole_file import whole_file
+from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import parse_yaml, read_yaml
-from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
 from mazeplan.rigs.hardware.yamlmerge import merged
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
@@ -25,7 +25,7 @@ SLOWEST = 100.0  # us/s, smallest slew rate
 LIMITS = ("min_us", "max_us")
 
 
-class ServoAxis(RigSection):
+class ServoAxis(Section):
     """One servo. us_per_deg is negative if a longer pulse tilts the plate in the negative direction."""
 
     level_us: float = Field(default=1500.0, description="pulse of a level plate")
@@ -59,7 +59,7 @@ class ServoAxis(RigSection):
         return math.radians((pulse_us - self.level_us) / self.us_per_deg)
 
 
-class Servo(RigSection):
+class Servo(Section):
     """The section `servo:` of the file."""
 
     beta: ServoAxis = ServoAxis()
@@ -75,7 +75,7 @@ class Servo(RigSection):
         return slew
 
 
-class LatencySection(RigSection):
+class LatencySection(Section):
     """The section `latency:` of the file, as `mazeplan rig check` writes it."""
 
     command_ms: float = Field(ge=0.0, le=500.0, description="from a command to the first movement of the plate")
@@ -88,7 +88,7 @@ class LatencySection(RigSection):
         return Latency(camera_s=1e-3 * self.camera_ms, command_s=1e-3 * (self.command_ms + self.host_ms))
 
 
-class HardwareSettings(RigSection):
+class HardwareSettings(Section):
     """All keys of the file except `class`."""
 
     model: str | None = Field(default=None, description="model of ball and stage for navigation: a name or folder")

@@ -21,7 +21,6 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, TableError
-from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.records import Array
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import shown
@@ -168,8 +167,7 @@ def _reading(header: list[str], row: list[str], path: Path, line: int) -> Readin
     def checked(name: str, value: float, allowed: tuple[float, float, str]) -> None:
         low, high, unit = allowed
         if not low <= value <= high:
-            hint = unit_hint(value, unit, low, high)
-            problem = f"got {value:g}, expected {low:g} to {high:g} {unit}{hint}"
+            problem = f"got {value:g}, expected {low:g} to {high:g} {unit}"
             raise TableError(problem, file=path, line=line, key=name)
 
     v0, v1, beta, gamma = (number(name) for name in COLUMNS)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from mazeplan.core.records import Array
-from mazeplan.rigs.files import RigSection
+from mazeplan.maze.sections import Section
 
 POWERS = {
     "one": (0, 0), "a": (1, 0), "b": (0, 1), "ab": (1, 1), "aa": (2, 0), "bb": (0, 2),
@@ -52,7 +52,7 @@ class DiodeSensor:
         return all(abs(v - c) <= REACH * s for v, c, s in pairs)
 
 
-class TiltSection(RigSection):
+class TiltSection(Section):
     """The section `tilt:` of a rig's file, as `mazeplan calibrate tilt` writes it."""
 
     centre_v: tuple[float, float]

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.rigs.files import FileSettings, RigSection, placed, validated
+from mazeplan.maze.sections import Section
+from mazeplan.rigs.files import FileSettings, placed, validated
 
 SurpriseName = Literal[
     "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
@@ -35,7 +36,7 @@ Lean = Annotated[float, Field(ge=-4.0, le=4.0)]  # deg
 Turn = Annotated[float, Field(ge=-360.0, le=360.0)]  # deg
 
 
-class Fault(RigSection):
+class Fault(Section):
     """A fault of the machine. It begins at at_s and lasts for duration_s.
 
     Kinds that act on a ball (`ball`: 1 is the first):
@@ -68,7 +69,7 @@ class Fault(RigSection):
     offset_deg: float = Field(default=1.0, ge=-5.0, le=5.0)
 
 
-class Change(RigSection):
+class Change(Section):
     """Settings that change in a campaign, from the run `from_run` on; the first run is 1."""
 
     from_run: int = Field(ge=1)
@@ -80,7 +81,7 @@ class Change(RigSection):
     table_y_deg: Lean | None = None
 
 
-class RigSetup(RigSection):
+class RigSetup(Section):
     """Model, map and sample rate."""
 
     model: str | None = Field(default=None, description="model of ball and stage for navigation: a name or folder")
@@ -88,7 +89,7 @@ class RigSetup(RigSection):
     rate_hz: float = Field(default=30.0, ge=5.0, le=200.0, description="samples and commands per second")
 
 
-class CameraNoise(RigSection):
+class CameraNoise(Section):
     """Delay, noise and losses of the camera."""
 
     sense: Literal["ideal", "camera"] = Field(
@@ -104,7 +105,7 @@ class CameraNoise(RigSection):
     outlier_mm: float = Field(default=30.0, ge=0.0, le=200.0, description="standard deviation of a wrong position")
 
 
-class CameraGeometry(RigSection):
+class CameraGeometry(Section):
     """Errors of the camera's place and lens."""
 
     camera_offset_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the picture's centre")
@@ -116,7 +117,7 @@ class CameraGeometry(RigSection):
     lens_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the lens's centre")
 
 
-class TableSettings(RigSection):
+class TableSettings(Section):
     """Tilt sensor, and the table under the plate."""
 
     tilt_noise_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="standard deviation of the tilt sensor")
@@ -130,7 +131,7 @@ class TableSettings(RigSection):
     rocking_phase_deg: Turn = Field(default=0.0, description="phase of a rocking table at time 0")
 
 
-class ServoSettings(RigSection):
+class ServoSettings(Section):
     """Servos and commands."""
 
     servo_frequency_rad_s: float = Field(default=26.0, ge=5.0, le=100.0, description="natural frequency")
@@ -152,7 +153,7 @@ class ServoSettings(RigSection):
     deadband_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="servos ignore smaller changes of a command")
 
 
-class BallSettings(RigSection):
+class BallSettings(Section):
     """The ball, and forces along its way."""
 
     ball_inertia: float = Field(default=0.4, ge=0.1, le=0.6667, description="of m r^2: 2/5 solid, 2/3 hollow")
@@ -171,7 +172,7 @@ class BallSettings(RigSection):
     )
 
 
-class PlateSettings(RigSection):
+class PlateSettings(Section):
     """Forces of the plate: a magnet, a warped or wavy floor."""
 
     magnet_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="strongest pull of a magnet under the plate")
@@ -184,7 +185,7 @@ class PlateSettings(RigSection):
     ripple_deg: Turn = Field(default=0.0, description="direction of a crest")
 
 
-class LocalSettings(RigSection):
+class LocalSettings(Section):
     """Losses that depend on direction or place: a nap, a sticky part of a ring, a kerb."""
 
     nap_m_s2: Push = Field(default=0.0, description="dry friction of a ball that rolls counter-clockwise; -: clockwise")
@@ -196,7 +197,7 @@ class LocalSettings(RigSection):
     kerb_deg: Turn = Field(default=0.0, description="angle of the kerb")
 
 
-class ContactSettings(RigSection):
+class ContactSettings(Section):
     """Contacts of the ball with floor and walls."""
 
     rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="stiction angle = this / ball radius")

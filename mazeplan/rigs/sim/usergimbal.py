@@ -21,8 +21,8 @@ from pydantic import Field
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import shown
-from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.sim.gimbal import Gimbal
 
 PROBE_ANGLE = 1e-3  # rad; a turn of a joint by this angle shows what the joint does to the plate
@@ -42,7 +42,7 @@ OBJECTS = {"joint": JOINT, "actuator": ACTUATOR, "body": BODY, "site": SITE}
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
-class AxisSection(RigSection):
+class AxisSection(Section):
     """A joint and its actuator.
 
     actuator: None: the only actuator of that joint.
@@ -57,7 +57,7 @@ class AxisSection(RigSection):
     zero_deg: float = Field(default=0.0, ge=-90.0, le=90.0)
 
 
-class ModelSection(RigSection):
+class ModelSection(Section):
     """Keys of the rig's file that describe the model.
 
     mjcf: file of the model.
