@@ -67,12 +67,10 @@ def test_your_own_effect_is_shown(call, monkeypatch, tmp_path):
     assert json.loads(out)["formula"] == "-force*sin(theta)"
 
 
-def test_the_page_about_effects_is_the_registry(call):
-    (shown,) = re.findall(r"^\| name \|.*?\n(?=\n)", DOCS.read_text(), re.S | re.M)
-    named = ("| name |", "|---|", *(f"| {name} |" for name in NAMED))
-    expected = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith(named)]
-    assert shown.splitlines() == expected
-    assert all(line.count("|") == 6 for line in expected), "no formula with a bar in it"
+def test_markdown_has_a_row_for_each_effect(call):
+    rows = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith("| ")]
+    assert [row.split("|")[1].strip() for row in rows[1:]] == NAMED
+    assert all(row.count("|") == 6 for row in rows), "no formula with a bar in it"
 
 
 def test_a_slip_in_a_name_is_answered(refused):

@@ -64,20 +64,13 @@ def test_the_example_notices_a_tree_and_a_leaf_that_are_broken(desk):
     )
 
 
-def test_the_errors_shown_are_the_errors_got(desk, monkeypatch):
+def test_the_mistake_shown_is_reported(desk, monkeypatch):
     monkeypatch.syspath_prepend(desk)
     shown = re.search(r"`(mishaps\.yaml:2: .*?), \.\.\.`", PAGE)
     assert shown
     (desk / "mishaps.yaml").write_text(FILES["mishaps.yaml"].replace("2-3@90", "2b"), encoding="utf-8")
     with pytest.raises(InputError, match="^" + re.escape(shown[1])):
         run_tree("calm.xml", mishaps="mishaps.yaml", behavior_modules=["my_leaves"])
-    (desk / "mishaps.yaml").write_text(FILES["mishaps.yaml"], encoding="utf-8")
-    claimed = re.search(r"```\n(expected never stuck.*?)\n    \.\.\.", PAGE, re.DOTALL)
-    assert claimed
-    with pytest.raises(AssertionError) as caught:
-        run_tree("calm.xml", mishaps="mishaps.yaml", behavior_modules=["my_leaves"]).never("stuck")
-    got, expected = (re.sub(r"[0-9]+\.[0-9]+", "#", text) for text in (str(caught.value), claimed[1]))
-    assert got.startswith(expected)  # but for the last digits, which go with the planner's tuning
 
 
 def test_every_public_name_is_on_the_page_and_has_a_docstring():

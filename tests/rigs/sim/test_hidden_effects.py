@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,17 +66,6 @@ def test_seeds_draw_what_they_always_drew():
         "hollow", "backlash", "camera", "table", "warp", "magnet", "friction",
         "backlash", "camera", "warp", "friction", "magnet", "hollow", "table",
     ]  # fmt: skip
-
-
-def test_the_page_about_rigs_has_every_kind_with_its_effect_and_keys_that_exist():
-    page = (Path(__file__).resolve().parents[3] / "docs" / "rigs.md").read_text()
-    rows = [row.split("|") for row in page.splitlines() if re.match(r"\| `\w+` \|.*\|.*\|.*\|", row)]
-    told = {kind: re.findall(r"\w+", row[1])[0] for row in rows for kind in re.findall(r"`(\w+)`", row[4])}
-    assert told == {name: kind.effect for name, kind in KINDS.items()}
-    keys = {key for row in rows for key in re.findall(r"`(\w+)", row[2])}
-    assert keys <= SimulatedSettings.model_fields.keys()
-    changed = {key for name in KINDS for key in drawn_surprise(settings_from({"surprise": name}), MAZE).changes}  # pyright: ignore
-    assert changed <= keys
 
 
 # -- without any -----------------------------------------------------------------------------------------------------

@@ -1,0 +1,141 @@
+"""Writes the pages that are made from the program: commands/*.md and made/*.md."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+
+def pages(folder: Path) -> None:
+    """Write all pages into the folder of the documentation; a page that has not changed stays untouched."""
+    texts = {f"commands/{name}.md": text for name, text in commands()}
+    texts |= {
+        "made/figures.md": figures(folder / "history.json"),
+        "made/effects.md": effects(),
+        "made/faults.md": faults(),
+        "made/surprises.md": surprises(),
+        "made/nodes.md": nodes(),
+    }
+    for name, lines in texts.items():
+        page, text = folder / name, "\n".join(lines) + "\n"
+        page.parent.mkdir(exist_ok=True)
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def table(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> Iterator[str]:
+    """Lines of a table."""
+    columns = list(columns)
+    yield f"| {' | '.join(columns)} |"
+    yield "|---" * len(columns) + "|"
+    for row in rows:
+        yield f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in row)} |"
+    yield ""
+
+
+def commands() -> Iterator[tuple[str, list[str]]]:
+    """Name and page of each command, from the program's own help."""
+    from typer.main import get_command
+
+    from mazeplan.apps.cli.app import app
+
+    group: Any = get_command(app)  # typer promises a command; with several of them it is a group
+    for name, command in group.commands.items():
+        yield name, list(_command(f"mazeplan {name}", command, 1))
+
+
+def _command(path: str, command: Any, level: int) -> Iterator[str]:
+    """A command's heading, what it does, its parameters, and its own commands."""
+    yield from (f"{'#' * level} {path}", "", *(command.help or "").splitlines(), "")
+    if getattr(command, "commands", None):
+        for name, inner in command.commands.items():
+            yield from _command(f"{path} {name}", inner, 2)
+        return
+    rows = []
+    for parameter in command.params:
+        names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
+        default = parameter.default
+        shown = "" if default is None or callable(default) or default is False or default == () else f"`{default}`"
+        rows.append((names, shown, (getattr(parameter, "help", None) or "").replace("<", "&lt;")))
+    yield from table(("parameter", "default", "meaning"), rows)
+
+
+def figures(path: Path) -> Iterator[str]:
+    """All figures of history.json."""
+    yield from ("# All figures", "", "From docs/history.json, which `tools/bench.py` writes.", "")
+    for section in json.loads(path.read_text(encoding="utf-8")).values():
+        gone = " The program of this section has left." if section.get("gone") else ""
+        how = f"{section['date']}, `{section['command']}`, {section['machine']}.{gone}"
+        yield from (f"## {section['title']}", "", how, "", "\n\n".join(section["notes"]), "")
+        for each in section["tables"]:
+            yield from (each["caption"], "", *table(each["columns"], each["rows"]))
+
+
+def effects() -> Iterator[str]:
+    """The table of `effect list --markdown`."""
+    words = [sys.executable, "-m", "mazeplan", "effect", "list", "--markdown"]
+    yield from ("# All effects", "", "How a model uses them: [physical effects](../effects.md).", "")
+    yield from subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def faults() -> Iterator[str]:
+    """Kinds of faults that can be injected."""
+    from mazeplan.rigs.faults.kinds import KINDS
+
+    def span(pair: tuple[float, float]) -> str:
+        if math.isinf(pair[0]):
+            return "for good"
+        if pair == (0.0, 0.0):
+            return "at once"
+        return f"{pair[0]:g}" if pair[0] == pair[1] else f"{pair[0]:g} to {pair[1]:g}"
+
+    yield from ("# Kinds of faults", "", "How to inject them: [fault injection](../faults.md).", "")
+    yield from table(
+        ("kind", "where", "what", "for s", "size", "can be survived"),
+        (
+            (
+                f"`{name}`", kind.place, kind.what, span(kind.duration_s),
+                "" if kind.size is None else f"{span(kind.size)} {kind.unit}",
+                f"no: {kind.because}" if kind.because else "yes",
+            )
+            for name, kind in KINDS.items()
+        ),
+    )  # fmt: skip
+
+
+def surprises() -> Iterator[str]:
+    """Effects that a simulated rig can have, with the keys of its file."""
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.sim.settings import settings_from
+    from mazeplan.rigs.sim.surprise import KINDS, drawn_surprise
+
+    def keys(name: str) -> str:
+        drawn = drawn_surprise(settings_from({"surprise": name}), load_map("cme"))
+        return ", ".join(f"`{key}`" for key in drawn.changes)
+
+    how = "`--rig surprise@KIND` has one of them. `mazeplan rig list` explains the keys of a rig's file."
+    yield from ("# What a simulated rig can have", "", how, "")
+    rows = ((f"`{name}`", f"`{kind.effect}`", kind.text, keys(name)) for name, kind in KINDS.items())
+    yield from table(("kind", "effect", "what", "keys"), rows)
+
+
+def nodes() -> Iterator[str]:
+    """Nodes of behaviour trees that the format has."""
+    from mazeplan.btree.builtin_leaves import BUILTIN_LEAVES
+    from mazeplan.btree.controls import CONTROLS
+    from mazeplan.btree.decorators import DECORATORS
+
+    yield from ("# All nodes of the format", "", "Attributes, scripts and differences: [nodes](../tree-nodes.md).", "")
+    groups = {"Control nodes": CONTROLS, "Decorators": DECORATORS, "Leaves of the format": BUILTIN_LEAVES}
+    for title, group in groups.items():
+        yield from (f"## {title}", "")
+        rows = []
+        for name, kind in group.items():
+            ports = ", ".join(f"`{port}`" for port in kind.ports)
+            rows.append((f"`{name}`", " ".join((kind.__doc__ or "").split("\n\n")[0].split()), ports))
+        yield from table(("node", "what it does", "ports"), rows)
