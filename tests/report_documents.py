@@ -99,6 +99,7 @@ def comparison(rings=(1, 2)):
             "n_train": 400, "n_test": 100, "rates": "smoothed", "delay_s": 0.05, "windows": 7,
             "windows_chosen": "evenly spaced", "nrmse_train": {"p": 0.91, "sp": 0.2},
             "nrmse_test": {"p": 0.9 + 0.01 * ring, "sp": 0.3451}, "rollout": {"sp": {"20": 0.1234, "40": 0.2468}},
+            "interval95": {"nrmse_test": {"sp": [0.31, 0.37]}},
             "bands": {"sp": band}, "residual": residual,
         }  # fmt: skip
     return out
