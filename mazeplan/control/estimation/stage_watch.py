@@ -140,7 +140,8 @@ class StageWatch:
         u = np.vstack([[0.0, 0.0], sent[1:], sent[-1:]])  # level at first; then what was sent after each sample
         own = self._axes[0]
         best: tuple[StageModel, float] = StageModel(*own), math.inf
-        for base, rate in product((own, tuple(map(_prompt, own))), RATES):
+        half = 0.5 * self._dt  # samples show a dead time only to a sample
+        for base, rate in product((own, tuple(map(_prompt, own)), tuple(_prompt(axis, half) for axis in own)), RATES):
             axes = [replace(axis, rate_limit=math.radians(rate)) for axis in base]
             p = np.column_stack([simulate_axis(axis, u[:, i], self._dt)[1:] for i, axis in enumerate(axes)])
             rest = float(np.sqrt(np.nanmean((y - p) ** 2)))
@@ -186,9 +187,9 @@ def _bank() -> Iterator[StageAxis]:
             yield StageAxis(1.0, frequency, damping, late)
 
 
-def _prompt(axis: StageAxis) -> StageAxis:
-    """An axis that follows at once, with gain, offset and dead time of another."""
-    return StageAxis.prompt(axis.gain, axis.dead_time, axis.offset)
+def _prompt(axis: StageAxis, earlier: float = 0.0) -> StageAxis:
+    """An axis that follows at once, with gain and offset of another, and its dead time or an earlier one, s."""
+    return StageAxis.prompt(axis.gain, max(axis.dead_time - earlier, 0.0), axis.offset)
 
 
 def _impulse(axis: StageAxis, count: int, dt: float) -> Array:
