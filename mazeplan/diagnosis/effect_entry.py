@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from mazeplan.physics.effect import Effect
+from mazeplan.physics.effect import Effect, Parameter
 from mazeplan.physics.registry import EFFECTS
 
+NEAR = 1e-6  # share of its range by which a parameter is at its bound
 Entry = dict[str, Any]  # {"name", "parameters": {parameter: {"value", "stderr", "unit"}}, ...}
 
 
@@ -23,9 +25,20 @@ def effect_entry(
     known_before: the values in the model; None leaves them out
     more: further keys of the entry"""
     units = {name: p.unit for name, p in effect.parameters.items()}
-    parameters = {name: {"value": value, "stderr": stderr[name], "unit": units[name]} for name, value in values.items()}
+    parameters: dict[str, dict[str, Any]] = {
+        name: {"value": value, "stderr": stderr[name], "unit": units[name]}
+        | ({} if determined(effect.parameters[name], value, stderr[name]) else {"determined": False})
+        for name, value in values.items()
+    }
     before = {} if known_before is None else {"known_before": dict(known_before)}
     return {"name": effect.name, "parameters": parameters, **before, **more}
+
+
+def determined(parameter: Parameter, value: float, stderr: float | None) -> bool:
+    """Whether a record determines a parameter: it is not at its bound, nor as uncertain as its range."""
+    low, high = parameter.low, parameter.high
+    inside = min(value - low, high - value) > NEAR * (high - low) if math.isfinite(high - low) else True
+    return inside and (stderr is None or stderr <= high - low)
 
 
 def values_of(entry: Entry) -> dict[str, float]:

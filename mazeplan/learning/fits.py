@@ -23,7 +23,12 @@ def fits_words(model: RigModel) -> str:
 def _hint(model: RigModel) -> str:
     """What a ball that does not fit may be."""
     factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
-    if max(factors, default=0.0) > SLIDING:
-        return "does the ball slide?"
     wall = model.body.values.get("wall", 0.0) if model.body is not None else 1.0
-    return "walls without friction?" if wall < SMOOTH else "an unbalanced ball, or soft walls?"
+    return f"{kind_of_ball(max(factors, default=0.0) > SLIDING, wall)}?"
+
+
+def kind_of_ball(slides: bool, wall: float) -> str:
+    """What a ball that does not fit may be, by its numbers. wall: friction coefficient at a wall"""
+    if slides:
+        return "a ball that slides"
+    return "walls without friction" if wall < SMOOTH else "an unbalanced ball, or soft walls"

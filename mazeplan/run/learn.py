@@ -99,7 +99,7 @@ def learn(
     if not why:
         progress("rigid ball")
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
-        reference = reference_by_filter(body, Known.of_model(fit.model), maze, model)
+        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model), table=short)
         remaining = reference.remaining
         if kind in WITH_BODY:
             model = with_body(model, reference.body.model, reference.body.stderr)

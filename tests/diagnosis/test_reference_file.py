@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import with_values
 from mazeplan.core.errors import ModelError
+from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.reference import RigReference
-from mazeplan.diagnosis.rig.reference_file import NAME, known_reference, load_reference, save_reference
+from mazeplan.diagnosis.rig.reference_file import (
+    KEPT,
+    NAME,
+    RECORD,
+    known_reference,
+    load_reference,
+    save_reference,
+)
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel, load_model, model_names, save_model
@@ -18,6 +27,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.ball import viscous_friction
 from mazeplan.physics.effects.local_forces import floor_bump
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
@@ -72,6 +82,25 @@ def test_a_file_that_is_wrong_is_told_with_its_place(tmp_path, old, new, message
         load_reference(tmp_path, MODEL)
     assert message in str(told.value)
     assert NAME in str(told.value)
+
+
+def test_the_record_of_that_time_and_its_stage_are_kept(tmp_path):
+    stage = StageModel(StageAxis.prompt(0.98, 0.05), StageAxis(1.01, 13.0, 1.0, order=1, stderr={"gain": 3e-4}))
+    columns = np.random.default_rng(1).normal(size=(len(KEPT), 1200))
+    table = Table(dict(zip(KEPT, columns, strict=True)) | {"t": np.arange(1200) / 30.0, "segment": np.zeros(1200)})
+    was = replace(KNOWN, table=table, stage=Known.of_model(replace(MODEL, stage=stage)))
+    save_reference(was, MODEL, tmp_path)
+    again = known_reference(tmp_path, MODEL, MAZE)
+    assert again.stage.kind == stage
+    assert again.stage.kind.gamma.stderr == {"gain": 3e-4}
+    assert again.table is not None
+    for name in KEPT:
+        np.testing.assert_array_equal(again.table[name], table[name])
+    assert again.then is not None
+    assert len(again.then.pictures) == 1200
+    (tmp_path / RECORD).write_bytes(b"no archive")
+    with pytest.raises(ModelError, match=NAME):
+        load_reference(tmp_path, MODEL)
 
 
 @pytest.mark.parametrize("name", model_names())

@@ -17,6 +17,7 @@ from planar_rig import PATIENT
 import mazeplan
 from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig import search, verdict
+from mazeplan.diagnosis.rig.differences import THE_SAME
 from mazeplan.diagnosis.rig.imbalance import BALANCED
 from mazeplan.diagnosis.rig.reference import reference_of, textbook
 from mazeplan.diagnosis.rig.reference_file import known_reference
@@ -80,6 +81,18 @@ def test_a_push_that_repeats_is_neither_a_rocking_table_nor_its_third_harmonic()
     assert not done.effects
     assert "again and again, every 1.11 s (0.900 Hz)" in done.sentences()[0]
     assert "Look for what bumps the table" in done.sentences()[1]
+
+
+def test_what_the_reference_has_as_well_is_no_news():
+    rig = changed(Rig(), "surface_bump", 2)
+    was = reference_of([table_of(rig, 1)], MAZE, None)
+    record_now = table_of(rig, 2)
+    done = verdict_on(record_now, MAZE, was)
+    assert (done.verdict, done.effects) == ("nothing_missing", ())
+    tried = {one["name"]: one["why_not"] for one in done.document()["tried"]}
+    assert tried["surface_bump"] == THE_SAME
+    alone = verdict_on(record_now, MAZE, replace(was, then=None))  # by the numbers of the reference only
+    assert "surface_bump" in [e["name"] for e in alone.effects]
 
 
 def test_an_unbalanced_ball_is_named_and_no_news_afterwards():

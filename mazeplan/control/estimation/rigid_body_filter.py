@@ -315,8 +315,13 @@ def _run(ball, walls, effects, kf, y, begins, rows, dt, per, late, nu, S, state,
 class BodyFilter:
     """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
-    def __init__(self, pictures: BallPictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS) -> None:
+    def __init__(
+        self, pictures: BallPictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS,
+        soonest: float = -math.inf,
+    ) -> None:  # fmt: skip
+        """soonest: smallest delay of the camera behind the motion of the plate that is possible, s"""
         self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
+        self.soonest = soonest
         n = len(pictures)
         self._rows, self._key = np.empty((n * substeps, ROW)), None
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
@@ -330,7 +335,7 @@ class BodyFilter:
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
         seen = replace(p, t=p.t[rows], y=p.y[rows], begins=p.begins[rows] | begun, clock=clock)
-        return BodyFilter(seen, self.plate, self.walls, self.substeps)
+        return BodyFilter(seen, self.plate, self.walls, self.substeps, self.soonest)
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
         """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.

@@ -97,6 +97,8 @@ class _Search:
             np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
             for end in ("low", "high")
         )
+        late = np.array([name == "delay" for name in self.free])
+        self.low = np.where(late, np.maximum(self.low, body.soonest), self.low)
         self.step = np.array([k.step for k in self.kinds])
 
     def point(self) -> Array:

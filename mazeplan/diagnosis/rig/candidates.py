@@ -44,6 +44,11 @@ class Candidate:
         """Numbers that are fitted with it."""
         return (*self.free, *self.along)
 
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Its numbers without places and frequencies, which mean nothing for an effect that is not there."""
+        return self.fitted_first or self.free
+
     def description(self, model: BodyModel) -> str:
         """The description, with period and frequency if the candidate swings."""
         names = ("table_swing.frequency",) if self.after == "table_rocking" else self.free

@@ -121,7 +121,7 @@ def body_filter(table: Table, maze: Maze, kind: StageModel = USUAL) -> tuple[Bod
     """The filter for a record with x and y, and the fitted stage, None without commands. Raises TableError.
 
     kind: a stage whose axes have the same orders"""
-    record = _whole_record(table)
+    record = whole_record(table)
     stage = fit_stage(record, np.ones(len(record), dtype=bool), kind)
     moves = None if stage is None or stage.servos_overtaxed else StageModel(*stage.axes)
     return filter_of(table, record, maze, moves), stage
@@ -129,10 +129,10 @@ def body_filter(table: Table, maze: Maze, kind: StageModel = USUAL) -> tuple[Bod
 
 def filter_on_stage(table: Table, maze: Maze, stage: StageModel) -> BodyFilter:
     """The filter for a record with x and y and commands, with a stage that is known. Raises TableError."""
-    return filter_of(table, _whole_record(table), maze, stage)
+    return filter_of(table, whole_record(table), maze, stage)
 
 
-def _whole_record(table: Table) -> RingRecord:
+def whole_record(table: Table) -> RingRecord:
     """The record of all rows. Raises TableError if it does not show the ball often enough."""
     file = table.place
     if "x" not in table or "y" not in table:
@@ -157,7 +157,9 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
     clock = table["t"] - table["t"][0]
     ordered = bool(np.all(np.diff(clock) > 0.0))  # the time between several logs is unknown
     pictures = BallPictures(record.t, record.dt, y, record.begins, clock if ordered else None)
-    return BodyFilter(pictures, plate, pack_walls(maze))
+    # no picture was taken before its ball was there, up to a sample: the dead time is not known better
+    dead = math.inf if stage is None else max(stage.beta.dead_time, stage.gamma.dead_time) + record.dt
+    return BodyFilter(pictures, plate, pack_walls(maze), soonest=-dead)
 
 
 def seconds_of(body: BodyFilter) -> float:

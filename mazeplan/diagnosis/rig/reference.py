@@ -19,10 +19,11 @@ from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
-from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import LEAST_INERTIA
+from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
 
@@ -35,6 +36,7 @@ MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball; its standard error
 SLIDES, FASTEST_ROLLING = 1.2 * LEAST_INERTIA, 0.8  # inertia of a ball that slides; factor of no ball that rolls
+DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes of the delay that a fit tries
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
@@ -48,7 +50,9 @@ class RigReference:
     source: where the reference comes from, in words
     friction: minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
     errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)
-    imbalance: of the ball"""
+    imbalance: of the ball
+    table: record of that time, as a source of `then`; None if it was not kept
+    then: this record, ready to be filtered; None if it was not kept"""
 
     body: Reference
     stage: Known
@@ -58,14 +62,28 @@ class RigReference:
     friction: tuple[float, float] | None = None
     errors: dict[int, float] = field(default_factory=dict)
     imbalance: Imbalance = BALANCED
+    table: Table | None = None
+    then: BodyFilter | None = None
 
 
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
     """The reference from records of a time when the model was right. Raises TableError."""
-    kind = USUAL if model is None else model.stage
-    body, stage = body_filter(tables[0] if len(tables) == 1 else join(tables), maze, kind)
+    table = tables[0] if len(tables) == 1 else join(tables)
+    body, stage = body_filter(table, maze, _kind_of(table))
     known = Known({}, {}) if stage is None else Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
-    return reference_by_filter(body, known, maze, model)
+    return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
+
+
+def _kind_of(table: Table) -> StageModel:
+    """The kind of stage that a record shows."""
+    try:
+        axes = [
+            fit_axis(table[f"u_{axis}"], table[axis], table.dt, np.diff(table.segment, prepend=table.segment[0]) != 0.0)
+            for axis in AXES
+        ]
+    except (KeyError, ValueError):  # too short, or without commands
+        return USUAL
+    return StageModel(*(fit.axis for fit in axes))
 
 
 def reference_by_filter(body: BodyFilter, known: Known, maze: Maze, model: RigModel | None) -> RigReference:
@@ -85,7 +103,14 @@ def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyF
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
     change the other numbers, too."""
-    near = fit_body(alternate(body), with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
+    part = alternate(body)
+    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
+    for _ in DELAYS:  # where a plate jumps with its commands, small steps of the delay change nothing
+        tried = [with_values(near.model, {"delay": max(near.value("delay") + d, body.soonest)}) for d in DELAYS]
+        likeliest = min(tried, key=lambda model: part.innovations(model).minus2)
+        if part.innovations(likeliest).minus2 > near.minus2 - ENOUGH:
+            break
+        near = fit_body(part, likeliest, REST, enough=ENOUGH)
     solid = fit_body(body, near.model, REST, enough=ENOUGH)
     free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
     if solid.minus2 - free.minus2 > NEEDED:

@@ -6,24 +6,33 @@ body: {rolling: {value, stderr, unit}, ...}
 terms: {floor_bump: {x: .., y: .., depth: .., width: ..}, ...}
 memory, remaining: of the innovations
 imbalance: {value, stderr, unit}; left out for a balanced ball
+stage: {beta: {gain: .., order: .., ...}, gamma: ..}; the stage that moved the plate, if the record was kept
+
+`reference.npz` beside it keeps the record of that time: a record is compared with it under the same model, so that what
+the model lacks in both cancels.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
+import numpy as np
 import yaml
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.file_format import format_problem
+from mazeplan.core.logs.table import Table
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.imbalance import BALANCED
+from mazeplan.diagnosis.rig.record import filter_on_stage
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
@@ -34,9 +43,13 @@ from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.local_forces import FAMILY
 from mazeplan.physics.registry import PACKAGED as EFFECTS
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
-NAME = "reference.yaml"
+NAME, RECORD = "reference.yaml", "reference.npz"
+KEPT = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma", "segment")  # columns of the record
+AXES = ("beta", "gamma")
 FORMAT = 1
+NEUTRAL = StageAxis()
 
 
 def reference_path(source: str | Path) -> Path:
@@ -59,13 +72,30 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
     }  # fmt: skip
     if was.imbalance.size > 0.0 and math.isfinite(was.imbalance.stderr):
         document["imbalance"] = _entry(was.imbalance.size, was.imbalance.stderr, "m/s^2")
+    if was.table is not None:
+        document["stage"] = {axis: _axis_entry(getattr(was.stage.kind, axis)) for axis in AXES}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
             beside.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+        if was.table is not None:
+            with whole_file(path.parent / RECORD) as beside, beside.open("wb") as file:
+                columns: dict[str, Any] = {name: was.table[name] for name in KEPT}
+                np.savez_compressed(file, **columns)
     except OSError as problem:
         raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
     return path
+
+
+def _axis_entry(axis: StageAxis) -> dict[str, Any]:
+    """The numbers of an axis that are not at their defaults, with their standard errors."""
+    numbers = {
+        key: kind(value)
+        for key, value in asdict(axis).items()
+        if key != "stderr" and value != getattr(NEUTRAL, key)
+        for kind in [type(getattr(NEUTRAL, key))]
+    }
+    return {**numbers, "stderr": {key: float(f"{error:.3g}") for key, error in axis.stderr.items()}}
 
 
 def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
@@ -102,7 +132,7 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
         terms=_terms(_section(document, "terms", path), path)
     )
     memory, remaining = (_number(document, key, path, key, 0.0, math.inf) for key in ("memory", "remaining"))
-    known = Known.of_model(model)
+    table, known = _kept_record(document, path, model)
     node = _section(document, "errors", path)
     errors = {int(ring): _number(node[ring], "value", path, f"errors.{ring}", 0.0, math.inf)
               for ring in node if str(ring).isdigit()}  # fmt: skip
@@ -111,7 +141,22 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
         node = document["imbalance"]
         size, error = (_number(node, key, path, "imbalance", 0.0, math.inf) for key in ("value", "stderr"))
         imbalance = BALANCED._replace(size=size, stderr=error)
-    return RigReference(Reference(body, stderr), known, memory, remaining, source, errors=errors, imbalance=imbalance)
+    return RigReference(
+        Reference(body, stderr), known, memory, remaining, source, errors=errors, imbalance=imbalance, table=table
+    )
+
+
+def _kept_record(document: Mapping[str, Any], path: Path, model: RigModel) -> tuple[Table | None, Known]:
+    """The record of that time, None without one, and the stage of that time. Raises ModelError."""
+    if "stage" not in document or not (path.parent / RECORD).is_file():
+        return None, Known.of_model(model)
+    try:
+        stage = StageModel(*(StageAxis(**_section(document["stage"], axis, path)) for axis in AXES))
+        with np.load(path.parent / RECORD) as file:
+            table = Table({name: file[name] for name in KEPT}, {"file": RECORD}, str(path.parent / RECORD))
+    except (TypeError, ValueError, KeyError, OSError, BadZipFile) as problem:
+        raise ModelError(str(problem), file=path, key="stage") from None
+    return table, Known.of_model(replace(model, stage=stage))
 
 
 def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:
@@ -121,7 +166,9 @@ def known_reference(source: str | Path | None, model: RigModel | None, maze: Maz
     if model is None:
         return textbook()
     kept = None if source is None else load_reference(source, model)
-    return kept or reference_by_model(model, maze)
+    if kept is None:
+        return reference_by_model(model, maze)
+    return kept if kept.table is None else replace(kept, then=filter_on_stage(kept.table, maze, kept.stage.kind))
 
 
 def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:

@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.core.logs.table import Table
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, values_of
+from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
-from mazeplan.diagnosis.rig.reference import RigReference
+from mazeplan.diagnosis.rig.reference import SLIDES, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
-from mazeplan.diagnosis.rig.search import SearchResult
+from mazeplan.diagnosis.rig.search import SearchResult, Tried
 from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.fits import FITS, kind_of_ball
 from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.rig.stage import StageModel
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the earlier one; above 2, it is too large
@@ -39,6 +43,7 @@ REPAIRS = {
     "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
     "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
 }  # fmt: skip
+NOT_PREDICTING = "held-out parts are predicted no better"
 OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
 
 
@@ -75,7 +80,10 @@ class RigVerdict:
     searched, body, stage, was: what the verdict follows from
     notes: what could not be compared or was refused
     test: predictions of a further record
-    imbalance: of the ball"""
+    imbalance: of the ball
+    sensor: the tilt sensor's changed scale, if commands and ball show it
+    moves: the stage that moves the plate, None if the measured tilt does
+    table: the record"""
 
     effects: tuple[Entry, ...]
     alike: tuple[tuple[str, ...], ...]
@@ -90,6 +98,9 @@ class RigVerdict:
     notes: tuple[str, ...] = ()
     test: HeldOut | None = None
     imbalance: Imbalance = BALANCED
+    sensor: Entry | None = None
+    moves: StageModel | None = None
+    table: Table | None = None
 
     @property
     def verdict(self) -> str:
@@ -131,9 +142,35 @@ class RigVerdict:
             "unknown": None if self.unknown is None else self.unknown.document(),
             "before": {"nrmse": None, **before}, "after": {"nrmse": None, **after}, "noise_floor": None,
             "held_out": HELD_OUT, "remaining": round(self.remaining, 3), "advice": advice(self),
-            "reference": self.was.source, "notes": list(self.notes), **test,
+            "fits": {"reference": round(self.was.remaining, 3) or None, "record": round(self.remaining, 3)},
+            "tried": self._tried(), "reference": self.was.source, "notes": list(self.notes), **test,
             "rings": {str(ring): self._in_ring(str(ring)) for ring in numbers},
         }  # fmt: skip
+
+    def _tried(self) -> list[dict[str, Any]]:
+        """What was looked for and not taken, the largest gain of -2 log L first."""
+        names = {effect["name"] for effect in self.effects}
+        found = zip(self.searched.found, self.searched.gains, strict=True)
+        refused = [Tried(c, gain, NOT_PREDICTING) for c, gain in found if c.effect not in names]
+        tried = sorted((*refused, *self.searched.tried), key=lambda one: -one.gain)
+        return [
+            {"name": one.candidate.effect or one.candidate.words, "gain": round(one.gain, 1), "why_not": one.why_not}
+            for one in tried if one.candidate.effect or not self._nameless(one.candidate)
+        ]  # fmt: skip
+
+    def _nameless(self, c: Candidate) -> bool:
+        """Whether what is unknown is this candidate without a name."""
+        return self.unknown is not None and bool(c.words) and c.words in self.unknown.description
+
+    @property
+    def misfit(self) -> str:
+        """Which kind of thing the model lacks, if it does not fit the rig even when the model was right; else empty."""
+        axes = (self.stage.beta, self.stage.gamma) if self.stage is not None else ()
+        words = ["a servo of another kind"] if any(axis.times_noise > FITS for axis in axes) else []
+        ball = self.was.body.model.ball
+        return " and ".join(
+            [*words, kind_of_ball(ball.inertia <= SLIDES, ball.wall)] if self.was.remaining > FITS else words
+        )
 
     def _in_ring(self, ring: str) -> dict[str, Any]:
         """The verdict on all rings, with the sizes of the effects in one ring."""
@@ -149,12 +186,15 @@ class RigVerdict:
 def sentence(done: RigVerdict) -> str:
     """What differs, how much, how sure that is, and what it does to the prediction."""
     before, after = (errors[f"rollout{done.held.ahead}"] for errors in (done.before, done.after))
+    first = ""
+    if done.misfit:
+        first = f"The model does not fit this rig, also in the reference: {done.misfit}? So nothing is certain. "
     left = f"What remains is {done.remaining:.1f} times the noise of the camera"
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
         far, limits = _as_far_as(done)
-        return f"Nothing is missing{far}: the rig agrees with {done.was.source}. {left}.{limits}"
+        return f"{first}Nothing is missing{far}: the rig agrees with {done.was.source}. {left}.{limits}"
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
         parts += [f"something without a name ({done.unknown.description})"] if done.unknown.description else []
@@ -163,7 +203,7 @@ def sentence(done: RigVerdict) -> str:
     error = ""
     if round(DEG * after, 1) != round(DEG * before, 1) and not _by_tilt_alone(done):
         error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
-    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
+    return f"{first}The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 
 
 def _as_far_as(done: RigVerdict) -> tuple[str, str]:
@@ -206,7 +246,7 @@ def _surely(done: RigVerdict) -> str:
         size, why = min(sizes, default=0.0), "is a change of {}"
     if size < BARELY:
         return ""
-    word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
+    word = "likely" if size <= SURE or done.misfit else "sure" if size <= CERTAIN else "certain"
     errors = "1 standard error" if f"{size:.0f}" == "1" else f"{size:.0f} standard errors"
     return f" The finding is {word}: it {why.format(errors if size < 1000.0 else 'over 1000 standard errors')}."
 
@@ -225,7 +265,7 @@ def _change(effect: Entry) -> str:
     before, parts, places = effect["known_before"], [], _places(effect)
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
-        if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
+        if key not in places and abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
         if key in places:

@@ -48,6 +48,8 @@ SHORT_RECORD = 6000  # pictures
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 # a rescale moves all numbers away from the reference by one of these factors
+TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "it may be the same as in the reference"
+BEATEN = "another explains the record better"
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
 MAX_RESCALES = 3
 
@@ -68,6 +70,15 @@ class Reference:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """A candidate that was not taken: its gain of -2 log L, and why it was not taken."""
+
+    candidate: Candidate
+    gain: float
+    why_not: str
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """The result of a search.
 
@@ -75,13 +86,15 @@ class SearchResult:
     gains: gain of -2 log L by each found candidate
     rivals: for each found candidate, the candidates that gained nearly as much
     fit: with all found candidates
-    without: fit without any candidate"""
+    without: fit without any candidate
+    tried: candidates that were not taken"""
 
     found: tuple[Candidate, ...]
     gains: tuple[float, ...]
     rivals: tuple[tuple[Candidate, ...], ...]
     fit: BodyFit
     without: BodyFit
+    tried: tuple[Tried, ...] = ()
 
 
 def smallest_reportable(model: BodyModel, name: str) -> float:
@@ -128,8 +141,9 @@ def search_rig(
     candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
     always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
-    first = fit_body(body, _noisy(was.start or was.model), always, POLISH, ENOUGH)
+    first = fit_body(body, noisy(was.start or was.model), always, POLISH, ENOUGH)
     part, refused, chosen = alternate(body), set[Candidate](), list[_Chosen]()
+    tried = dict[Candidate, Tried]()
     best, least = (
         (first, NEEDED)
         if part is body
@@ -140,9 +154,8 @@ def search_rig(
         found = [c.candidate for c in chosen]
         free = _free(always, found)
         base = _with_starts(body, best.model, maze, own)
-        new, model = _best(
-            part, base, best.minus2, was, free, _remaining_candidates(candidates, found, refused), places, least
-        )
+        left = _remaining_candidates(candidates, found, refused)
+        new, model = _best(part, base, best.minus2, was, free, left, places, least, tried)
         if new is None:
             break
         tell(f"{len(chosen) + 1} found, its size")
@@ -150,10 +163,12 @@ def search_rig(
         new = replace(new, gain=best.minus2 - with_it.minus2)
         if new.gain < least or not _still_differs(with_it, was, new):
             refused.add(new.candidate)
+            tried[new.candidate] = Tried(new.candidate, new.gain, WITHIN_ERRORS)
             continue
         best, chosen = with_it, [*chosen, new]
         best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
-    return _refit_on_whole_record(body, part, best, was, always, chosen, first)
+    done = _refit_on_whole_record(body, part, best, was, always, chosen, first)
+    return replace(done, tried=tuple(one for c, one in tried.items() if c not in done.found))
 
 
 @dataclass(frozen=True)
@@ -232,8 +247,10 @@ def _best(
     left: Sequence[Candidate],
     places: Mapping[str, Mapping[str, float]],
     least: float,
+    told: dict[Candidate, Tried],
 ) -> tuple[_Chosen | None, BodyModel]:
     """The candidate that explains a part of the record best, and the model with it. None if no candidate gains `least`.
+    Writes the others into `told`.
 
     base: the likeliest model with the earlier findings
     minus2: -2 log L of the base"""
@@ -246,12 +263,16 @@ def _best(
     tried += [c for c in left if c.effect in simpler and c not in tried]
     fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
     gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
+    for c in left:
+        gain = gained.get(c, max(scores[c] + PRICE * len(c.free), 0.0))
+        told[c] = Tried(c, gain, TOO_LITTLE if gain < least else WITHIN_ERRORS)
     sure = [c for c in tried if gained[c] >= least and surely_differs(fits[c].model, fits[c].stderr, was, c.free)]
     if not sure:
         return None, base
     worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
     close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
+    told.update({c: Tried(c, gained[c], BEATEN) for c in sure})
     rivals = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
     return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
 
@@ -265,12 +286,12 @@ def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
     before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
     gone = {name.partition(".")[0] for name in c.free if "." in name}
     return before._replace(terms=tuple(
-        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _zero_effect(term))
+        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, zero_effect(term))
         if term.name in gone else term for term in before.terms
     ))  # fmt: skip
 
 
-def _zero_effect(term: Term) -> tuple[float, ...]:
+def zero_effect(term: Term) -> tuple[float, ...]:
     """The numbers of a term with its places, and with sizes that have no effect."""
     pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
     return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
@@ -285,14 +306,17 @@ def _fit_start(
     for step in c.far:
         moved = {name: value_of(base, name) + change for name, change in zip(c.free, step, strict=False)}
         numbers = {name: number_of(base, name) for name in moved}
-        tried.append({name: min(max(at, numbers[name].low), numbers[name].high) for name, at in moved.items()})
+        low = {
+            name: max(number.low, body.soonest if name == "delay" else -math.inf) for name, number in numbers.items()
+        }
+        tried.append({name: min(max(at, low[name]), numbers[name].high) for name, at in moved.items()})
     models = [with_values(base, values) for values in tried]
     scored = [(body.innovations(model).minus2, i) for i, model in enumerate(models)]
     least, i = min(scored, default=(math.inf, 0))
     return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
 
 
-def _noisy(model: BodyModel) -> BodyModel:
+def noisy(model: BodyModel) -> BodyModel:
     """The model with enough unexplained noise for a search: with almost no noise, the likelihood is flat."""
     return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, MIN_PROCESS_NOISE)))
 
@@ -309,13 +333,13 @@ def _scores(
     body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
 ) -> dict[Candidate, float]:
     """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
-    names = [*free, *(name for c in left for name in (c.fitted_first or c.free))]
+    names = [*free, *(name for c in left for name in c.sizes)]
     scores = score_search(body, model, names)
     g, F = scores.each.sum(axis=0), scores.information
     given = np.arange(len(free))
     out = {}
     for c in left:
-        own = np.array([names.index(name) for name in (c.fitted_first or c.free)])
+        own = np.array([names.index(name) for name in c.sizes])
         B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])
         slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
         out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)

@@ -13,11 +13,12 @@ from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
-from mazeplan.diagnosis.effect_entry import effect_entry
+from mazeplan.diagnosis.effect_entry import effect_entry, values_of
 from mazeplan.diagnosis.rig.record import seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.result import RigVerdict
 from mazeplan.diagnosis.rig.search import Reference
+from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import PARAMETERS
@@ -25,7 +26,7 @@ from mazeplan.physics.effect import BALL, STAGE, Effect
 from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.effects.local_forces import FAMILY, drag_drift
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.physics.rig.entries import part_values
+from mazeplan.physics.rig.entries import part_values, with_part
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
 IN_TIME = tuple(name for name, effect in FAMILY.items() if effect.why_not == NO_CLOCK)  # begin anew with a record
@@ -60,11 +61,21 @@ def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: Body
 
 def reference_after(done: RigVerdict) -> RigReference:
     """The reference for the next diagnosis: the rig with what was found."""
-    body = done.was.body
-    stderr = {**body.stderr, **done.searched.fit.stderr}
-    found = _at_the_end(done.searched.fit.model, stderr, seconds_of(done.body))
-    imbalance = max(done.imbalance, done.was.imbalance)
-    return RigReference(Reference(*found), done.was.stage, done.memory, done.remaining, imbalance=imbalance)
+    body, fit, known = done.was.body, done.searched.fit, done.was.stage
+    model, errors = _at_the_end(fit.model, {**body.stderr, **fit.stderr}, seconds_of(done.body))
+    rig = RigModel(known.kind if done.moves is None else done.moves, {}, kind="pi")
+    if "tilt_gain" in known.values:
+        rig = with_part(rig, EFFECTS["tilt_gain"], known.values["tilt_gain"], {})
+    if done.sensor is not None:  # commands and measured tilt move the plate of the next record
+        grown = {axis: value / done.sensor["known_before"][axis] for axis, value in values_of(done.sensor).items()}
+        model = with_values(model, {f"gain_{axis}": value_of(model, f"gain_{axis}") / g for axis, g in grown.items()})
+        rig = with_part(rig, EFFECTS["tilt_gain"], values_of(done.sensor), {})
+    kept = done.table is not None and done.moves is not None and done.sensor is None
+    return RigReference(
+        Reference(model, errors), Known.of_model(rig), done.memory, done.remaining,
+        imbalance=max(done.imbalance, done.was.imbalance), table=done.table if kept else None,
+        then=done.body if kept else None,
+    )  # fmt: skip
 
 
 def _at_the_end(model: BodyModel, stderr: Mapping[str, float], until: float) -> tuple[BodyModel, dict[str, float]]:

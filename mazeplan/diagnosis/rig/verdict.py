@@ -20,12 +20,13 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, Filtered
 from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.rig.differences import search_against
 from mazeplan.diagnosis.rig.imbalance import imbalance_entry, unbalanced
-from mazeplan.diagnosis.rig.record import body_filter, filter_of, residual_summary, seconds_of
+from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
 from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
@@ -35,25 +36,23 @@ from mazeplan.diagnosis.rig.search import (
     NEEDED,
     NOISE,
     POLISH,
-    Reference,
     SearchResult,
-    search_rig,
     surely_differs,
 )
-from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, stage_effects
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,
     gain_in_navigation,
     hidden_gain,
     servos_look_changed,
 )
-from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.stage_fit import LEAST_RANGE
+from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.physics.rig.stage import StageModel
 
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
@@ -75,11 +74,17 @@ def verdict_on(
     own: effects of a user, to look for as well"""
     own, refused = _for_a_rigid_body(own)
     tell("stage")
-    body, stage = body_filter(table, maze, was.stage.kind)
+    table, blind = _with_tilt(table, was)
+    record = whole_record(table)
+    stage = None if blind else fit_stage(record, np.ones(len(record), dtype=bool), was.stage.kind)
+    overtaxed = stage is not None and stage.servos_overtaxed
+    moves = was.stage.axes() if blind else moved_by(stage, was.stage)
+    body = filter_of(table, record, maze, moves)
     check_map(body, maze, table.place)
-    record, overtaxed = record_of(table), stage is not None and stage.servos_overtaxed
     servo, sensor = _gain(body, record, stage, was)
-    searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
+    body = body if sensor is None else felt(body, sensor)
+    known, searched = search_against(body, was.body, was.then, maze, tell, own)
+    was = replace(was, body=known)
     tell("held-out part")
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
     old = body if sensor is not None else _as_it_was(table, maze, was, stage, body)
@@ -88,6 +93,8 @@ def verdict_on(
     radii = _radii(maze, searched.fit.filtered)
     staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
+    if blind:
+        ball, alike = _by_servos(ball, alike, was)
     effects = _with_asymmetry([*staged, *ball]) + _of_open_numbers(body, searched, was, radii)
     effects = [with_plan(effect) for effect in effects]
     for e in effects:
@@ -114,10 +121,18 @@ def verdict_on(
         memory, remaining = residual_summary(body, standing.fit)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, body, stage, was,
-        (*_notes(table, stage, was), *refused),
+        (*_notes(table, stage, was), *refused), sensor=sensor, moves=moves, table=table,
     )  # fmt: skip
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _with_tilt(table: Table, was: RigReference) -> tuple[Table, bool]:
+    """The table, with the tilt by its commands if nobody measures the tilt; and whether this is so."""
+    known = was.stage.axes()
+    if tilt_is_measured(table) or known is None or "u_beta" not in table or "u_gamma" not in table:
+        return table, False
+    return with_tilt_by_commands(table, known), True
 
 
 def _with_servos(unknown: Unknown | None, stage: Stage | None, was: RigReference) -> Unknown | None:
@@ -197,14 +212,16 @@ def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None,
 
 def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     """Predictions of a further record, by the old model and by the new one."""
-    stage = None if done.stage is None or done.stage.servos_overtaxed else StageModel(*done.stage.axes)
-    new = filter_of(test, record_of(test), maze, stage)
+    new = filter_of(test, record_of(test), maze, done.moves)
+    new = new if done.sensor is None else felt(new, done.sensor)
     old = _as_it_was(test, maze, done.was, done.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
 
 
 def _why_no_stage(table: Table) -> str:
     """Why the commands of a record do not show the stage."""
+    if not tilt_is_measured(table):
+        return "nobody measures the tilt"
     commands = [f"u_{axis}" for axis in AXES]
     if not all(name in table for name in commands):
         return f"no commands {', '.join(commands)} in this record"
@@ -218,7 +235,7 @@ def _notes(table: Table, stage: Stage | None, was: RigReference) -> list[str]:
     """Notes on what could not be compared."""
     notes = []
     if stage is None:
-        notes.append(f"{_why_no_stage(table)}: servos cannot be checked, and the tilt is smoothed")
+        notes.append(f"{_why_no_stage(table)}: servos cannot be checked by themselves")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
             "commands changed faster than the servos can follow, as in navigation, so only large changes of the "
@@ -248,16 +265,15 @@ def _gain(
         return None, None
     if was.body.start is not None:
         return servo, None
-    by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
+    by_servo, by_sensor = (one.run(was.body.model).minus2 for one in (body, felt(body, sensor)))
     return (None, sensor) if by_servo - by_sensor > DECISIVE else (servo, None)
 
 
-def _felt(was: RigReference, sensor: Entry) -> Reference:
-    """The reference, with true tilts that are smaller than the measured ones by the growth of the sensor's scale."""
-    model = was.body.model
-    grown = {axis: value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()}
-    gains = {f"gain_{axis}": value_of(model, f"gain_{axis}") / grown[axis] for axis in AXES}
-    return replace(was.body, model=with_values(model, gains))
+def felt(body: BodyFilter, sensor: Entry) -> BodyFilter:
+    """The filter with true tilts, which are smaller than the measured ones by the growth of the sensor's scale."""
+    grown = [value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()]
+    plate = body.plate._replace(motion=body.plate.motion / np.repeat(grown, 3))
+    return BodyFilter(body.pictures, plate, body.walls, body.substeps, body.soonest)
 
 
 def _of_the_stage(
@@ -291,6 +307,23 @@ def _of_the_ball(
         if names:
             alike.append((c.effect, *names))
     return effects, alike
+
+
+def _by_servos(
+    ball: list[Entry], alike: list[tuple[str, ...]], was: RigReference
+) -> tuple[list[Entry], list[tuple[str, ...]]]:
+    """The same without a tilt sensor: nothing has a scale, and a late command looks like a late picture."""
+    had, out = was.stage.values["servo_gain"], list[Entry]()
+    for e in ball:
+        if e["name"] == "tilt_gain":
+            now = {axis: had[axis] / value for axis, value in values_of(e).items()}
+            stderr = {axis: now[axis] ** 2 / had[axis] * e["parameters"][axis]["stderr"] for axis in AXES}
+            both = {"after": now, "before": had}
+            e = effect_entry(PACKAGED["servo_gain"], now, stderr, had, rings=dict.fromkeys(e["rings"], both))
+        out.append(e)
+    if any(e["name"] == "sensor_delay" for e in ball):
+        alike = [*alike, ("sensor_delay", "command_delay")]
+    return out, alike
 
 
 def _with_asymmetry(effects: list[Entry]) -> list[Entry]:

@@ -81,8 +81,10 @@ def measured(stage: Stage, effect: Effect) -> tuple[dict[str, float], dict[str, 
     return values, stderr
 
 
-def changed(stage: Stage, effect: Effect, known: Known) -> Entry | None:
-    """The effect as an entry of the document, if the record surely differs from what is known."""
+def changed(stage: Stage, effect: Effect, known: Known, least: float = 1.0) -> Entry | None:
+    """The effect as an entry of the document, if the record surely differs from what is known.
+
+    least: smallest change, in smallest sizes of the effect"""
     values, stderr = measured(stage, effect)
     if effect.name not in known.values and effect.name in ("servo_gain", "servo_lag"):
         return None  # not declared
@@ -91,9 +93,33 @@ def changed(stage: Stage, effect: Effect, known: Known) -> Entry | None:
     for name, p in effect.parameters.items():
         error = was.get(name)
         sigma = math.hypot(stderr[name], error if error is not None and math.isfinite(error) else 0.0)
-        if abs(values[name] - had[name]) > max(p.smallest, SURE * sigma):
+        if abs(values[name] - had[name]) > max(least * p.smallest, SURE * sigma):
             return effect_entry(effect, values, stderr, had)
     return None
+
+
+def moved_by(stage: Stage | None, known: Known) -> StageModel | None:
+    """The stage that moves the plate in a record; None: the measured tilt moves it.
+
+    It is the known one unless the record surely differs: then what it lacks acts in record and reference alike, and
+    cancels. An axis that follows at once has its dead time only to a sample; it keeps the known one if it can."""
+    if stage is None or stage.servos_overtaxed:
+        return None
+    was = known.axes()
+    if was is None:
+        return StageModel(*stage.axes)
+    names = {effect.name for effect in (rig.servo_gain, *COMPARED_EFFECTS) if changed(stage, effect, known, least=0.0)}
+    old = stage.offsets_on(was)
+    if not names:
+        return old
+    pairs = [(now, before) for now, before in zip(stage.axes, (old.beta, old.gamma), strict=True)]
+    if names == {"servo_gain"}:
+        return StageModel(*(replace(before, gain=now.gain) for now, before in pairs))
+    keep = "command_delay" not in names
+    return StageModel(*(
+        replace(now, dead_time=before.dead_time) if keep and now.order == before.order == 0 else now
+        for now, before in pairs
+    ))  # fmt: skip
 
 
 def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
 from mazeplan.core.whole_file import whole_file, whole_folder
@@ -25,12 +25,14 @@ from mazeplan.diagnosis.rig.result import RigVerdict, advice
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import Effect
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.learn import learn
 from mazeplan.run.resolve import model_source, resolve_model
 
 UNSEEN = 90  # pictures more than a diagnosis needs, because the camera misses the ball in some
@@ -90,28 +92,29 @@ def improve(
     known = resolve_model(model, rig, maze)
     check_seconds(options.seconds, make_rig(rig, maze).rate_hz)
     working("what the rig was like")
-    was = reference_of(reference, maze, known) if reference else known_reference(model_source(model, rig), known, maze)
+    path, learned = model, ""
+    if reference:
+        was = reference_of(reference, maze, known)
+    elif model_source(model, rig) is None:
+        known, was, learned = _first_model(rig, maze, known, folder / "first", options, tell, working, advance)
+    else:
+        was = known_reference(model_source(model, rig), known, maze)
     rounds: list[dict[str, Any]] = []
-    path, before = model, None
+    before = None
     for number in range(1, options.rounds + 1):
         here = folder / f"round{number}"
         with whole_folder(here):
-            log = here / "record.mcap"
             tell(f"round {number}: {options.seconds:g} s of record")
-            rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
-            plan = Collection(
-                options.seconds, rings, 1000 * number + options.seed, rig_given=rig, map_given=options.map
-            )
-            machine = watched(make_rig(rig, maze), own_process=options.own_process)
-            collected = of_total(advance, math.ceil(options.seconds))
-            run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
-            done = verdict_on(read_table(log), maze, was, working, own=own)
+            table = _collected(rig, maze, here / "record.mcap", options, 1000 * number, advance)
+            done = verdict_on(table, maze, was, working, own=own)
             document: dict[str, Any] = done.document() | {"model": None, "report": None}
             tell(document["sentence"])
             if changes_model(done.effects):
                 known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
                 document["model"] = _saved(known, was, here / "model")
                 document["advice"] = advice(done, document["model"])
+            elif learned and number == 1:
+                document["model"] = learned
             was = replace(was, imbalance=max(was.imbalance, done.imbalance))  # no news in the next round
             new = document["model"]
             before = before or _navigate(rig, path, options, tell, "before", working, advance)
@@ -122,6 +125,37 @@ def improve(
                 beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
     return rounds
+
+
+def _collected(rig: str, maze: Maze, log: Path, options: Options, seed: int, advance: Advance) -> Table:
+    """A record of the rig. seed: beside the one of the options"""
+    rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
+    plan = Collection(options.seconds, rings, seed + options.seed, rig_given=rig, map_given=options.map)
+    machine = watched(make_rig(rig, maze), own_process=options.own_process)
+    collected = of_total(advance, math.ceil(options.seconds))
+    run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
+    return read_table(log)
+
+
+def _first_model(
+    rig: str, maze: Maze, nominal: RigModel, folder: Path, options: Options, tell: Words, working: Words,
+    advance: Advance,
+) -> tuple[RigModel, RigReference, str]:  # fmt: skip
+    """A model of a rig that has none, from a first record; its reference; and its folder, "" without one.
+
+    The next record is compared with its numbers only: what both records show and the model lacks is to be found."""
+    with whole_folder(folder):
+        tell(f"the rig has no model: {options.seconds:g} s of record to learn one")
+        table = _collected(rig, maze, folder / "record.mcap", options, 0, advance)
+        try:
+            learned = learn([table], maze, "pi", progress=working)
+        except (ValueError, TableError):
+            learned = None
+        if learned is None or learned.reference is None:
+            tell("this record is too short to learn from")
+            return nominal, known_reference(None, nominal, maze), ""
+        was = replace(learned.reference, table=None)
+        return learned.model, was, _saved(learned.model, was, folder / "model")
 
 
 def check_seconds(seconds: float, rate_hz: float) -> None:

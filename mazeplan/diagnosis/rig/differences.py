@@ -1,0 +1,86 @@
+"""What is news in a record: the search against a reference whose record was kept.
+
+What a model lacks acts in both records alike. So each finding is fitted to both under the same model, and counts only
+if the two sizes differ beyond their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.diagnosis.rig.candidates import Candidate
+from mazeplan.diagnosis.rig.search import (
+    ENOUGH,
+    MOST_FOUND,
+    NOISE,
+    STEPS,
+    Reference,
+    SearchResult,
+    Tried,
+    alternate,
+    noisy,
+    search_rig,
+    surely_differs,
+    zero_effect,
+)
+from mazeplan.learning.rigid_body_entries import PARAMETERS
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.rigid_body_effects import idle
+from mazeplan.physics.effect import Effect, Term
+
+THE_SAME = "the reference shows it as well"
+
+
+def search_against(
+    body: BodyFilter, was: Reference, then: BodyFilter | None, maze: Maze,
+    tell: Callable[[str], None] = lambda text: None, own: Sequence[Effect] = (),
+) -> tuple[Reference, SearchResult]:  # fmt: skip
+    """Find what differs from the reference, whose record is `then` (None: not kept).
+
+    What is found is fitted to the record of the reference, too. What this record shows as well is no news: it becomes a
+    part of the reference, and the search begins anew. So what the model lacks in both records cancels."""
+    searched, no_news = search_rig(body, was, maze, tell, own), list[Tried]()
+    for _ in range(MOST_FOUND):
+        if then is None or not searched.found:
+            break
+        tell("what was found, in the reference")
+        was, news = _in_reference(then, was, searched)
+        if len(news) == len(searched.found):
+            break
+        gains = zip(searched.found, searched.gains, strict=True)
+        no_news += [Tried(c, gain, THE_SAME) for c, gain in gains if c not in news]
+        searched = search_rig(body, was, maze, tell, own)
+    again = {one.candidate for one in no_news} | set(searched.found)
+    others = tuple(one for one in searched.tried if one.candidate not in again)
+    return was, replace(searched, tried=(*(one for one in no_news if one.candidate not in searched.found), *others))
+
+
+def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> tuple[Reference, list[Candidate]]:
+    """The reference with the numbers that were found, as its record shows them; and the findings that are news."""
+    now, sizes = searched.fit.model, [name for c in searched.found for name in c.sizes]
+    there = {term.name: term for term in was.model.terms if not idle(term)}
+    terms = [there.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not idle(term)]
+    terms += [term for name, term in there.items() if name not in {t.name for t in now.terms}]
+    start = noisy(was.model._replace(terms=tuple(terms)))
+    found = with_values(start, {name: value_of(now, name) for name in sizes})
+    part = alternate(then)
+    # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
+    missed = part.innovations(found).minus2 < part.innovations(start).minus2
+    free = sizes if missed else [name for name in sizes if name not in was.stderr]
+    if not free:
+        return was, list(searched.found)
+    fit = fit_body(part, found if missed else start, (*NOISE, *free), STEPS, ENOUGH)
+
+    def reference(fit: BodyFit) -> Reference:
+        return replace(was, model=fit.model, stderr={**was.stderr, **{name: fit.stderr[name] for name in fit.free}})
+
+    moved = reference(fit)
+    news = [c for c in searched.found if surely_differs(now, searched.fit.stderr, moved, c.sizes)]
+    if len(news) < len(searched.found):  # their numbers change the others
+        names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
+        moved = reference(fit_body(then, fit.model, (*NOISE, *sizes, *names), STEPS, ENOUGH))
+    return moved, news

@@ -1,0 +1,136 @@
+"""Diagnosis of rigs that nobody here made: healthy records against themselves and each other, and changed ones.
+
+    python tools/bench_strangers.py PART [--first I] [--count N] [--folder FOLDER]
+
+PART: euler, delay (healthy, rigs of the folder MAZEPLAN_RIGS), sticky (same folder), healthy, effects (the six of
+tests/strange_rigs.py), drawn. Case I of a part is always the same rig with the same seeds. FOLDER keeps records and
+models, so that a part goes on where it stopped. One line of JSON for each diagnosis, then a summary.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import itertools
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT / "tests"), os.environ.get("MAZEPLAN_RIGS", ".")]
+SECONDS = 300.0
+EULER, DELAY = "euler_rig:StickyRig", "delay_rig:Delayed"
+SIX = tuple(f"strange_rigs:{name}" for name in ("Stepper", "Prompt", "Late", "Springy", "Blind", "Slow"))
+Rig = tuple[str, dict[str, Any]]
+CHANGES = (  # of a strange rig: settings, and right names
+    ({"sticky": 0.3}, {"local_friction"}),
+    ({"gain": 0.85}, {"servo_gain", "tilt_gain"}),
+    ({"lean_x_deg": 0.9}, {"tilt_offset"}),
+    ({"turned_deg": 3.0}, {"axis_misalignment"}),
+    ({"mu": 0.12}, {"dry_friction"}),
+    ({"late_ms": 75.0}, {"sensor_delay"}),
+)
+
+
+def cases(part: str) -> Iterator[tuple[Rig, dict[str, Any], set[str], int]]:
+    """(rig, change, right names, seed) of each case; seed 0: the record from which the model was learned."""
+    if part == "euler":
+        grid = itertools.product((2.0, 4.0, 8.0), (0.0, 0.3, 0.6), (0.0, 0.2, 0.5), (0.005, 0.02, 0.1))
+        rigs = [{"servo_hz": a, "rest": b, "noise_mm": c, "mu": d} for a, b, c, d in grid]
+        for i in (i * 23 % 81 for i in range(60)):  # all values of all settings come early
+            yield from (((EULER, rigs[i]), {}, set(), seed) for seed in (0, 1))
+    elif part == "delay":
+        for i, ms in enumerate((40.0, 80.0, 60.0, 100.0) * 5):
+            settings = {"servo_ms": ms, "rest": (0.6, 0.2, 0.4)[i % 3], "noise_mm": (0.3, 0.1)[i % 2]}
+            yield from (((DELAY, settings), {}, set(), seed) for seed in (2 * i, 2 * i + 1))
+    elif part == "sticky":
+        for seed, size in itertools.product(range(1, 11), (0.3, 0.1, 0.6)):
+            yield (EULER, {}), {"sticky": size}, {"local_friction"}, seed
+    elif part == "healthy":
+        yield from (((name, {}), {}, set(), seed) for seed, name in itertools.product(range(34), SIX))
+    elif part == "effects":
+        for seed, (change, right), name in itertools.product(range(1, 6), CHANGES, SIX):
+            yield (name, {}), change, right, seed
+    else:
+        for i, seed in itertools.product(range(100), (0, 1)):
+            yield (f"drawn {8000 + i}", {}), {}, set(), seed
+
+
+def rig_of(rig: Rig, change: dict[str, Any], maze: Any) -> Any:
+    name, settings = rig
+    if name.startswith("drawn "):
+        strange = importlib.import_module("strange_rigs")
+        return strange.StrangeRig(maze, strange.drawn(int(name.split()[1])) | change)
+    module, _, cls = name.partition(":")
+    return getattr(importlib.import_module(module), cls)(maze, settings | change)
+
+
+def record(rig: Rig, change: dict[str, Any], seed: int, folder: Path, maze: Any) -> Path:
+    """300 s of `collect --rings --place`, kept in the folder."""
+    from mazeplan.run.collect import Collection, run_collection
+
+    words = "-".join(f"{key}{value:g}" for key, value in (rig[1] | change).items())
+    log = folder / f"{rig[0].replace(':', '-').replace(' ', '')}-{words}-{seed}.mcap"
+    if not log.exists():
+        rings = tuple(ring.number for ring in maze.rings)
+        run_collection(rig_of(rig, change, maze), maze, Collection(SECONDS, rings, 100 + seed), log)
+    return log
+
+
+def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, folder: Path) -> dict[str, Any]:
+    """The verdict on one record with the model that was learned from another one, or from this one."""
+    from mazeplan.core.logs.table import read_table
+    from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
+    from mazeplan.diagnosis.rig.verdict import verdict_on
+    from mazeplan.learning.modelfile import load_model, save_model
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.run.learn import learn
+
+    maze, out = load_map("cme"), {"rig": rig, "change": change, "seed": seed}
+    first = record(rig, {}, 0, folder, maze)
+    model = first.with_suffix(".model")
+    if not model.exists():
+        began = time.process_time()
+        done = learn([read_table(first)], maze, "pi")
+        save_model(done.model, model)
+        if done.reference is not None:
+            save_reference(done.reference, done.model, model)
+        out["learn_s"] = round(time.process_time() - began, 1)
+    known = load_model(model)
+    table = read_table(record(rig, change, seed, folder, maze))
+    began = time.process_time()
+    done = verdict_on(table, maze, known_reference(model, known, maze), lambda text: None)
+    names = [effect["name"] for effect in done.effects]
+    out |= {"s": round(time.process_time() - began, 1), "verdict": done.verdict, "names": names}
+    out |= {"first": bool(names) and names[0] in right, "wrong": [name for name in names if name not in right]}
+    out["unknown"] = done.unknown.document() if done.unknown else None
+    return out | {"sentence": done.sentences()[0], "remaining": round(done.remaining, 2)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", choices=("euler", "delay", "sticky", "healthy", "effects", "drawn"))
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--folder", type=Path, default=Path("runs/strangers"))
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for case in itertools.islice(cases(args.part), args.first, args.first + args.count):
+        try:
+            rows.append(diagnosed(*case, args.folder))
+        except Exception as problem:  # a traceback is a result, too
+            what = f"{type(problem).__name__}: {problem}"
+            rows.append({"rig": case[0], "change": case[1], "seed": case[3], "error": what, "wrong": []})
+        print(json.dumps(rows[-1]), flush=True)
+    found = sum(row.get("verdict") != "nothing_missing" for row in rows)
+    right, wrong = sum(row.get("first", False) for row in rows), sum(bool(row["wrong"]) for row in rows)
+    print(f"{len(rows)} records: {found} with a finding, {right} right first, {wrong} with a wrong name")
+
+
+if __name__ == "__main__":
+    main()
