@@ -32,14 +32,15 @@ WHOLE = SimpleNamespace(servos_overtaxed=False)  # a stage that the record shows
 
 
 def done(
-    *effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40, stage=WHOLE
+    *effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40, stage=WHOLE,
+    misfit="",
 ):  # fmt: skip
     after = {f"rollout{ahead}": 0.1 if effects else 0.4}
     return SimpleNamespace(
         effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
         before={f"rollout{ahead}": 0.4}, after=after, held=SimpleNamespace(z_score=z_score, ahead=ahead),
         was=SimpleNamespace(source="the reference", remaining=1.0), stage=stage,
-        body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)),
+        body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)), misfit=misfit,
     )  # fmt: skip
 
 
@@ -98,6 +99,12 @@ def test_what_has_no_name_is_told_and_so_is_nothing():
     assert sentence(navigation).startswith("Nothing is missing, as far as this record shows: the rig agrees")
     assert sentence(navigation).endswith("Of the servos, it shows large changes only.")
     assert sentence(done(verdict="nothing_missing", stage=None)).endswith("It does not show the servos.")
+
+
+def test_a_model_that_does_not_fit_is_said_first_and_nothing_is_certain():
+    said = sentence(done(FRICTION, misfit="walls without friction"))
+    assert said.startswith("The model does not fit this rig, also in the reference: walls without friction?")
+    assert "The finding is likely" in said
 
 
 def test_changes_of_servos_without_a_size_are_told_as_they_are():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-from mazeplan.diagnosis.stage.comparison import Known, stage_effects
+from mazeplan.diagnosis.stage.comparison import Known, moved_by, stage_effects
+from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
@@ -43,3 +46,33 @@ def test_the_smaller_one_counts_only_if_it_is_no_fourth_of_the_larger_one():
 
 def test_no_play_is_named_below_its_smallest_size():
     assert found(backlash=5e-4) == {}
+
+
+def stage_of(beta, gamma):
+    return Stage(StageFit(beta, 1e-3, 900), StageFit(gamma, 1e-3, 900), {})
+
+
+def known_of(axis):
+    return Known.of_model(RigModel(StageModel(axis, axis), {1: BallModel(())}, kind="pi"))
+
+
+def test_axes_that_follow_at_once_are_later_by_whole_samples():
+    prompt = replace(StageAxis.prompt(1.0, 0.05), stderr={"gain": 1e-4, "dead_time": 1.0 / 30.0 / math.sqrt(12.0)})
+    within, later = (stage_of(*[replace(prompt, dead_time=0.05 + late)] * 2) for late in (0.02, 1.0 / 30.0))
+    assert stage_effects(within, known_of(prompt)) == []
+    assert [effect["name"] for effect in stage_effects(later, known_of(prompt))] == ["command_delay"]
+    moves = moved_by(within, known_of(prompt))
+    assert moves is not None
+    assert moves.beta.dead_time == pytest.approx(0.05)
+
+
+def test_the_old_stage_moves_the_plate_unless_the_record_surely_differs():
+    near = moved_by(stage_of(replace(AXIS, gain=1.0003, natural_frequency=24.5, offset=0.01), AXIS), KNOWN)
+    assert near is not None
+    assert (near.beta.gain, near.beta.natural_frequency, near.beta.offset) == pytest.approx((1.0, 24.0, 0.01))
+    weaker = moved_by(stage_of(replace(AXIS, gain=0.9, natural_frequency=24.5), AXIS), KNOWN)
+    assert weaker is not None
+    assert (weaker.beta.gain, weaker.beta.natural_frequency) == pytest.approx((0.9, 24.0))
+    slower = moved_by(stage_of(replace(AXIS, natural_frequency=12.0), AXIS), KNOWN)
+    assert slower is not None
+    assert slower.beta.natural_frequency == pytest.approx(12.0)

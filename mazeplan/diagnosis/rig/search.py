@@ -46,6 +46,8 @@ LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD = 6000  # pictures
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
+# minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways
+BESIDE_SHARE = 0.02
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 # a rescale moves all numbers away from the reference by one of these factors
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "it may be the same as in the reference"
@@ -166,6 +168,7 @@ def search_rig(
             tried[new.candidate] = Tried(new.candidate, new.gain, WITHIN_ERRORS)
             continue
         best, chosen = with_it, [*chosen, new]
+        least = max(least, BESIDE_SHARE * new.gain)
         best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
     done = _refit_on_whole_record(body, part, best, was, always, chosen, first)
     return replace(done, tried=tuple(one for c, one in tried.items() if c not in done.found))

@@ -20,6 +20,7 @@ from mazeplan.physics.rig.entries import declared_parts, part_stderr
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
+WHOLE = 0.9  # of a sample: change of the dead time of axes that follow at once
 PLAY_ERROR = 1e-4  # rad; error of play, in addition to that of the fit
 ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts only above this share of the larger one
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
@@ -93,7 +94,11 @@ def changed(stage: Stage, effect: Effect, known: Known, least: float = 1.0) -> E
     for name, p in effect.parameters.items():
         error = was.get(name)
         sigma = math.hypot(stderr[name], error if error is not None and math.isfinite(error) else 0.0)
-        if abs(values[name] - had[name]) > max(least * p.smallest, SURE * sigma):
+        sure = SURE * sigma
+        if effect is rig.command_delay and all(axis.order == 0 for axis in stage.axes):
+            # uniform over a sample, and the same in all records of a rig: a change is one of a whole sample
+            sure = WHOLE * math.sqrt(12.0) * max(axis.stderr.get("dead_time", math.inf) for axis in stage.axes)
+        if abs(values[name] - had[name]) > max(least * p.smallest, sure):
             return effect_entry(effect, values, stderr, had)
     return None
 
