@@ -98,3 +98,18 @@ def test_a_record_that_is_too_short_says_what_it_has_and_needs():
     short = Table({name: column[:600] for name, column in table.columns.items()})
     with pytest.raises(TableError, match="got 600 pictures of the ball, expected 900 at least"):
         verdict_on(short, MAZE, known()[0])
+
+
+@pytest.mark.slow
+def test_a_rig_without_a_model_learns_one_first(tmp_path):
+    """Servos with a limited rate and a ball that is a point: a healthy rig of a stranger."""
+    told = []
+    (entry,) = improve(
+        "strange_rigs:Slow", tmp_path, Options(runs=1, seconds=150.0, seed=3), tell=told.append
+    )  # fmt: skip
+    diagnosis = entry["diagnosis"]
+    assert (diagnosis["verdict"], diagnosis["effects"]) == ("nothing_missing", [])
+    assert (tmp_path / "first" / "record.mcap").is_file()
+    assert diagnosis["model"] == str(tmp_path / "first" / "model")
+    assert load_model(diagnosis["model"]).stage.beta.order == 1
+    assert entry["navigation"]["after"]["success"] == 1
