@@ -1,38 +1,30 @@
-"""`mazeplan.navigate(...)` for Python: finds map, rig and model by name and does one run."""
+"""`mazeplan.navigate(...)` for Python, and the execution of a `NavigationRequest`."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.trees import StaticContext, load_tree, reads_key, refuse_mistakes
+from mazeplan.behavior.trees import reads_key, refuse_mistakes
 from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
-from mazeplan.control.policy_file import load_policy
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import load_memory, save_memory
-from mazeplan.physics.registry import own_effects
-from mazeplan.rigs.interface import Rig, check_ready
-from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.rigs.watchdog import watched
-from mazeplan.run.balls import check_balls, tree_of, with_balls
+from mazeplan.maze.memory import save_memory
+from mazeplan.rigs.interface import Rig
 from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
-from mazeplan.run.resolve import check_start_angle, model_source, resolve_model, ring_number
-from mazeplan.run.settings import Settings, load_settings
-from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+from mazeplan.run.request import Company, Navigation, NavigationRequest
+from mazeplan.run.settings import Settings
+from mazeplan.run.specification import TIME_LIMIT
 
 
 def navigate(
@@ -81,52 +73,33 @@ def navigate(
     seed: of start angle and simulated noise
     time_limit: rig time for each goal, from when it was given, s
     memory: file that keeps the results at openings for the next run
-    goals: requests from other threads: another goal, close or open an opening, stop
-    own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
-    guard: a context around the run that is entered with the rig, such as an emergency stop
     sense: how a simulated rig sees the ball, "ideal" or "camera" (rendered pictures); None: by its settings
-    feed: called in the thread of the run with topic, rig time and document of each message of a log
-    around: wraps the rig, for example to pace it by the wall clock
-    watch: called with each tree and its context before it begins, for example by a monitor
+    display, goals, own_process, guard, feed, around, watch: see `request.Company`
 
     The tree is checked before anything moves, as `behavior check` does.
 
     Raises InputError for an argument that cannot be used, RigError when the rig fails.
     """
-    maze = with_balls(map if isinstance(map, Maze) else load_map(map), balls)
-    rig_name = rig if isinstance(rig, str) else None
-    job = _job(maze, start, goal, start_angle_deg, seed, time_limit, closed, via)
-    made = make_rig(rig, maze, sense) if isinstance(rig, str) else rig
-    machine = watched(made if around is None else around(made), own_process=own_process)
-    check_ready(machine)
-    check_balls(maze, machine, job, policy is not None)
-    own_effects(effects)
-    kept = None if memory is None else load_memory(Path(memory), [o.name for o in maze.openings], maze.name)
-    chosen = tree_of(maze, "policy" if policy is not None else "waypoints" if via else behavior)
-    tree = chosen if behavior == "navigate" else behavior
-    load_tree(
-        tree, registry_with(behavior_modules), StaticContext(maze)
-    )  # before the model, which may compile for minutes
-    setup = Setup(
-        maze,
-        resolve_model(model, rig_name, maze),
-        tree,
-        rig_label(rig) if isinstance(rig, str) else type(rig).__name__,
-        model_name="" if isinstance(model, RigModel | None) else str(model),
-        settings=settings if isinstance(settings, Settings) else load_settings(settings),
-        behavior_modules=tuple(behavior_modules),
-        memory=kept,
-        model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
-        effects=effects,
-        policy=policy if isinstance(policy, Policy | None) else load_policy(policy),
-        watch=_checked(behavior, job.via, watch),
-    )
-    with _open_rig(machine, guard):
-        result = run_job(machine, setup, job, log=log, display=display, goals=goals, feed=feed)
-    if kept is not None and memory is not None:
-        save_memory(kept, Path(memory), result.time_s, maze.name)
+    request = NavigationRequest(
+        start, goal, map, rig, model, policy, behavior, tuple(behavior_modules), effects, settings, start_angle_deg,
+        tuple(closed), tuple(via), balls, seed, time_limit, log, memory, sense,
+    )  # fmt: skip
+    company = Company(display, goals, own_process, guard, feed, around, watch)
+    return execute(request, request.resolve(company), company)
+
+
+def execute(request: NavigationRequest, ready: Navigation, company: Company) -> NavigationResult:
+    """Do what a request asks for. ready: the request, resolved. Raises as `navigate`."""
+    setup = replace(ready.setup, watch=_checked(request.behavior, ready.job.via, company.watch))
+    with _open_rig(ready.rig, company.guard):
+        result = run_job(
+            ready.rig, setup, ready.job, log=request.log, display=company.display, goals=company.goals,
+            feed=company.feed,
+        )  # fmt: skip
+    if ready.memory is not None and request.memory is not None:
+        save_memory(ready.memory, Path(request.memory), result.time_s, setup.maze.name)
     try:
-        machine.close()
+        ready.rig.close()
     except RigError as error:  # the run itself has a result
         error.result = result
         raise
@@ -170,34 +143,3 @@ def _open_rig(machine: Rig, guard: Callable[[Rig], AbstractContextManager[object
         with suppress(RigError):  # the first error matters
             machine.close()
         raise
-
-
-def _job(
-    maze: Maze,
-    start: int | str,
-    goal: int | str | None,
-    start_angle_deg: float | None,
-    seed: int,
-    time_limit: float,
-    closed: Sequence[str],
-    via: Sequence[int | str],
-) -> Job:
-    """The job, checked. Raises InputError."""
-    if start_angle_deg is not None and not math.isfinite(start_angle_deg):
-        raise InputError(f"got {start_angle_deg}, expected a finite number of degrees", key="start angle")
-    known = [opening.name for opening in maze.openings]
-    for name in closed:
-        if name not in known:
-            raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed opening")
-    job = Job(
-        ring_number(start, maze),
-        len(maze.rings) if goal is None else ring_number(goal, maze),
-        None if start_angle_deg is None else math.radians(start_angle_deg),
-        seed,
-        time_limit,
-        tuple(closed),
-        tuple(ring_number(ring, maze) for ring in via),
-    )
-    if start_angle_deg is not None:
-        check_start_angle(start_angle_deg, job.start, maze, "start angle")
-    return job

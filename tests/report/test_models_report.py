@@ -111,7 +111,7 @@ def test_pictures_are_those_that_there_are_numbers_for():
     assert names == ["rollouts", "residual-maze"]
     old = comparison()
     for scores in old.values():
-        for name in ("curve", "bands", "residual"):
+        for name in ("bands", "residual"):
             del scores[name]
     assert not kept(section(old).parts, PagePicture)
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,6 +27,7 @@ from mazeplan.core.records import NavigationResult
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
 from mazeplan.run.navigate import navigate
+from mazeplan.run.request import NavigationRequest
 
 MAZE = load_map("cme")
 
@@ -108,8 +110,8 @@ class HeldRun:
 
 @pytest.fixture
 def prepared():
-    """A job as the commands make it: the first run of the page is of seed 7."""
-    return {"map": MAZE, "start": "ring1", "goal": "centre", "seed": 7, "closed": ()}
+    """A request as the commands make it: the first run of the page is of seed 7."""
+    return NavigationRequest("ring1", "centre", MAZE, seed=7)
 
 
 @pytest.fixture
@@ -238,7 +240,7 @@ def test_before_start_the_page_shows_where_the_ball_will_be_and_its_route(monkey
 def test_the_ball_is_placed_where_the_page_says(prepared, tmp_path):
     log = tmp_path / "run.mcap"
     navigate(1, 2, map=MAZE, rig="ideal", seed=9, log=log, time_limit=0.2)
-    said = preview({**prepared, "goal": 2}, number=2)["ball"]
+    said = preview(replace(prepared, goal=2), number=2)["ball"]
     seen = read_log(log).ticks
     assert (seen["x"][0], seen["y"][0]) == pytest.approx(said, abs=2e-3)
 
@@ -357,8 +359,8 @@ def test_a_run_with_a_page_and_nobody_there_ends_by_itself(monkeypatch, tmp_path
     monkeypatch.setattr(live, "FIRST_S", 0.1)
     monkeypatch.setattr(live, "GRACE_S", 0.1)
     monkeypatch.setattr(live, "at_terminal", lambda: False)
-    job = {"start": 1, "goal": 2, "map": MAZE, "rig": "ideal", "seed": 1, "log": tmp_path / "a.mcap", "sense": None}
-    assert navigate_live(job, "127.0.0.1", 0, as_json=True) == 0
+    request = NavigationRequest(1, 2, MAZE, "ideal", seed=1, log=tmp_path / "a.mcap")
+    assert navigate_live(request, "127.0.0.1", 0, as_json=True) == 0
     said = capsys.readouterr()
     assert '"success": true' in said.out
     assert "page: http://127.0.0.1:" in said.err

@@ -55,7 +55,7 @@ def collect(
     plan = Collection(seconds, (first, *others), seed, most, highest_hz, rig, map_)
     setup, tour = None, None
     if rings and not place:
-        note_missing_model(rig, model, maze)
+        note_missing_model(rig, model)
         setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
     else:
         warn_of_idle_keys(rig)

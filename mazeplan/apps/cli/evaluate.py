@@ -60,12 +60,13 @@ def evaluate(
     from mazeplan.apps.cli.report import write_report
     from mazeplan.apps.report.words import verdict_lines
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig
     from mazeplan.run.balls import with_balls
     from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 
     check_learning(learn, output, workers, {"--faults": faults, "--dask": dask, "--store": store})
-    maze = with_balls(load_map(map_), balls)
-    note_missing_model(rig, model, maze, sense)
+    make_rig(rig, with_balls(load_map(map_), balls), sense)
+    note_missing_model(rig, model)
     campaign = Campaign(
         runs=runs or (FAULT_RUNS if faults else RUNS), rig=rig, map=map_, model=model, start=start,
         behavior="policy" if policy is not None and behavior == "navigate" else behavior,

@@ -41,7 +41,8 @@ def improve(
 
     maze, spec = load_map(map_), with_seed(rig, seed)
     own = added_effects(effects).effects
-    note_missing_model(spec, model, maze)
+    make_rig(spec, maze)
+    note_missing_model(spec, model)
     options = campaign.Options(rounds, runs, seconds, seed, workers, map_, True, effects)
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,11 @@ from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
-    from mazeplan.core.logs.run_log import Sink
     from mazeplan.core.records import NavigationResult
     from mazeplan.maze.geometry import Maze
     from mazeplan.run.campaign.evaluate import Campaign
     from mazeplan.run.campaign.online_learning import Learner, Lesson
+    from mazeplan.run.request import Company, NavigationRequest
 
 EXCLUDED = {
     "--faults": "faulty runs must not teach the model",
@@ -86,27 +87,26 @@ def _report(lesson: Lesson) -> None:
 
 
 def navigate_learning(
-    job: dict[str, Any], output: Path | None, drive: Callable[..., NavigationResult], feed: Sink | None = None
-) -> NavigationResult:
-    """Do one run by `drive(job, feed=...)` and update the model in `output` from it. Raises InputError.
-
-    feed: gets the messages of the run, too"""
+    request: NavigationRequest, output: Path | None, company: Company,
+    drive: Callable[[NavigationRequest, Company], NavigationResult],
+) -> NavigationResult:  # fmt: skip
+    """Do one run by `drive` and update the model in `output` from it. Raises InputError."""
     from mazeplan.learning.modelfile import load_model
     from mazeplan.run.campaign.online_learning import Ticks
 
     if output is None:
         raise InputError("--learn needs -o FOLDER, which keeps the updated model for the next run")
-    ticks = Ticks()
+    ticks, asked = Ticks(), None if request.model is None else str(request.model)
 
     def take(topic: str, t: float, document: dict[str, Any]) -> None:
         ticks(topic, t, document)
-        if feed is not None:
-            feed(topic, t, document)
+        if company.feed is not None:
+            company.feed(topic, t, document)
 
-    with open_learner(job["model"], job["rig"], job["map"], output) as learner:
+    with open_learner(asked, str(request.rig), request.maze, output) as learner:
         # read the kept file, so that the model equals the model in a log in each digit
         model = load_model(output) if (output / "model.yaml").exists() else learner.model
-        result = drive({**job, "model": model}, feed=take)
+        result = drive(replace(request, model=model), replace(company, feed=take))
         lesson = learner.learn(result, ticks)
     _report(lesson)
     if not lesson.why:

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -29,6 +30,7 @@ from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.sim.settings import Fault
 from mazeplan.run.goals import Goals
+from mazeplan.run.request import Company, NavigationRequest
 
 if TYPE_CHECKING:
     from mazeplan.apps.view.link import PageLink
@@ -308,28 +310,31 @@ class LiveSession:
         return ""
 
 
-def navigate_live(job: dict[str, Any], host: str, port: int, *, begin: bool = True, as_json: bool = False) -> int:
+def navigate_live(
+    request: NavigationRequest, host: str, port: int, *, begin: bool = True, as_json: bool = False
+) -> int:
     """Serve a page and its runs. Returns the exit status.
 
-    job: arguments of `mazeplan.navigate`
     begin: whether to start the first run at once
 
     Each run gets the next seed and a separate log. At a terminal, or with `begin` False, the page stays until Ctrl-C.
     Otherwise it stays until the run is over and the last viewer has left."""
 
     def once(number: int, **more: Any) -> NavigationResult:
-        return navigate_once({**job, "seed": job["seed"] + number, "log": numbered(job["log"], number)}, **more)
+        log = None if request.log is None else Path(request.log)
+        once = replace(request, seed=request.seed + number, log=numbered(log, number))
+        return navigate_once(once, Company(**more))
 
     stay = not begin or at_terminal()
     session = LiveSession(
-        job["map"],
-        job["rig"],
+        request.maze,
+        str(request.rig),
         once,
         begin=begin,
         stay=stay,
-        sense=job["sense"],
-        closed=job.get("closed") or (),
-        planned=partial(preview, job),
+        sense=request.sense,
+        closed=request.closed,
+        planned=partial(preview, request),
     )
     try:
         session.serve(host, port)

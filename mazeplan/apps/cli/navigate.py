@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import navigate_learning
 from mazeplan.apps.cli.option_checks import listed, listed_rings
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.apps.cli.runs import navigate_once, navigation_job
+from mazeplan.apps.cli.runs import navigate_once
 from mazeplan.core.errors import InputError, RigError
 
 
@@ -49,11 +48,11 @@ def navigate(
     as_json: opt.AsJson = False,
 ) -> None:
     """Bring the ball from one ring to another."""
-    job = navigation_job(
-        start, goal, map_, rig, model, balls, sense=sense, log=log, effects=effects, policy=policy, behavior=behavior,
-        behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
-        closed=listed(close), seed=seed, time_limit=time_limit, memory=memory,
-        via=listed_rings(via, "--via"),
+    from mazeplan.run.request import Company, NavigationRequest
+
+    request = NavigationRequest(
+        start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
+        tuple(listed(close)), tuple(listed_rings(via, "--via")), balls, seed, time_limit, log, memory, sense,
     )  # fmt: skip
     if video is not None:
         from mazeplan.apps.view.film import check_film
@@ -68,12 +67,14 @@ def navigate(
 
         if learn:
             raise InputError("--learn with --view: a run on the page has no planned end; give one of them")
-        sys.exit(navigate_live(job, host, port, as_json=as_json))
+        sys.exit(navigate_live(request, host, port, as_json=as_json))
     try:
         with monitored(groot, groot_host) as more, filmed(video) as camera:
-            more |= camera
-            once = partial(navigate_once, **more)
-            result = navigate_learning(job, output, once, camera.get("feed")) if learn else once(job)
+            company = Company(**more, **camera)
+            if learn:
+                result = navigate_learning(request, output, company, navigate_once)
+            else:
+                result = navigate_once(request, company)
     except RigError as problem:
         if as_json and problem.result is not None:
             print_json(problem.result.to_json())

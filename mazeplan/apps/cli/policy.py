@@ -49,8 +49,10 @@ def train(
     """Train a policy: runs of the planner, then of the policy with the planner's commands as its lessons."""
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig
 
-    note_missing_model(rig, model, load_map(map_))  # before torch loads, so that a rig that is missing is named at once
+    make_rig(rig, load_map(map_))  # before torch loads, so that a rig that is missing is named at once
+    note_missing_model(rig, model)
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
     from mazeplan.learning.gp_training import require_device, require_torch

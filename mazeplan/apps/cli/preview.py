@@ -9,34 +9,27 @@ from typing import Any
 import numpy as np
 
 from mazeplan.maze.drawing import route_points
-from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
-from mazeplan.run.resolve import ring_number
-from mazeplan.run.specification import Job
+from mazeplan.run.request import NavigationRequest
 
 
 def preview(
-    job: dict[str, Any], number: int = 0, goal: int | None = None, closed: Collection[str] = ()
+    request: NavigationRequest, number: int = 0, goal: int | None = None, closed: Collection[str] = ()
 ) -> dict[str, Any]:
     """The preview of a run of a page, for `view.livetab.PLANNED`.
 
-    job: arguments of `mazeplan.navigate`
     number: of the run, from 0
-    goal: a ring that replaces the job's goal and the rings on the way
+    goal: a ring that replaces the goal of the request and the rings on the way
     closed: the closed openings
 
     The route is the route of shortest expected time without a model. Keys of the result:
     start, goal: rings
     ball: x, y, m
     points: of the route on the tracks, (N, 2), m; empty without a route"""
-    maze: Maze = job["map"]
-    start, last = ring_number(job["start"], maze), job.get("goal")
-    angle, seed = job.get("start_angle_deg"), job.get("seed", 0) + number
-    theta = Job(start, start, None if angle is None else math.radians(angle), seed).start_angle(
-        maze, np.random.default_rng(seed)
-    )
-    end = len(maze.rings) if last is None else ring_number(last, maze)
-    rings = [goal] if goal is not None else [*(ring_number(ring, maze) for ring in job.get("via") or ()), end]
+    maze, job = request.maze, request.job
+    start, seed = job.start, job.seed + number
+    theta = job.start_angle(maze, np.random.default_rng(seed))
+    rings = [goal] if goal is not None else [*job.via, job.goal]
     radius = maze.track_radius(start)
     points = [[radius * math.cos(theta), radius * math.sin(theta)]]
     graph = RouteGraph(maze)

@@ -3,40 +3,30 @@
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from mazeplan.apps.cli.output import say
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mazeplan.core.records import NavigationResult
-    from mazeplan.maze.geometry import Maze
+    from mazeplan.learning.modelfile import RigModel
+    from mazeplan.run.request import Company, NavigationRequest
 
 
-def navigation_job(
-    start: str, goal: str, map_: str, rig: str, model: str | None, balls: int | None = None, *, sense: str | None,
-    log: Path | None = None, **more: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Arguments of `mazeplan.navigate` from options of the command line. more: further arguments, unchanged"""
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.run.balls import with_balls
-
-    maze = with_balls(load_map(map_), balls)
-    note_missing_model(rig, model, maze, sense)
-    given = {"start": start, "goal": goal, "map": maze, "rig": rig, "model": model}
-    return {**given, "sense": sense, "log": log, **more}
-
-
-def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
+def note_missing_model(rig: str, model: str | Path | RigModel | None) -> None:
     """Print how well the model fits its machine, or a note if the run has no fitted model and uses nominal physics.
 
-    Raises InputError or RigError for a rig that cannot be made, and for a model that does not exist."""
+    Raises InputError for a rig or a model that does not exist."""
     from mazeplan.learning.fits import fits_words
-    from mazeplan.learning.modelfile import load_model, model_names, model_path
-    from mazeplan.rigs.registry import make_rig, rig_model_hint, warn_of_idle_keys
+    from mazeplan.learning.modelfile import RigModel, load_model, model_names, model_path
+    from mazeplan.rigs.registry import rig_model_hint, warn_of_idle_keys
 
-    make_rig(rig, maze, sense)
     warn_of_idle_keys(rig)
+    if isinstance(model, RigModel):  # the command has learned it
+        return
     if model is not None:
         model_path(model)
         if words := fits_words(load_model(model)):
@@ -45,28 +35,29 @@ def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | Non
         say(f"no model for rig {rig}: using nominal physics; fit a model with `mazeplan collect` and `learn`")
 
 
-def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
-    """Run one job and show its progress on the terminal.
-
-    more: further arguments of `mazeplan.navigate`; without `goals` among them, a key stops a real rig"""
+def navigate_once(request: NavigationRequest, company: Company) -> NavigationResult:
+    """Run one request and show its progress on the terminal. Without `goals` in its company, a key stops a real rig."""
     from mazeplan.apps.cli.emergency import stop_key
     from mazeplan.apps.cli.progress import NavigationProgress
     from mazeplan.core.errors import RigError
     from mazeplan.run.goals import Goals
-    from mazeplan.run.navigate import navigate
+    from mazeplan.run.navigate import execute
 
-    if "goals" not in more:
-        goals = Goals(job["map"])
-        more = {**more, "goals": goals, "guard": lambda machine: stop_key(machine, goals.stop)}
+    if company.goals is None:
+        goals = Goals(request.maze)
+        company = replace(company, goals=goals, guard=lambda machine: stop_key(machine, goals.stop))
+    company = replace(company, own_process=True)
+    ready = request.resolve(company)
+    note_missing_model(str(request.rig), request.model)
     with NavigationProgress() as progress:
         try:
-            result = navigate(**job, **more, display=progress, own_process=True)
+            result = execute(request, ready, replace(company, display=progress))
         except RigError as problem:
             if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
                 progress.finished(problem.result)
             raise
         progress.finished(result)
     if result.reason == "failed" and not result.failures:
-        tree = shlex.quote(str(job["behavior"]))
+        tree = shlex.quote(request.behavior)
         say(f"the tree ended by itself, and nothing went wrong with the ball: mazeplan behavior check {tree}")
     return result

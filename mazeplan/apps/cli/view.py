@@ -42,10 +42,10 @@ def view(
         show_logs(runs, host, port)
         return
     from mazeplan.apps.cli.live import navigate_live
-    from mazeplan.apps.cli.runs import navigation_job
+    from mazeplan.run.request import NavigationRequest
 
-    job = navigation_job(
+    request = NavigationRequest(
         start, goal, map_, rig, model, sense=sense, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
         settings=settings, seed=seed, time_limit=time_limit,
     )  # fmt: skip
-    sys.exit(navigate_live(job, host, port, begin=False))
+    sys.exit(navigate_live(request, host, port, begin=False))

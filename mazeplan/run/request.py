@@ -1,0 +1,153 @@
+"""What one navigation is asked to do: the request that the command line and Python fill in, and how it is resolved.
+
+NavigationRequest --resolve--> Navigation (maze, job, setup, rig) --execution--> NavigationResult
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.trees import StaticContext, load_tree
+from mazeplan.btree.tree import BehaviorTree
+from mazeplan.control.policy import Policy
+from mazeplan.control.policy_file import load_policy
+from mazeplan.core.display import Display
+from mazeplan.core.errors import InputError
+from mazeplan.core.logs.run_log import Sink
+from mazeplan.core.name_hints import one_of
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.memory import OpeningMemory, load_memory
+from mazeplan.physics.registry import own_effects
+from mazeplan.rigs.interface import Rig, check_ready
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
+from mazeplan.run.balls import check_balls, tree_of, with_balls
+from mazeplan.run.goals import Goals
+from mazeplan.run.resolve import check_start_angle, model_source, resolve_model, ring_number
+from mazeplan.run.settings import Settings, load_settings
+from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+
+
+@dataclass(frozen=True)
+class Company:
+    """What goes along with a run.
+
+    display: shows its progress
+    goals: requests from other threads
+    own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
+    guard: a context around the run that is entered with the rig, such as an emergency stop
+    feed: called in the thread of the run with topic, rig time and document of each message of a log
+    around: wraps the rig, for example to pace it by the wall clock
+    watch: called with each tree and its context before it begins, for example by a monitor
+    """
+
+    display: Display | None = None
+    goals: Goals | None = None
+    own_process: bool = False
+    guard: Callable[[Rig], AbstractContextManager[object]] | None = None
+    feed: Sink | None = None
+    around: Callable[[Rig], Rig] | None = None
+    watch: Callable[[BehaviorTree, RunContext], None] | None = None
+
+
+@dataclass(frozen=True)
+class NavigationRequest:
+    """One navigation, in the words of the command line. `navigate` explains the fields."""
+
+    start: int | str = 1
+    goal: int | str | None = None
+    map: str | Path | Maze = "cme"
+    rig: str | Rig = "toy"
+    model: str | Path | RigModel | None = None
+    policy: str | Path | Policy | None = None
+    behavior: str = "navigate"
+    behavior_modules: tuple[str, ...] = ()
+    effects: str | None = None
+    settings: str | Path | Settings | None = None
+    start_angle_deg: float | None = None
+    closed: tuple[str, ...] = ()
+    via: tuple[int | str, ...] = ()
+    balls: int | None = None
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+    log: str | Path | None = None
+    memory: str | Path | None = None
+    sense: str | None = None
+
+    @cached_property
+    def maze(self) -> Maze:
+        """The map, with the balls of the request. Raises InputError."""
+        return with_balls(self.map if isinstance(self.map, Maze) else load_map(self.map), self.balls)
+
+    @cached_property
+    def job(self) -> Job:
+        """The job, checked. Raises InputError."""
+        maze, degrees = self.maze, self.start_angle_deg
+        if degrees is not None and not math.isfinite(degrees):
+            raise InputError(f"got {degrees}, expected a finite number of degrees", key="start angle")
+        known = [opening.name for opening in maze.openings]
+        for name in self.closed:
+            if name not in known:
+                raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed opening")
+        start = ring_number(self.start, maze)
+        goal = len(maze.rings) if self.goal is None else ring_number(self.goal, maze)
+        via = tuple(ring_number(ring, maze) for ring in self.via)
+        if degrees is not None:
+            check_start_angle(degrees, start, maze, "start angle")
+        theta = None if degrees is None else math.radians(degrees)
+        return Job(start, goal, theta, self.seed, self.time_limit, tuple(self.closed), via)
+
+    @property
+    def tree(self) -> str:
+        """Name or file of the tree: what was asked for, else the one for a policy, waypoints or two balls."""
+        if self.behavior != "navigate":
+            return self.behavior
+        usual = "policy" if self.policy is not None else "waypoints" if self.via else self.behavior
+        return tree_of(self.maze, usual)
+
+    def resolve(self, company: Company) -> Navigation:
+        """Make the rig, and read everything that the request names. Raises InputError, RigError."""
+        maze, job, rig_name = self.maze, self.job, self.rig if isinstance(self.rig, str) else None
+        made = make_rig(self.rig, maze, self.sense) if isinstance(self.rig, str) else self.rig
+        rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
+        check_balls(maze, rig, job, self.policy is not None)
+        check_ready(rig)
+        own_effects(self.effects)
+        names = [opening.name for opening in maze.openings]
+        memory = None if self.memory is None else load_memory(Path(self.memory), names, maze.name)
+        # the tree before the model, which may compile for minutes
+        load_tree(self.tree, registry_with(self.behavior_modules), StaticContext(maze))
+        model = self.model
+        setup = Setup(
+            maze,
+            resolve_model(model, rig_name, maze),
+            self.tree,
+            rig_label(self.rig) if isinstance(self.rig, str) else type(self.rig).__name__,
+            model_name="" if isinstance(model, RigModel | None) else str(model),
+            settings=self.settings if isinstance(self.settings, Settings) else load_settings(self.settings),
+            behavior_modules=tuple(self.behavior_modules),
+            memory=memory,
+            model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
+            effects=self.effects,
+            policy=self.policy if isinstance(self.policy, Policy | None) else load_policy(self.policy),
+        )
+        return Navigation(rig, job, setup, memory)
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """A request with everything that it names read: ready to be executed. memory: of openings, if it is kept."""
+
+    rig: Rig
+    job: Job
+    setup: Setup
+    memory: OpeningMemory | None
