@@ -31,7 +31,7 @@ help:
 	@echo "make firmware                       for the board, into build/firmware/ (needs Debian packages)"
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make docs                           the documentation as a site, build/docs/index.html"
-	@echo "make pictures                       the pictures of README and docs anew (the others: make bench)"
+	@echo "make pictures                       the pictures of README and docs anew"
 	@echo "make forget                         compile anew what Numba has compiled"
 	@echo "make clean                          remove .venv and what was built"
 	@echo "Another Python: make PYTHON=python3.12 ..."
@@ -117,6 +117,7 @@ pictures: $(VENV)/installed
 	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap --force
 	$(BIN)/mazeplan map show detour --labels --route --log build/detour.mcap -o docs/detour.png --force
 	$(BIN)/python tools/draw_reports.py
+	$(BIN)/python tools/draw_camera.py
 
 bench: $(VENV)/installed
 	OMP_NUM_THREADS=1 $(BIN)/python tools/bench.py $(ARGS)
