@@ -116,7 +116,7 @@ def surprises() -> Iterator[str]:
 
     def keys(name: str) -> str:
         drawn = drawn_surprise(settings_from({"surprise": name}), load_map("cme"))
-        return ", ".join(f"`{key}`" for key in drawn.changes)
+        return ", ".join(f"`{key}`" for key in (drawn.changes if drawn else ()))
 
     how = "`--rig surprise@KIND` has one of them. `mazeplan rig list` explains the keys of a rig's file."
     yield from ("# What a simulated rig can have", "", how, "")

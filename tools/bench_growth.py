@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_kit import Section, Table, mazeplan
+from bench_kit import Section, Table, execute
 from grown_maps import map_text
 
 import mazeplan as package
@@ -95,11 +95,11 @@ def growth_section(quick: bool) -> Section:
             path = folder / f"{minutes}.mcap"
             if not path.exists():
                 words = ("--rings", "--seconds", str(60 * minutes), "-o", str(path))
-                mazeplan("collect", "--rig", "toy", *words)
+                execute("collect", "--rig", "toy", *words)
             return str(path)
 
         def learn(rows: int) -> None:
-            mazeplan("learn", learned, "--most", str(rows), "--force", "-o", str(folder / "model"))
+            execute("learn", learned, "--most", str(rows), "--force", "-o", str(folder / "model"))
 
         def row(what: str, unit: str, cost: Callable[[int], float], *sizes: int) -> None:
             sizes = sizes[:2] if quick else sizes
@@ -118,6 +118,6 @@ def growth_section(quick: bool) -> Section:
         row("read a log", "minutes", lambda n: best_ms(partial(read_log, log(n))), 1, 5, 15, 60)
         row("learn", "rows of the Gaussian process", lambda n: best_ms(partial(learn, n), 1), 500, 1000, 2000, 4000)
         words = ("--model", "toy")
-        row("diagnose", "minutes", lambda n: best_ms(partial(mazeplan, "diagnose", log(n), *words), 1), 1, 2, 5, 15, 60)
+        row("diagnose", "minutes", lambda n: best_ms(partial(execute, "diagnose", log(n), *words), 1), 1, 2, 5, 15, 60)
     notes = ("One core, wall time. The exponent differs by about 0.15 from one measurement to the next.",)
     return Section("How cost grows", notes, (table,))

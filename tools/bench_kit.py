@@ -54,6 +54,11 @@ def mazeplan(*words: str) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
+def execute(*words: str) -> None:
+    """Run a command that prints no document. Raises CalledProcessError."""
+    subprocess.run([sys.executable, "-m", "mazeplan", *words], check=True, capture_output=True, cwd=ROOT)
+
+
 def data_folder(name: str) -> Path | None:
     """A folder of measured data: in MAZEPLAN_DATA, or beside the checkout. None if it is not on this machine."""
     for folder in (os.environ.get("MAZEPLAN_DATA"), ROOT.parent / "shared" / "data"):

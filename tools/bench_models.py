@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from typing import Any
 
-from bench_kit import BUILD, ROOT, Section, Table, data_folder, mazeplan
+from bench_kit import BUILD, ROOT, Section, Table, data_folder, execute, mazeplan
 
 from mazeplan.core.maths.angles import difference
 from mazeplan.maze.mapfile import load_map
@@ -68,8 +66,7 @@ def models_section(quick: bool) -> Section:
         tables += compared("measured", mazeplan("compare", *(str(folder / f"ring{n}.csv") for n in (1, 2, 3, 4))))
     log, seconds = str(BUILD / "toy.mcap"), "200" if quick else "1500"
     BUILD.mkdir(exist_ok=True)
-    words = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", log, "--force"]
-    subprocess.run([sys.executable, "-m", "mazeplan", *words], check=True, capture_output=True, cwd=ROOT)
+    execute("collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", log, "--force")
     tables += compared("simulated", mazeplan("compare", log))
     tables.append(learned_map(log, quick))
     notes = (
