@@ -27,6 +27,7 @@ from mazeplan.run.navigate import navigate
 SHARE, LATE_S = 0.05, 0.05  # of the pictures, so much later than the others
 PERIOD_MS = 1e3 / 30.0
 SEED = 700
+CORES = len(os.sched_getaffinity(0))
 WAYS = ("quiet", "busy", "busy, collector as Python has it")
 
 
@@ -77,7 +78,7 @@ def _compute() -> None:
 @contextmanager
 def _load(way: str) -> Iterator[None]:
     """The other work of the machine."""
-    others = [] if way == WAYS[0] else [multiprocessing.Process(target=_compute, daemon=True) for _ in range(_cores())]
+    others = [] if way == WAYS[0] else [multiprocessing.Process(target=_compute, daemon=True) for _ in range(CORES)]
     with ExitStack() as stack:
         if way == WAYS[2]:
             stack.enter_context(mock.patch.object(gc, "freeze"))
@@ -85,10 +86,6 @@ def _load(way: str) -> Iterator[None]:
             other.start()
             stack.callback(other.kill)
         yield
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def runs_of(way: str, runs: int) -> tuple[list[NavigationResult], np.ndarray]:
@@ -117,7 +114,7 @@ def realtime_section(quick: bool) -> Section:
         f"Rig `toy` at 30 Hz by the clock on the wall, {runs} runs a row with their logs, seeds from {SEED}.",
         "The world goes on while the program computes: a late command acts late, and samples between are lost.",
         f"Every twentieth picture is {1e3 * LATE_S:.0f} ms older than the others.",
-        f"Busy: {_cores()} processes compute without end on {_cores()} cores, at the same priority.",
+        f"Busy: {CORES} processes compute without end on {CORES} cores, at the same priority.",
         "The last row is without `gc.freeze`, which keeps old objects away from Python's garbage collector.",
     )
     return Section("Real time on a busy machine (simulated rig)", notes, (table,))

@@ -310,7 +310,7 @@ def test_nothing_to_start(tmp_path):
 
 
 def test_ctrl_c_in_the_terminal_leaves_the_board_to_the_program(chip):
-    assert os.getpgid(chip._process.pid) != os.getpgid(0)
+    assert os.getpgid(chip.process_id) != os.getpgid(0)
 
 
 def test_an_emulator_that_ended_is_a_rig_error(chip):

@@ -183,7 +183,7 @@ def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
         for _ in range(5):
             rig.observe()
         assert rig.table is not None
-        leader, folder = rig.table._process.pid, Path(rig.table.port).parent
+        leader, folder = rig.table.process_id, Path(rig.table.port).parent
         processes = group(leader)
         assert set(processes) == {"world", "emulator"}
         assert folder.exists()
@@ -213,8 +213,8 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
 rig = make_rig(sys.argv[1], load_map("cme"))
 rig.observe()
-print(rig.table._process.pid, rig.table.port, flush=True)
-os.kill(rig.table._process.pid, signal.SIGSTOP)
+print(rig.table.process_id, rig.table.port, flush=True)
+os.kill(rig.table.process_id, signal.SIGSTOP)
 """
     done = subprocess.run(
         [sys.executable, "-c", script, str(EMULATED)], capture_output=True, text=True, check=True, timeout=60

@@ -113,6 +113,11 @@ class EmulatedChip:
             self.close()
             raise RigError(f"{host}: the emulator does not start: {said or 'it says nothing'}; make emulator")
 
+    @property
+    def process_id(self) -> int:
+        """Of the emulator."""
+        return self._process.pid
+
     def set_volts(self, first: float, second: float) -> None:
         """Voltages at the tilt inputs, 0 to 5 V."""
         self.order(f"adc {first:.6f} {second:.6f}")

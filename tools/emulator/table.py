@@ -84,6 +84,11 @@ class EmulatedTable:
             raise RigError(f"the emulated rig does not start: {problem}")
         self.port: str = self._said["ready"]
 
+    @property
+    def process_id(self) -> int:
+        """Of the world; its board is in the same process group."""
+        return self._process.pid
+
     def order(self, document: dict[str, Any]) -> None:
         """Send an order. Raises RigError if the world has ended."""
         try:
