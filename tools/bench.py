@@ -47,7 +47,7 @@ SECTIONS: dict[str, Callable[[bool], Section]] = {
     "growth": growth_section, "rig": rig_section,
 }  # fmt: skip
 HOURS = ("drawn", "effects", "contactplant", "plant")
-PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
+PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch")
 
 
 @dataclass(frozen=True)

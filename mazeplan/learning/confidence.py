@@ -41,11 +41,10 @@ STRETCHES = 200  # maximum number of stretches of training residuals
 class ConfidenceOptions:
     """Settings of the confidence bands.
 
-    rollouts:           number of roll-outs of each kind and ring; 0: no bands
-    device, precision:  for the sums over rows, by torch"""
+    rollouts:   number of roll-outs of each kind and ring; 0: no bands
+    precision:  of the sums over rows"""
 
     rollouts: int = 2000
-    device: str = "cpu"
     precision: str = "float32"
 
 
@@ -119,9 +118,7 @@ def confidence(
     if not len(some) or o.rollouts < DRAWS:
         return None
     left, noise = residual_stretches(fitted.typical, train, rows, rng), angle_noise(train)
-    drawn = draw_model(
-        fitted.model, fitted.typical, DRAWS, rng, repeats=correlation_time(left), device=o.device, precision=o.precision
-    )
+    drawn = draw_model(fitted.model, fitted.typical, DRAWS, rng, repeats=correlation_time(left), precision=o.precision)
     theta, rate, P = causal_start(fitted.typical.mean, test, some, noise, misfit)
     if rates == "filtered":  # like the published figures: the late rate is used as the rate
         rate = test.k.theta_dot[some]

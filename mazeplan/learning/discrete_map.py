@@ -45,7 +45,7 @@ def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> D
     rows = rows[uniform_downsample(len(rows), options.most)]
     x, none = inputs(samples.at(rows)), np.zeros((len(rows), 0))
     theta = samples.k.theta[rows + 1]
-    training = TrainingOptions(device=options.training.device, starts=1, seed=options.seed)
+    training = TrainingOptions(starts=1, seed=options.seed)
 
     def process(target: Array) -> GaussianProcess:
         return GaussianProcess.condition(train(x, none, target, training).hyper, x, none, target)

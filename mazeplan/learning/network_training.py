@@ -24,10 +24,10 @@ from mazeplan.core.errors import SettingsError, TableError
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import DRY_WIDTH, INPUT_SETS
-from mazeplan.learning.gp_training import require_torch
 from mazeplan.learning.networks import ARRAYS, Networks, expanded
 from mazeplan.learning.rollout import FASTEST, uninterrupted
 from mazeplan.learning.samples import LAG, RingSamples, columns_of
+from mazeplan.learning.torch_device import require_torch
 from mazeplan.physics.effect import OPENING, Term
 from mazeplan.physics.formulas.arrays import RingKinematics, acceleration
 from mazeplan.physics.formulas.compiled import ring_functions

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
-from mazeplan.learning.gp_training import require_device
+from mazeplan.learning.torch_device import require_device
 
 if TYPE_CHECKING:
     import torch

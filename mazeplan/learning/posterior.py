@@ -8,7 +8,7 @@ pathwise conditioning: a draw from the prior, plus the correction of its error a
 
 (Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). There are F = WAVES
 waves. v_j comes from the spectrum of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is
-(g(x) - g(x')) / sqrt(2), with x' the reflection of x. torch sums over the rows, for many states at once.
+(g(x) - g(x')) / sqrt(2), with x' the reflection of x. The sums over the rows are in single precision.
 
 A draw of an ensemble of networks is its mean plus n_e / sqrt(E - 1) times the deviation of each member, n_e ~ N(0, 1).
 """
@@ -29,7 +29,7 @@ from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters,
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
 FOURIER_FEATURES = 256  # number of waves of a draw from the prior, for each term
-ELEMENTS = {"cpu": 2**18, "cuda": 2**26}  # maximum elements of a piece of the kernel matrix
+ELEMENTS = 2**18  # maximum elements of a piece of the kernel matrix
 
 Drawn = Callable[[RingKinematics], Array]
 
@@ -37,42 +37,36 @@ Drawn = Callable[[RingKinematics], Array]
 class RandomFourierFeatures:
     """S draws of the prior of one term, each a sum of WAVES waves."""
 
-    def __init__(self, term: KernelTerm, family: str, count: int, rng: np.random.Generator, **where: Any) -> None:
-        """where: device and dtype of all tensors."""
-        import torch
-
+    def __init__(self, term: KernelTerm, family: str, count: int, rng: np.random.Generator, dtype: Any) -> None:
         v = rng.standard_normal((FOURIER_FEATURES, len(term.columns)))
         if family == "exponential":
             v /= np.abs(rng.standard_normal((FOURIER_FEATURES, 1)))
         scale = term.amplitude / math.sqrt(FOURIER_FEATURES * (2.0 if term.flip else 1.0))
-        self._term, self._where, v = term, where, v / term.lengthscales
+        self._term, self._dtype, v = term, dtype, v / term.lengthscales
         waves = [v, *([v * np.array(term.flip)] if term.flip else [])]
-        self._waves = [torch.tensor(np.ascontiguousarray(part.T), **where) for part in waves]
-        self._weights = torch.tensor(scale * rng.standard_normal((2, FOURIER_FEATURES, count)), **where)
+        self._waves = [np.ascontiguousarray(part.T, dtype=dtype) for part in waves]
+        self._weights = (scale * rng.standard_normal((2, FOURIER_FEATURES, count))).astype(dtype)
 
     def _seen(self, x: Array) -> tuple[Any, Any]:
         """cos and sin (N, WAVES) at inputs (N, D); for an odd term, minus those at the flipped inputs."""
-        import torch
-
-        part = torch.tensor(np.ascontiguousarray(x[:, self._term.columns]), **self._where)
+        part = np.ascontiguousarray(x[:, self._term.columns], dtype=self._dtype)
         phases = [part @ waves for waves in self._waves]
         if len(phases) == 1:
-            return phases[0].cos(), phases[0].sin()
-        return phases[0].cos() - phases[1].cos(), phases[0].sin() - phases[1].sin()
+            return np.cos(phases[0]), np.sin(phases[0])
+        return np.cos(phases[0]) - np.cos(phases[1]), np.sin(phases[0]) - np.sin(phases[1])
 
     def all(self, x: Array) -> Array:
         """Each draw at all inputs (N, D): (N, S)."""
         cos, sin = self._seen(x)
-        return (cos @ self._weights[0] + sin @ self._weights[1]).cpu().numpy().astype(np.float64)
+        return (cos @ self._weights[0] + sin @ self._weights[1]).astype(np.float64)
 
     def each(self, x: Array) -> Array:
         """Each draw at its own group of inputs, S groups one after the other: (S, N / S)."""
-        import torch
-
-        groups, out = self._weights.shape[2], 0.0
+        groups = self._weights.shape[2]
+        out = np.zeros((groups, len(x) // groups))
         for part, weights in zip(self._seen(x), self._weights, strict=True):
-            out = out + torch.bmm(part.view(groups, -1, FOURIER_FEATURES), weights.T[:, :, None])[:, :, 0]
-        return out.cpu().numpy().astype(np.float64)  # pyright: ignore
+            out += (part.reshape(groups, -1, FOURIER_FEATURES) @ weights.T[:, :, None])[:, :, 0]
+        return out
 
 
 class ProcessDraws:
@@ -84,21 +78,17 @@ class ProcessDraws:
         centre: GaussianProcess,
         count: int,
         rng: np.random.Generator,
-        device: str = "cpu",
         precision: str = "float64",
     ) -> None:
         """process: the Gaussian process, with its factor. Raises ModelError if the factor is missing.
 
-        centre:             its mean is the mean of the draws
-        count:              number of draws S
-        device, precision:  for the sum over rows"""
-        import torch
-
+        centre:     its mean is the mean of the draws
+        count:      number of draws S
+        precision:  of the sum over rows"""
         process.variance(process.inputs[:0], process.features[:0])  # raises without the factor
         h, n = process.hyper, len(process)
-        where = {"device": device, "dtype": getattr(torch, precision)}
-        self.count = count
-        self._waves = [RandomFourierFeatures(term, h.family, count, rng, **where) for term in h.terms]
+        self.count, dtype = count, np.dtype(precision)
+        self._waves = [RandomFourierFeatures(term, h.family, count, rng, dtype) for term in h.terms]
         sigma = h.weight_sigma[:, None]
         weights = sigma * rng.standard_normal((len(h.weight_sigma), count))
         off = process.features @ weights + h.noise * rng.standard_normal((n, count))
@@ -106,7 +96,7 @@ class ProcessDraws:
             off += wave.all(process.inputs)
         moved = cho_solve((process.factor, True), off)
         self._weights = centre.weights[:, None] + weights - sigma**2 * (process.features.T @ moved)
-        self._sum = RowSum(h, process.inputs, centre.alpha[:, None] - moved, device, precision)
+        self._sum = RowSum(h, process.inputs, centre.alpha[:, None] - moved, dtype)
 
     def mean(self, inputs: Array, features: Array | None) -> Array:
         """f_s(x) (B,) at inputs (B, D) with features (B, M), S groups one after the other."""
@@ -122,14 +112,12 @@ class ProcessDraws:
 class RowSum:
     """Computes k(x, X) A_s for inputs x in S groups; each group s has other weights A_s."""
 
-    def __init__(self, hyper: Hyperparameters, rows: Array, weights: Array, device: str, precision: str) -> None:
+    def __init__(self, hyper: Hyperparameters, rows: Array, weights: Array, dtype: Any) -> None:
         """rows X (N, D); weights A (N, S)."""
-        import torch
-
-        self._where: dict[str, Any] = {"device": device, "dtype": getattr(torch, precision)}
+        self._dtype: Any = dtype
         self._rbf = hyper.family == "rbf"
         unit = math.sqrt(2.0 * math.log(2.0)) if self._rbf else math.log(2.0)  # c is then a power of two
-        self._weights = torch.tensor(np.ascontiguousarray(weights.T[:, :, None]), **self._where)
+        self._weights = np.ascontiguousarray(weights.T[:, :, None], dtype=dtype)
         self._parts: list[tuple[KernelTerm, Array, Array, float, Any]] = []
         for term in hyper.terms:
             scales = term.lengthscales * unit
@@ -138,29 +126,28 @@ class RowSum:
                 centre = x.mean(axis=0)  # differences of squares lose no digits near it
                 x = x - centre
                 wide = np.column_stack([-2.0 * x, np.sum(x**2, axis=1), np.ones(len(x))])
-                packed = torch.tensor(np.ascontiguousarray(wide.T), **self._where)
+                packed = np.ascontiguousarray(wide.T, dtype=dtype)
                 self._parts.append((term, scales, centre, sign * term.amplitude**2, packed))
-        self._piece = ELEMENTS["cuda" if device == "cuda" else "cpu"] // len(rows)
+        self._piece = ELEMENTS // len(rows)
 
     def __call__(self, inputs: Array) -> Array:
         """The sums (B,) at inputs (B, D), S groups one after the other."""
-        import torch
-
         groups = len(self._weights)
         each = len(inputs) // groups
         together = max(1, self._piece // max(each, 1))
-        with torch.inference_mode():
-            out = torch.zeros((groups, each), **self._where)
-            for term, scales, centre, scale, packed in self._parts:
-                x = inputs[:, term.columns] / scales - centre
-                wide = np.column_stack([x, np.ones(len(x)), np.sum(x**2, axis=1)])
-                z = torch.tensor(wide, **self._where)
-                for a in range(0, groups, together):
-                    b = min(a + together, groups)
-                    c = (z[a * each : b * each] @ packed).clamp_(0.0, 1e6)
-                    c = c.neg_().exp2_() if self._rbf else c.sqrt_().neg_().exp2_()
-                    out[a:b] += scale * torch.bmm(c.view(b - a, each, -1), self._weights[a:b])[:, :, 0]
-            return out.cpu().numpy().astype(np.float64).ravel()
+        out = np.zeros((groups, each))
+        for term, scales, centre, scale, packed in self._parts:
+            x = inputs[:, term.columns] / scales - centre
+            z = np.column_stack([x, np.ones(len(x)), np.sum(x**2, axis=1)]).astype(self._dtype)
+            for a in range(0, groups, together):
+                b = min(a + together, groups)
+                c = z[a * each : b * each] @ packed
+                np.clip(c, 0.0, 1e6, out=c)
+                if not self._rbf:
+                    np.sqrt(c, out=c)
+                np.exp2(np.negative(c, out=c), out=c)
+                out[a:b] += scale * (c.reshape(b - a, each, -1) @ self._weights[a:b])[:, :, 0]
+        return out.ravel()
 
 
 def draw_model(
@@ -170,18 +157,17 @@ def draw_model(
     rng: np.random.Generator,
     *,
     repeats: float = 1.0,
-    device: str = "cpu",
     precision: str = "float64",
 ) -> Drawn:
     """theta_dd (B,) of `count` draws of a model, for B states in as many groups, one after the other.
 
-    centre:             its mean is the mean of the draws of a Gaussian process
-    repeats:            scales the covariance of a linear fit, see `fitting.correlation_time`
-    device, precision:  for the sum over rows
+    centre:     its mean is the mean of the draws of a Gaussian process
+    repeats:    scales the covariance of a linear fit, see `fitting.correlation_time`
+    precision:  of the sum over rows
 
     Models of other kinds have no uncertainty."""
     if isinstance(model, GaussianBall) and isinstance(centre, GaussianBall):
-        draws = ProcessDraws(model.process, centre.process, count, rng, device, precision)
+        draws = ProcessDraws(model.process, centre.process, count, rng, precision)
         seen, features = INPUT_SETS[model.inputs], FEATURES[model.features] if model.features else None
         return lambda k: kinematic_terms(k) + draws.mean(seen(k), None if features is None else features(k))
     if isinstance(model, LinearBall):

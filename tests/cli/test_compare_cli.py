@@ -272,7 +272,6 @@ def test_a_table_without_ring_needs_options(compare, refused):
         (["one.csv", "--split", "time", "--test", "both.csv"], "--split: got time with --test"),
         (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
         (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
-        (["one.csv", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
         (["one.csv", "--delay", "nan"], "--delay: got 'nan', expected a finite number of s"),
         (["one.csv", "--delay=-1"], "--delay: got -1, expected 0 to 0.5 s"),
         (["one.csv", "--radius", "0"], "--radius: got '0', expected"),

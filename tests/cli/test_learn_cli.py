@@ -145,12 +145,6 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
     [
         (["log.mcap", "--smoothing", "none"], "--smoothing: got 'none', expected one of rts, savgol"),
         (["log.mcap", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
-        (["log.mcap", "--device", "cuda", "--kind", "np"], "got cuda, but torch sees no such device; expected cpu"),
-        (["log.mcap", "--device", "cuda", "--kind", "pi"], "got cuda with --kind pi, which trains on the processor"),
-        (
-            ["log.mcap", "--device", "cuda", "--kind", "spnn"],
-            "which trains on the processor; expected cpu, or --kind sp",
-        ),
         (["log.mcap", "--most", "10"], "--most"),
         (["log.mcap", "--map", "none.yaml"], "none.yaml"),
         (["swapped.csv"], "swapped.csv: ring 2: the ball does not follow the tilt: its acceleration is -"),
@@ -180,13 +174,12 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_reference")
-@pytest.mark.parametrize("missing", ["torch", "gpytorch"])
-def test_without_torch_only_models_of_effects_are_learned(learn, refused, monkeypatch, log, tmp_path, missing):
-    monkeypatch.setitem(sys.modules, missing, None)
-    for kind in ("np", "sp"):
+def test_without_torch_there_are_no_networks(learn, refused, monkeypatch, log, tmp_path):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for kind in ("nn", "spnn"):
         error = refused("learn", log, "-o", tmp_path / "model", "--kind", kind)
-        assert f"need torch and gpytorch: {to_install('learn')}" in error
+        assert f"networks need torch: {to_install('learn')}" in error
     assert not (tmp_path / "model").exists()
     # scipy looks at loaded modules and takes a None for torch
-    monkeypatch.delitem(sys.modules, missing)
+    monkeypatch.delitem(sys.modules, "torch")
     assert learn(log, "--kind", "pi")[0] == 0

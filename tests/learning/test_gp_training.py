@@ -1,9 +1,7 @@
-"""Training finds what data were drawn from, is as good as another optimiser, and never computes approximately."""
+"""Training finds what data were drawn from, and is as good as another optimiser."""
 
 from __future__ import annotations
 
-import re
-import sys
 from collections import Counter
 from dataclasses import replace
 from typing import Any
@@ -16,36 +14,15 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as sklearn_kernels
 
 from mazeplan.core.errors import InputError, SettingsError
-from mazeplan.core.resources import to_install
-from mazeplan.learning import gp_training
 from mazeplan.learning.features import effect_features, inputs
 from mazeplan.learning.gaussian_process import FAMILIES, GaussianProcess, Hyperparameters, KernelTerm, kernel
-from mazeplan.learning.gp_training import (
-    LOG_SCALE,
-    LOG_WIDTH,
-    NOISE_FLOOR,
-    TrainingOptions,
-    exactly,
-    require_torch,
-    train,
-)
+from mazeplan.learning.gp_training import LOG_SCALE, LOG_WIDTH, NOISE_FLOOR, Posterior, TrainingOptions, train
 from mazeplan.physics.formulas.arrays import RingKinematics
 
 KERNELS: Any = sklearn_kernels
 PLAIN = (((0, 1), ()),)
 ODD = (*PLAIN, ((1, 0), (1.0, -1.0)))
 QUICK = TrainingOptions(first=150, rows=150, starts=1, iterations=15, refinement=15, terms=PLAIN)
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    require_torch()
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def bare(n):
@@ -98,7 +75,7 @@ def test_as_likely_as_the_optimum_of_scikit_learn(family):
 @pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
 @pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
 def test_reports_the_posterior_of_what_it_gives_back(family, terms, sigma):
-    """Kernel, units and priors of GPyTorch are those of our own process: two routes to one number."""
+    """Two routes to one number: the training, and conditioning with a prior of SciPy."""
     x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 60)
     found = train(x, phi, y, replace(QUICK, iterations=8, refinement=8, family=family, terms=terms))
     spread = x.std(axis=0)
@@ -115,24 +92,15 @@ def test_reports_the_posterior_of_what_it_gives_back(family, terms, sigma):
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
 @pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
-def test_the_compiled_posterior_is_that_of_gpytorch(family, terms, sigma):
+def test_the_gradient_is_that_of_finite_differences(family, terms, sigma):
     x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 40)
-    options = replace(QUICK, terms=terms)
-    scale = gp_training._Scale.of(x, phi, y, options)
-    found = []
-    with exactly():
-        for route in (gp_training._torch_posterior, gp_training._compiled_posterior):
-            model = gp_training._model(scale.take(x, phi, y, slice(None)), options, family)
-            gp_training._scatter(model, np.random.default_rng(1), 1)
-            value = route(model.train())
-            value.backward()
-            found.append((value.item(), {name: p.grad.numpy().ravel() for name, p in model.named_parameters()}))
-    (theirs, by_theirs), (ours, by_ours) = found
-    assert ours == pytest.approx(theirs, abs=1e-6)  # its distances are kept off zero
-    assert len(by_ours) == 1 + 2 * len(terms) + bool(len(sigma))
-    for name, gradient in by_theirs.items():
-        np.testing.assert_allclose(by_ours[name], gradient, rtol=1e-4, atol=1e-6, err_msg=name)
-        assert np.abs(gradient).min() > 1e-6, name
+    scaled = (x - x.mean(axis=0)) / x.std(axis=0), phi, y / y.std()
+    posterior = Posterior(scaled, terms, family)
+    q = posterior.start(np.random.default_rng(1), 1)
+    _, gradient = posterior(q)
+    assert len(q) == 3 * len(terms) + 1 + len(sigma)
+    numeric = [(posterior(q + e)[0] - posterior(q - e)[0]) / 2e-5 for e in 1e-5 * np.eye(len(q))]
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-7)
 
 
 def test_weights_of_physics_come_back_with_their_units():
@@ -183,56 +151,6 @@ def test_the_same_seed_gives_the_same_and_starts_are_several():
     assert first.refined >= max(first.starts), "the best is carried on with"
 
 
-class ApproximationError(Exception):
-    """GPyTorch was about to compute approximately."""
-
-
-@pytest.fixture
-def no_approximation(monkeypatch):
-    from linear_operator import utils
-    from linear_operator.utils import lanczos, stochastic_lq
-
-    def refuse(*args, **named):
-        raise ApproximationError
-
-    for place in (utils, stochastic_lq, lanczos):
-        for name in ("linear_cg", "lanczos_tridiag"):
-            if hasattr(place, name):
-                monkeypatch.setattr(place, name, refuse)
-
-
-BIG = TrainingOptions(first=1, rows=810, starts=1, iterations=1, refinement=1, terms=PLAIN)
-
-
-def many():
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-1.0, 1.0, (810, 2))
-    return x, bare(810), np.sin(3.0 * x[:, 0]) + rng.normal(0.0, 0.2, 810)
-
-
-@pytest.mark.parametrize("route", ["_compiled_posterior", "_torch_posterior"])
-def test_never_approximates_whatever_the_size(no_approximation, monkeypatch, route):
-    monkeypatch.setattr(gp_training, "_compiled_posterior", getattr(gp_training, route))
-    found = train(*many(), BIG)
-    assert found.rows == 810
-    assert np.isfinite(found.refined)
-
-
-@pytest.mark.parametrize("name", ["torch", "gpytorch"])
-def test_says_what_to_install(monkeypatch, name):
-    monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=re.escape(to_install("learn")) + ".*" + name):
-        train(np.zeros((5, 2)), bare(5), np.zeros(5), QUICK)
-
-
-def test_a_device_that_is_not_there(monkeypatch):
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(InputError, match=r"--device: got cuda, .*expected cpu"):
-        train(np.zeros((5, 2)), bare(5), np.zeros(5), replace(QUICK, device="cuda"))
-
-
 def test_some_noise_is_always_left():
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (100, 2))
     y = 5.0 * np.sin(3.0 * x[:, 0]) + x[:, 1]
@@ -265,7 +183,6 @@ def test_a_column_that_never_changes_and_a_target_of_zeros_do_no_harm():
         ({"starts": -1}, "starts"),
         ({"iterations": 0}, "iterations"),
         ({"refinement": "3"}, "refinement"),
-        ({"device": "tpu"}, "device"),
         ({"family": "cubic"}, "family"),
     ],
 )

@@ -22,9 +22,10 @@ from mazeplan.learning.features import (
 )
 from mazeplan.learning.fitting import KINDS, FitOptions, fit_kind, fit_process
 from mazeplan.learning.gaussian_process import GaussianProcess
-from mazeplan.learning.gp_training import TrainingOptions, require_torch
+from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.network_training import NetworkOptions
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
+from mazeplan.learning.torch_device import require_torch
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
 
 RADIUS = 0.0892

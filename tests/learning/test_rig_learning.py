@@ -27,8 +27,6 @@ from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.excitation import multisine
 
-pytest.importorskip("gpytorch", reason="learning needs torch and gpytorch")
-
 MAZE = load_map("cme")
 DT, FINE = 1.0 / 30.0, 5
 TRUE = {"factor": 0.6, "viscous": 0.4, "dry": 0.3, "beta": 0.004, "gamma": -0.003, "delay": 2.0 / 30.0}

@@ -31,7 +31,6 @@ def compare(
     split: opt.Split = "blocks",
     kernel: opt.Kernel = "auto",
     most: opt.CompareRows = 5000,
-    device: opt.Device = "cpu",
     page: opt.Report = None,
     bands: opt.Bands = 2000,
     seed: opt.Seed = 0,
@@ -48,11 +47,11 @@ def compare(
     from mazeplan.apps.cli.report import write_report
     from mazeplan.learning import comparison
     from mazeplan.learning.confidence import DRAWS, ConfidenceOptions
-    from mazeplan.learning.fitting import KINDS, FitOptions
-    from mazeplan.learning.gp_training import require_torch
+    from mazeplan.learning.fitting import KINDS, NETWORKS, FitOptions
     from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
     from mazeplan.learning.samples import SampleOptions
     from mazeplan.learning.smoothing import Smoothing
+    from mazeplan.learning.torch_device import require_torch
 
     if 0 < bands < DRAWS:
         raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (one window) or more")
@@ -61,15 +60,16 @@ def compare(
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
     if split != "blocks" and test:
         raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
-    require_torch()
+    if set(chosen) & set(NETWORKS):
+        require_torch()
     found = logged_map(map_, *logs, *(test or ()))
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay, rates=rates, seed=seed, kinds=chosen, split=split,
-        samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands, device),
-        fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
+        samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands),
+        fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel), seed=seed),
     )  # fmt: skip
     with ProgressBar("comparing") as bar:
         bar.show("reading")

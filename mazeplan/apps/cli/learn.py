@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import plural, print_json
+from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
@@ -49,20 +49,20 @@ def learn(
     from mazeplan.core.logs.table import join
     from mazeplan.learning.fits import fits_words
     from mazeplan.learning.fitting import NETWORKS, FitOptions
-    from mazeplan.learning.gp_training import TrainingOptions, require_torch
+    from mazeplan.learning.gp_training import TrainingOptions
     from mazeplan.learning.modelfile import model_document, save_model
     from mazeplan.learning.smoothing import Smoothing
+    from mazeplan.learning.torch_device import DEVICES, require_torch
     from mazeplan.run.learn import learn as learn_model
 
-    learns = kind not in ("p", "pi")
-    if device == "cuda" and (not learns or kind in NETWORKS):
-        raise InputError(
-            f"--device: got cuda with --kind {kind}, which trains on the processor; expected cpu, or --kind sp or np"
-        )
-    if learns:
+    if device not in DEVICES:
+        raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
+    if device == "cuda":
+        say("--device cuda: all kinds train on the processor, which is faster for their sizes")
+    if kind in NETWORKS:
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
-    options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
+    options = FitOptions(most=most, training=TrainingOptions(starts=2), seed=seed)
     maze = logged_map(map_, *logs).maze
     with ProgressBar("learning") as bar:
         bar.show("reading")

@@ -192,7 +192,7 @@ Radius = Annotated[
         help="Track radius in m. Default: the map's.",
     ),
 ]
-Device = Annotated[str, Option("--device", metavar="cpu|cuda", help="Device for training: cpu or cuda.")]
+Device = Annotated[str, Option("--device", metavar="cpu|cuda", help="Device for training: cpu or cuda (policies).")]
 Smoothing = Annotated[
     Literal["rts", "savgol"], Option("--smoothing", metavar="rts|savgol", help="Method for missing derivatives.")
 ]

@@ -55,7 +55,7 @@ def train(
     note_missing_model(rig, model)
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
-    from mazeplan.learning.gp_training import require_device, require_torch
+    from mazeplan.learning.torch_device import require_device, require_torch
     from mazeplan.run.campaign.imitation import Options
     from mazeplan.run.campaign.imitation import train as train_policy
     from mazeplan.run.campaign.one_run import Campaign
