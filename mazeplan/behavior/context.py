@@ -17,7 +17,6 @@ from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
-from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy
@@ -119,11 +118,9 @@ class BallRoles:
     led: number of the ball that the leaves lead, from 1 on; `state`, `measured` and `ahead` belong to this ball
     kept: numbers of the balls that must stay in the centre meanwhile
     sought: numbers of the balls that were lost when the led ball was chosen: those found in the centre are kept, too
-    keeper: changes commands by which a kept ball would leave the centre
     """
 
     aheads: tuple[Callable[..., State], ...] = ()
-    keeper: SafetyFilter | None = None
     views: tuple[BallView, ...] = ()
     led: int = 1
     kept: frozenset[int] = frozenset()
@@ -282,9 +279,6 @@ class RunContext:
         if self.commanded_by:
             both = f"{leaf} and {self.commanded_by} both command the rig"
             raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
-        balls = self.balls
-        if balls.kept and balls.keeper is not None:
-            command = balls.keeper.command(command, [balls.views[k - 1].state for k in sorted(balls.kept)], self.here)
         self.command, self.commanded_by = command, leaf
 
     def on_event(self, kind: str, detail: Mapping[str, Any]) -> None:

@@ -270,7 +270,7 @@ class _Tour:
 
     def _excite(self, wanted: int) -> None:
         """Excite the ball until the dwell is over, or the ball has been outside the ring for `away_s`."""
-        began, inside, last = self.rows, self.rows, self.run.last_wanted
+        began, inside, last = self.rows, self.rows, self.run.chain.wanted
         before = np.array([last.u_beta, last.u_gamma])
         dt = 1.0 / self.rig.rate_hz
         self.log.event(self.run.context.now, ExcitationStarted(wanted))

@@ -22,7 +22,7 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.behavior.winding import WindDown
 from mazeplan.btree.blame import blame_no_node, blames_a_node, exception_line
 from mazeplan.btree.tree import BehaviorTree
-from mazeplan.control.backlash import BacklashCompensator
+from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
@@ -39,7 +39,6 @@ from mazeplan.core.events import (
 )
 from mazeplan.core.logs.run_log import RunMessages
 from mazeplan.core.records import (
-    LEVEL,
     Command,
     Failure,
     FailureKind,
@@ -90,7 +89,7 @@ class Run:
         self._rig, self._setup, self._job = rig, setup, job
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
-        self._most, self.last_wanted = slew / rig.rate_hz, LEVEL
+        self.chain = CommandChain(rig.rate_hz, slew)
         self._balls = Balls(setup, rig.rate_hz)
         self._sample_check = SampleCheck(rig.rate_hz)
         self._fit = FitWatch(setup.maze, model, rig.rate_hz)
@@ -98,7 +97,6 @@ class Run:
         self._slew = slew
         self._prepare_control()
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
-        self._last_sent = LEVEL  # the last command sent to the rig
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._misfits: list[Misfit] = []
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
@@ -112,13 +110,13 @@ class Run:
         setup, model = self._setup, self._model
         # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / self._slew
-        self._backlash = BacklashCompensator(model.stage, setup.maze.tilt_limit)
         self._leaf_options = leaves = setup.settings.leaves.on_stage(model.true_stage)
         self._planners = planners_of(
             setup.maze, model, leaves.cost, self._stopwatch, late_s=self._late_s, horizon=leaves.travel.horizon
         )
         self._rollout = rollout_of(setup.maze, model, leaves, self._late_s, self._rig.rate_hz)
         self._keeper = safety_filter_of(setup.maze, model)
+        self.chain.adopt(model.stage, setup.maze.tilt_limit, self._keeper)
 
     def _check_fit(self, observation: Observation) -> None:
         """Look whether the rig behaves as the model says; go on with the stage that it shows, if there is one."""
@@ -138,7 +136,7 @@ class Run:
         run = self.context
         run.options, run.planners = self._leaf_options, self._planners
         run.rollout, run.late_s = self._rollout, self._late_s
-        run.balls.aheads, run.balls.keeper = self._balls.ahead, self._keeper
+        run.balls.aheads = self._balls.ahead
         run.ahead = run.balls.aheads[run.balls.led - 1]
 
     def _towards(
@@ -162,7 +160,7 @@ class Run:
             late_s=self._late_s,
             rollout=self._rollout,
             policy=setup.policy,
-            balls=BallRoles(aheads=self._balls.ahead, keeper=self._keeper),
+            balls=BallRoles(aheads=self._balls.ahead),
         )
         tree = self._tree_file.build(self._leaves, context)
         check_policy(tree, setup.policy)
@@ -311,7 +309,7 @@ class Run:
 
         observation: a sample that no tick has used; the first tick of winding down uses it."""
         result = self.result(success, reason)
-        winding = WindDown(self._tree, self.last_wanted, self.context.plate)
+        winding = WindDown(self._tree, self.chain.wanted, self.context.plate)
         while winding.going or observation is not None:
             seen, observation = observation or self._admit(self._rig.observe()), None
             if seen is None:
@@ -319,7 +317,7 @@ class Run:
             began = perf_counter()
             self._see(seen)
             winding.tick()
-            self._send(seen, self._slewed(winding.towards_level(self.context.command)), HALTED, began)
+            self._send(seen, self._limited(winding.towards_level(self.context.command)), HALTED, began)
         self._rig.level()
         return result
 
@@ -354,7 +352,7 @@ class Run:
         """The usable part of a sample. None if there is none; the last command then goes out again."""
         admitted = self._sample_check.admit(observation)
         if admitted is None:
-            self._rig.command(self._last_sent.u_beta, self._last_sent.u_gamma)
+            self._rig.command(self.chain.sent.u_beta, self.chain.sent.u_gamma)
         return admitted
 
     def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
@@ -364,7 +362,8 @@ class Run:
         self._see(observation)
         self._check_fit(observation)
         if given is None:
-            status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
+            status = self._tree.tick().name
+            command = self._limited(run.command)
         else:
             status, command, run.leg = "RUNNING", given, run.leg.passage()
             run.steer(by, given)
@@ -382,12 +381,8 @@ class Run:
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and log the tick. lead: compensate the backlash of the servos, if the model has any."""
-        self.last_wanted = command
-        passed_on = command
-        if self._backlash.has_backlash:
-            command = self._backlash.lead(command) if lead else command
-            passed_on = self._backlash.sent(command)
-        self._last_sent = command
+        passed_on = self.chain.send(command, lead=lead)
+        command = self.chain.sent
         self._fit.sent(command, observation.t)
         self._rig.command(command.u_beta, command.u_gamma)
         self._balls.sent(passed_on, observation.t)
@@ -404,13 +399,11 @@ class Run:
         self._record.openings(observation.t, self._memory)
         self._record.set_tick_duration(1e3 * (perf_counter() - began))
 
-    def _slewed(self, wanted: Command) -> Command:
-        """The wanted command, limited to the change that one sample allows."""
-        last, most = self.last_wanted, self._most
-        return Command(
-            min(max(wanted.u_beta, last.u_beta - most), last.u_beta + most),
-            min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
-        )
+    def _limited(self, wanted: Command | None) -> Command:
+        """A command of the tree as it may go out: the balls that are kept stay in the centre."""
+        run = self.context
+        kept = [run.balls.views[ball - 1].state for ball in sorted(run.balls.kept)]
+        return self.chain.limited(wanted, kept, run.state)
 
     def _report(self, event: RunEvent | Plan) -> None:
         self._record.event(self.context.now, event)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -11,7 +10,7 @@ from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import BallView
 from mazeplan.core.errors import TreeError
-from mazeplan.core.records import Command, FailureKind
+from mazeplan.core.records import FailureKind
 
 
 class Two(Bench):
@@ -164,22 +163,3 @@ def test_a_ball_that_there_is_not_is_named(two):
     two.see(at(1), at(1))
     with pytest.raises(TreeError, match="ball: got 3, expected 1 to 2"):
         two.once("LeadBall", ball=3, centre=5)
-
-
-def test_only_while_a_ball_is_kept_commands_are_changed(two):
-    asked = []
-
-    class Always:
-        def command(self, wanted, kept, led):
-            asked.append((len(kept), led.ring))
-            return Command(0.01, 0.0)
-
-    two.run.balls.keeper = Always()
-    two.see(at(5), at(2))
-    two.run.steer("Test", Command(0.05, 0.05))
-    assert (two.run.command, asked) == (Command(0.05, 0.05), [])
-    two.once("LeadBall", ball=2, centre=5)
-    two.see(at(5), at(2), t=0.1)
-    two.run.steer("Test", Command(0.05, 0.05))
-    assert (two.run.command, asked) == (Command(0.01, 0.0), [(1, 2)])
-    assert math.isclose(two.run.command.u_beta, 0.01)
