@@ -1,7 +1,7 @@
 """Search the weights of settings.yaml over many simulated rigs at once. Usage:
 
     python tools/tune.py -o found.yaml [--generations 30] [--population 12] [--runs 24] [--workers 2] [--seed 1]
-        [--dask ADDRESS] [--screen MODEL [--spare 3]]
+        [--dask ADDRESS]
 
 CMA-ES (package `cma`) over the keys of `SEARCHED`, all scaled to [0, 1], from the packaged values. Every generation
 drives the same starts on the same rigs with each candidate: the packaged rigs, and rigs drawn at random from the ranges
@@ -10,10 +10,6 @@ model that identification would find, with errors as large as its own standard e
 price of a candidate is the mean of time over what a good time on that rig is (`GOOD`), a run that does not arrive
 counting PENALTY s. The seeds decide everything, wherever the candidates are driven: in processes here, or on the
 workers of a Dask scheduler.
-
-With --screen a generation draws `spare` times as many candidates and plays their plans in batches on a learned model
-(`screen`): those that are hopeless there are not driven. More it cannot tell: among the others the order by their plans
-is not the order of driving (tools/screen.py measures it), so that the first ones drawn are taken.
 """
 
 from __future__ import annotations
@@ -27,13 +23,11 @@ from typing import Any
 import numpy as np
 import random_rigs
 from random_rigs import draw, drive
-from screen import judged, screen
 
 from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import MazeplanError, SettingsError
 from mazeplan.core.resources import to_install
-from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.run.campaign.executor import each, open_executor
 from mazeplan.run.settings import load_settings
 
@@ -42,7 +36,6 @@ MIX = ("ideal", "toy", "rough", "drawn", "ideal", "toy", "ideal", "drawn")
 GOOD = {"ideal": 2.6, "toy": 2.9, "rough": 3.6}  # s
 GOOD_DRAWN = 3.1  # s
 LOST = PENALTY / max(GOOD.values()) - 1e-9  # price from which on a run is lost
-HOPELESS = 2.0  # price on a model, over that of the middle candidate, from which on a candidate is not driven
 SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "cost.speed": (0.01, 1.0, True), "cost.arrival": (0.02, 2.0, True), "cost.lean": (0.1, 10.0, True),
     "cost.rate": (0.005, 0.5, True), "cost.control": (0.001, 0.1, True), "cost.control_scale": (0.03, 0.15, True),
@@ -124,14 +117,6 @@ def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
     return out
 
 
-def screened(points: list[np.ndarray], keep: int, model: RigModel, seed: int) -> list[np.ndarray]:
-    """The first `keep` points of the unit cube whose plans are not hopeless on a learned model; where there are fewer,
-    the best of the others too."""
-    prices = screen([judged(from_unit(p)) for p in points], model, seed)
-    hopeless = np.maximum(prices / np.median(prices), HOPELESS)  # all that are not are alike
-    return [points[i] for i in sorted(np.argsort(hopeless, kind="stable")[:keep].tolist())]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0].removesuffix(" Usage:"))
     parser.add_argument("-o", "--output", type=Path, required=True, help="settings file, written after each generation")
@@ -144,17 +129,14 @@ def main() -> None:
     parser.add_argument("--dask", help="a scheduler's address, or local")
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
     parser.add_argument("--sigma", type=float, default=0.12, help="first step, of the range of each key; default 0.12")
-    parser.add_argument("--screen", metavar="MODEL", help="folder or packaged name of a model to screen candidates by")
-    parser.add_argument("--spare", type=int, default=3, help="candidates screened for each one that is driven")
     o = parser.parse_args()
-    for name, least in (("generations", 1), ("population", 2), ("runs", 1), ("seed", 0), ("workers", 1), ("spare", 1)):
+    for name, least in (("generations", 1), ("population", 2), ("runs", 1), ("seed", 0), ("workers", 1)):
         if getattr(o, name) is not None and getattr(o, name) < least:
             parser.error(f"--{name}: got {getattr(o, name)}, expected {least} or more")
     try:
         import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
     except ImportError:
         sys.exit(f"tune.py needs cma: {to_install('tune')}")
-    model = None if o.screen is None else load_model(o.screen)
     start = packaged_values(o.settings)
     search = cma.CMAEvolutionStrategy(
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
@@ -165,9 +147,7 @@ def main() -> None:
     with asked as executor, ProgressBar("candidates") as bar:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
-            points = search.ask() if model is None else search.ask(o.spare * o.population)
-            if model is not None:
-                points = screened(points, o.population, model, 1000 * o.seed + generation)
+            points = search.ask()
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
             found: dict[int, list[float]] = {}
             for index, one in each(price, [((c, runs),) for c in candidates], executor):

@@ -20,7 +20,6 @@ from finite_differences import jacobian
 from mazeplan.diagnosis.coordinate.fit import Likelihood
 from mazeplan.diagnosis.coordinate.kalman import NODES, accelerations
 from mazeplan.diagnosis.ring.system import RingSystem, Tilt
-from mazeplan.learning.batch import Plans, RingBatch
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics import Effect, Parameter, cos, registry, sin
@@ -149,7 +148,7 @@ def test_the_derivatives_of_the_step_are_those_of_differences(name):
 
 
 def test_an_opening_takes_its_share_alike_everywhere():
-    """In the planner's step, the planar prediction, the filter and the batch."""
+    """In the planner's step, the planar prediction and the filter."""
     effect, bare = EVERY["gate_loss"], model_with(None)
     model, kept = model_with(effect), 1.0 - sized(effect)["loss"]
     s = np.array([*AT, 0.0, 0.0, 0.0, 0.0])
@@ -157,8 +156,6 @@ def test_an_opening_takes_its_share_alike_everywhere():
     for m in (model, bare):
         p, out = RingParameters.from_model(m, RING, RADIUS).pack(), np.empty(6)
         ring_dynamics.step(s, np.zeros(2), p, out)
-        moved = RingBatch(RingParameters.from_model(m, RING, RADIUS)).roll_out(s[None], Plans(np.zeros((1, 1, 2))))
-        np.testing.assert_allclose(moved[0, 1], out, rtol=0, atol=1e-9)
         planar = PlanarModel.build(MAZE, m)
         z = np.array([math.cos(AT[0]), math.sin(AT[0]), -AT[1] * math.sin(AT[0]), AT[1] * math.cos(AT[0]), 0, 0, 0, 0])
         z *= RADIUS

@@ -31,7 +31,7 @@ def test_the_package_that_is_missing_is_named(monkeypatch, capsys):
     assert code == f"tune.py needs cma: {to_install('tune')}"
 
 
-@pytest.mark.parametrize("words", [("--workers", "0"), ("--runs", "-1"), ("--population", "1"), ("--spare", "0")])
+@pytest.mark.parametrize("words", [("--workers", "0"), ("--runs", "-1"), ("--population", "1")])
 def test_numbers_that_cannot_be(monkeypatch, capsys, words):
     code, said = told(monkeypatch, capsys, "-o", "x.yaml", *words)
     assert code == 2
