@@ -1,4 +1,4 @@
-"""Registers the environments with Gymnasium, as soon as a program imports both mazeplan and Gymnasium.
+"""Registers the environment with Gymnasium, as soon as a program imports both mazeplan and Gymnasium.
 
 `import mazeplan` does not import Gymnasium. A finder waits until the program imports it. Only names are registered; the
 modules load when an environment is made. Since version 1.0, Gymnasium has no entry points for other packages.
@@ -13,12 +13,12 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
-ID, TWO_BALLS = "mazeplan/CircularMaze-v1", "mazeplan/TwoBalls-v1"
+ID = "mazeplan/CircularMaze-v1"
 STEPS = 600  # after which an episode is cut off: 20 s at 30 Hz, as for `navigate`
 
 
 def register(gymnasium: Any) -> None:
-    """Register the environments; a second call changes nothing."""
+    """Register the environment; a second call changes nothing."""
     if ID not in gymnasium.registry:
         gymnasium.register(
             ID,
@@ -26,8 +26,6 @@ def register(gymnasium: Any) -> None:
             vector_entry_point="mazeplan.apps.environment.vector:CircularMazeVectorEnv",
             max_episode_steps=STEPS,
         )
-    if TWO_BALLS not in gymnasium.registry:
-        gymnasium.register(TWO_BALLS, entry_point="mazeplan.apps.environment.pair:TwoBallsEnv", max_episode_steps=STEPS)
 
 
 class _Waiting(MetaPathFinder):

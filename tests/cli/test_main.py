@@ -14,8 +14,6 @@ import pytest
 import mazeplan.apps.cli
 from mazeplan.apps.cli import TolerantStream, keep_compiled, with_option
 from mazeplan.core.errors import InputError, LogError, MapError, ModelError, TableError
-from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.run.balls import with_balls
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 SHORT = ["navigate", "--rig", "ideal", "--from", "ring4"]
@@ -155,13 +153,6 @@ def test_a_name_that_is_not_there_is_told_before_torch_loads(tmp_path, words):
     )
     assert (done.returncode, done.stdout) == (2, "False\n"), done.stderr
     assert "nosuch" in done.stderr
-
-
-def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
-    path = tmp_path / "two.yaml"
-    path.write_text(dump_map(with_balls(load_map("cme"), 2)))
-    said = refused("record", "--map", path, "-o", tmp_path / "x.parquet")
-    assert "--map: got a map with 2 balls, expected 1" in said
 
 
 def test_a_place_in_a_file_needs_no_option():

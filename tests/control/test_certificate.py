@@ -34,15 +34,6 @@ def test_it_is_the_gradient_by_finite_differences(limited, iterations):
         assert max(seal.gradient, seal.wrong_sign) < 1e-5 * scale
 
 
-@pytest.mark.slow
-def test_a_step_of_a_quadratic_problem_brings_what_was_expected():
-    problem = LinearProblem(2)
-    seal = problem.planner().solve(problem.s0, problem.q).certificate
-    assert seal is not None
-    assert seal.got == pytest.approx(seal.expected, rel=1e-9)
-    assert seal.got > 0.0
-
-
 def test_a_move_along_a_ring_ends_at_an_optimum():
     planner = ring_planner(options=IlqgOptions(tolerance=1e-12, control_tolerance=1e-10))
     plan = planner.plan(np.zeros(6), 0.8)

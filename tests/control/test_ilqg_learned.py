@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from gaussian_processes import plain
-from ilqg_problems import LIMIT, Ticking, ring_planner
+from ilqg_problems import LIMIT, ring_planner
 from ring_numbers import G, numbers_of, ring_of
 
-from mazeplan.control.deadline import Live
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.core.errors import ModelError
@@ -103,37 +101,6 @@ def test_a_process_of_almost_nothing_changes_nothing():
         np.testing.assert_allclose(b.gains, a.gains, atol=0.1)
 
 
-def test_a_cold_start_begins_with_the_effects():
-    """It is told as one plan; the process is asked in few of the iterations; without effects it is asked in all."""
-    seen = []
-    planner = ring_planner(process=WAVY)
-    coarse = planner._coarse.solve
-    planner._coarse.solve = lambda *a, **k: seen.append(coarse(*a, **k)) or seen[-1]
-    cold = planner.plan(np.zeros(6), 1.0)
-    assert cold.reason is StopReason.CONVERGED
-    assert 3 < seen[0].iterations < cold.iterations < 40
-    assert cold.ms > seen[0].ms
-    planner.plan(np.zeros(6), 1.0, warm=cold)
-    assert len(seen) == 1, "a warm start has a better guess"
-    straight = ring_planner(process=WAVY)
-    straight._coarse = None
-    assert cold.cost == pytest.approx(straight.plan(np.zeros(6), 1.0).cost, rel=1e-3)
-    learned_all = RingPlanner(RingParameters(0.0689, physics=False), LIMIT, process=WAVY)
-    assert learned_all._coarse is None
-
-
-def test_the_plan_of_the_effects_leaves_time_for_the_process():
-    planner = ring_planner(process=WAVY, watch=Live(Ticking(0.5)))
-    asked = []
-    for part in (planner._coarse, planner._planner):
-        solve = part.solve
-        part.solve = lambda *a, solve=solve, **k: asked.append(k["deadline_ms"]) or solve(*a, **k)
-    plan = planner.plan(np.zeros(6), 1.0, deadline_ms=10.0)
-    assert asked[0] == 5.0
-    assert 0.0 < asked[1] < 10.0
-    assert plan.ok
-
-
 def test_without_physics_the_process_is_all_there_is():
     """kind np: the process that has learned gravity and friction plans as the effects do."""
     p = ring_of(P.radius, viscous=0.3)
@@ -159,27 +126,7 @@ def test_gains_hold_the_ball_on_the_learned_model():
     assert missed > 3.0 * led
 
 
-def test_planners_do_not_share_what_they_learned():
-    plain, pushed, wavy = ring_planner(), ring_planner(process=PUSHED), ring_planner(process=WAVY)
-    costs = [planner.plan(np.zeros(6), 1.0).cost for planner in (plain, pushed, wavy)]
-    again = [planner.plan(np.zeros(6), 1.0).cost for planner in (wavy, pushed, plain)]
-    assert again == costs[::-1]
-    assert len({round(cost, 3) for cost in costs}) == 3
-
-
 def test_a_rough_process_is_refused():
     rough = replace(WAVY, hyper=replace(WAVY.hyper, family="exponential"))
     with pytest.raises(ModelError, match="family: got a kernel exponential, expected rbf"):
         ring_planner(process=rough)
-
-
-def test_a_large_process_is_planned_with_in_time():
-    """1000 rows, rough in theta: a solve within seconds even on a busy machine (2 to 20 ms are usual)."""
-    scales = np.array([3.0, 1.0, 1.0, 0.1, 0.1, 0.2, 0.05, 0.2, 0.05])
-    planner = ring_planner(process=process(lambda s: np.sin(5.0 * s[:, 0]), scales, 1000), options=IlqgOptions())
-    planner.warm_up()
-    began = time.perf_counter()
-    plan = planner.plan(np.zeros(6), math.pi / 4)
-    assert time.perf_counter() - began < 5.0
-    assert plan.ok
-    assert abs(plan.states[-1, 0] - math.pi / 4) < 0.05

@@ -20,8 +20,6 @@ from ilqg_problems import (
     ring_planner,
 )
 
-from mazeplan.control import ilqg
-from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.deadline import Live
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.core.records import Plan, StopReason
@@ -55,24 +53,6 @@ def test_iterations_may_run_out():
     assert plan.ok
 
 
-@pytest.mark.parametrize(("drop", "mu", "iterations"), [(1e-6, 0.0, 5), (1e-6, 1e-3, 40), (1e-3, 0.0, 40)])
-def test_steps_that_get_next_to_nothing_end_the_search(monkeypatch, drop, mu, iterations):
-    """As where every full step fails and the short ones creep: 5e-5 in five steps is no progress. With regularisation
-    they are short because of that, and the search goes on."""
-
-    def creep(w, f, p, q, rules):
-        w.numbers[workspace.COST] *= 1.0 - drop
-        w.numbers[workspace.MU] = mu
-        return workspace.GO_ON
-
-    planner = ring_planner(options=IlqgOptions(max_iterations=40))
-    planner.warm_up()
-    monkeypatch.setattr(ilqg.core, "iterate", creep)
-    plan = planner.plan(np.zeros(6), 1.0)
-    assert plan.iterations == iterations
-    assert plan.reason is (StopReason.CONVERGED if iterations == 5 else StopReason.MAX_ITERATIONS)
-
-
 def test_a_plan_that_is_followed_on_has_an_end_of_its_own():
     planner = ring_planner(options=IlqgOptions(warm_iterations=2, warm_tolerance=0.0, control_tolerance=0.0))
     first = planner.plan(np.zeros(6), 1.0)
@@ -83,14 +63,6 @@ def test_a_plan_that_is_followed_on_has_an_end_of_its_own():
     assert again.ok
     far = planner.plan(np.array([-0.2, -1.0, 0.05, 0.0, -0.05, 0.0]), 1.0, warm=first)
     assert far.iterations > 2  # such a plan is none to be followed on
-
-
-def test_the_gains_belong_to_the_trajectory_that_is_returned():
-    early = ring_planner(options=IlqgOptions(max_iterations=4)).plan(np.zeros(6), 1.0)
-    content = ring_planner(options=IlqgOptions(tolerance=1e9))  # stops after its first backward pass
-    there = content._planner.solve(np.zeros(6), content.cost.pack(1.0), early.controls)
-    assert (there.controls == early.controls).all()
-    np.testing.assert_allclose(early.gains, there.gains, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -1,12 +1,9 @@
-"""A learned policy: inputs that do not depend on where in the ring they are, commands inside the limits, folders, C."""
+"""A learned policy: its inputs, commands inside the limits, folders, ONNX."""
 
 from __future__ import annotations
 
 import math
-import re
 import shutil
-import struct
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -16,8 +13,7 @@ import yaml
 from policies import LIMIT, drawn, hand_made
 
 from mazeplan.control.policy import INPUTS, KNOWN, policy_inputs
-from mazeplan.control.policy_c import c_header
-from mazeplan.control.policy_file import load_policy, policy_sha256, save_policy
+from mazeplan.control.policy_file import load_policy, save_policy
 from mazeplan.control.policy_onnx import save_onnx
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, ModelError
@@ -98,13 +94,6 @@ def test_a_policy_is_read_as_it_was_saved_to_the_last_bit(tmp_path):
     assert (read.facts, read.source) == ({"seed": 5}, str(tmp_path / "p"))
 
 
-def test_its_digest_tells_it_from_any_other(tmp_path):
-    for seed in (5, 6):
-        save_policy(drawn(seed), tmp_path / str(seed))
-    assert policy_sha256(tmp_path / "5") != policy_sha256(tmp_path / "6")
-    assert policy_sha256(tmp_path / "none") == ""
-
-
 def changed(folder, **keys):
     path = folder / "policy.yaml"
     document = {**yaml.safe_load(path.read_text()), **keys}
@@ -153,41 +142,7 @@ def test_a_folder_without_a_policy_is_named(tmp_path):
         load_policy(tmp_path)
 
 
-# -- C --------------------------------------------------------------------------------------------------------------
-
-PROGRAM = """\
-#include <stdio.h>
-#include "policy.h"
-int main(void)
-{
-    float x[POLICY_INPUTS], tilt[2];
-    int j;
-    for (;;) {
-        for (j = 0; j < POLICY_INPUTS; j++)
-            if (scanf("%f", &x[j]) != 1)
-                return 0;
-        policy_tilt(x, tilt);
-        printf("%.9g %.9g %.9g\\n", tilt[0], tilt[1], policy_distance(x));
-    }
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-@pytest.mark.parametrize("hidden", [(), (16,), (64, 64), (5, 40, 7)])
-def test_the_c_header_decides_as_the_policy_does(tmp_path, hidden):
-    policy = drawn(7, hidden, centres=40)
-    (tmp_path / "policy.h").write_text(c_header(policy))
-    (tmp_path / "main.c").write_text(PROGRAM)
-    compiled = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "main.c", "-o", "main", "-lm"]
-    subprocess.run(compiled, cwd=tmp_path, check=True)
-    x = np.random.default_rng(2).normal(size=(200, len(INPUTS))).astype(np.float32)
-    text = "\n".join(" ".join(f"{value:.9g}" for value in row) for row in x.tolist())
-    said = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout
-    got = np.array([line.split() for line in said.splitlines()], dtype=float)
-    wide = x.astype(float)
-    assert got[:, :2] == pytest.approx(policy.tilt(wide), abs=1e-6)
-    assert got[:, 2] == pytest.approx([policy.distance(row) for row in wide], rel=1e-4)
+# -- ONNX -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("hidden", [(), (16,), (5, 40, 7)])
@@ -210,87 +165,3 @@ def test_a_missing_onnx_is_told_with_the_command_to_install(tmp_path, monkeypatc
     with pytest.raises(InputError, match=r"needs onnx: pip install .*\[onnx\]"):
         save_onnx(drawn(7, (16,)), tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
-
-
-# -- the same on an ATmega2560 ----------------------------------------------------------------------------------------
-
-CHIP = """\
-#include <avr/io.h>
-#include <avr/interrupt.h>
-#include <avr/sleep.h>
-#include <avr/pgmspace.h>
-#include <stdio.h>
-#define POLICY_CONST static const PROGMEM float
-#define POLICY_READ(address) pgm_read_float(address)
-#include "policy.h"
-static const PROGMEM float rows[][POLICY_INPUTS] = {{{rows}}};
-static int put(char c, FILE *f)
-{{
-    (void)f;
-    while (!(UCSR0A & (1 << UDRE0)))
-        ;
-    UDR0 = c;
-    return 0;
-}}
-static FILE out = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
-static void hex(float value)
-{{
-    union {{ float f; uint32_t u; }} both = {{ .f = value }};
-    printf("%08lx ", (unsigned long)both.u);
-}}
-int main(void)
-{{
-    float x[POLICY_INPUTS], tilt[2];
-    unsigned i, j;
-    stdout = &out;
-    UCSR0B = 1 << TXEN0;
-    TCCR1B = (1 << CS12) | (1 << CS10); /* a count is 1024 cycles */
-    for (i = 0; i < sizeof rows / sizeof rows[0]; i++) {{
-        for (j = 0; j < POLICY_INPUTS; j++)
-            x[j] = pgm_read_float(&rows[i][j]);
-        TCNT1 = 0;
-        policy_tilt(x, tilt);
-        j = TCNT1;
-        hex(tilt[0]);
-        hex(tilt[1]);
-        TCNT1 = 0;
-        hex(policy_distance(x));
-        printf("%u %u;\\n", j, TCNT1);
-    }}
-    cli();
-    sleep_mode();
-    return 0;
-}}
-"""
-
-
-@pytest.mark.skipif(not (shutil.which("avr-gcc") and shutil.which("simavr")), reason="avr-gcc or simavr is missing")
-def test_a_simulated_atmega2560_decides_alike_in_so_many_cycles(tmp_path):
-    policy = drawn(7, (64, 64), centres=256)
-    x = np.random.default_rng(2).normal(size=(3, len(INPUTS))).astype(np.float32)
-    rows = ", ".join("{" + ", ".join(f"{value:.9e}f" for value in row) + "}" for row in x.tolist())
-    (tmp_path / "policy.h").write_text(c_header(policy))
-    (tmp_path / "main.c").write_text(CHIP.format(rows=rows))
-    chip = [
-        "avr-gcc",
-        "-mmcu=atmega2560",
-        "-std=gnu11",
-        "-Os",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "main.c",
-        "-o",
-        "main.elf",
-    ]
-    subprocess.run([*chip, "-lm"], cwd=tmp_path, check=True)
-    run = ["simavr", "-m", "atmega2560", "-f", "16000000", "main.elf"]
-    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
-    found = re.findall(r"([0-9a-f]{8}) ([0-9a-f]{8}) ([0-9a-f]{8}) (\d+) (\d+);", done.stdout + done.stderr)
-    assert len(found) == len(x), done.stdout + done.stderr
-    got = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in row[:3]] for row in found])
-    assert got[:, :2] == pytest.approx(policy.tilt(x.astype(float)), abs=1e-6)
-    assert got[:, 2] == pytest.approx([policy.distance(row) for row in x.astype(float)], rel=1e-4)
-    cycles = 1024 * np.array([[int(count) for count in row[3:]] for row in found]).max(axis=0)
-    assert 1_000_000 < cycles[0] < 2_100_000  # docs/policy.md tells them
-    assert 1_000_000 < cycles[1] < 1_400_000

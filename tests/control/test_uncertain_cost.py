@@ -33,15 +33,6 @@ def test_variance_is_that_of_the_nearest_row_alone():
     assert np.ptp(got) > 0.5 * WAVY.hyper.only.amplitude**2, "some are near a row, some are not"
 
 
-def test_at_a_row_little_is_unknown_and_far_away_everything():
-    packed = fast_gp.pack(WAVY)
-    x = WAVY.inputs[7]
-    row = np.array([math.atan2(x[3], x[4]), x[0], math.asin(x[5]), x[1], math.asin(x[7]), x[2]])
-    a2 = WAVY.hyper.only.amplitude**2
-    assert fast_gp.variance(packed, 0, row, NOISE2, np.empty(D)) == pytest.approx(a2 * NOISE2 / (a2 + NOISE2), rel=1e-9)
-    assert fast_gp.variance(packed, 0, row + 500.0 * np.eye(6)[1], NOISE2, np.empty(D)) == pytest.approx(a2)
-
-
 def test_derivatives_are_those_of_the_cost():
     q = uncertain_cost.pack(CostParameters(uncertainty=0.3), WAVY)
     q[: uncertain_cost.PLAIN] = CostParameters().pack(0.4, 0.5, 0.02)

@@ -64,13 +64,6 @@ def test_a_closed_one_says_so():
             use()
 
 
-def test_options_of_a_reset_are_a_dictionary():
-    env = made(rig="ideal").unwrapped
-    with pytest.raises(SettingsError, match="options: got 3, expected a dictionary or None"):
-        env.reset(options=3)  # pyright: ignore[reportArgumentType]
-    env.close()
-
-
 def test_the_expert_plays_behind_wrappers_and_no_other_game():
     env = made(rig="ideal", start_ring=4)
     expert = Expert(env)
@@ -171,7 +164,7 @@ def test_what_cannot_be_made_says_so_in_one_line():
     for options, words in (
         ({"rig": "wooden"}, "got rig 'wooden'"), ({"map": "nowhere.yaml"}, "nowhere.yaml"),
         ({"start_ring": 7}, "start_ring"),
-        ({"render_mode": "loud"}, "render_mode: got 'loud'"), ({"flavour": 1}, "flavour: unknown option"),
+        ({"render_mode": "loud"}, "render_mode: got 'loud'"), ({"flavour": 1}, "flavour: unknown key"),
     ):  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Gymnasium's own about render modes
@@ -180,22 +173,6 @@ def test_what_cannot_be_made_says_so_in_one_line():
         assert "\n" not in str(problem.value)
     with pytest.raises(SettingsError, match="threads: got 0"):
         gymnasium.make_vec(room.ID, num_envs=2, threads=0)
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"discount": "a"}, "discount: got 'a', expected a number"),
-        ({"size": 96.5}, "size: got 96.5, expected a whole number"),
-        ({"size": True}, "size: got True, expected a whole number"),
-        ({"start_angle_deg": "x"}, "start_angle_deg: got 'x', expected a number"),
-        ({"rig": 3}, "rig: got 3, expected a name or a file"),
-        ({"threads": "x"}, "threads: got 'x', expected a whole number"),
-    ],
-)
-def test_what_is_of_the_wrong_type_is_told(options, told):
-    with pytest.raises(SettingsError, match=told):
-        gymnasium.make_vec(room.ID, num_envs=2, **options)
 
 
 @pytest.mark.parametrize("action", [np.zeros(3), "x", None, [[0.0, 0.0]] * 3])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import mazeplan.apps.environment as room
-from mazeplan.apps.environment.pair import TwoBallsEnv
 from mazeplan.apps.environment.worlds import RigRow
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Observation
@@ -51,16 +50,8 @@ class Table:
 def test_a_rig_that_cannot_level_is_closed_all_the_same():
     tables = [Table(MAZE, {}), Table(MAZE, {})]
     tables[0].levels = False
-    RigRow(lambda: tables).close()
+    RigRow(tables).close()
     assert [table.told for table in tables] == [["level", "close"]] * 2
-
-
-class TwoBalls(Table):
-    balls = 2
-
-    def observe(self):
-        seen = super().observe()
-        return Observation(seen.t, seen.x, seen.y, 0.0, 0.0, others=(seen,))
 
 
 STILL = np.zeros(2, dtype=np.float32)
@@ -72,18 +63,14 @@ def played():
     """Makes an environment that is reset, and the rig in it."""
     made = []
 
-    def make(kind=Table, **options):
-        rig = f"{__name__}:{kind.__name__}"
-        if kind is TwoBalls:
-            made.append(TwoBallsEnv(rig=rig))
-        elif options:
+    def make(**options):
+        rig = f"{__name__}:Table"
+        if options:
             made.append(gymnasium.make_vec(room.ID, num_envs=1, rig=rig, **options))
         else:
             made.append(gymnasium.make(room.ID, rig=rig))
         made[-1].reset(seed=0)
-        inner = made[-1].unwrapped
-        world = inner._world if kind is TwoBalls else inner.episodes.world
-        return made[-1], world._rigs[0]
+        return made[-1], made[-1].unwrapped.episodes.world._rigs[0]
 
     yield make
     for env in made:
@@ -115,9 +102,8 @@ def test_a_pause_within_an_episode_levels_the_plate_and_is_told_at_the_next_step
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("kind", [Table, TwoBalls])
-def test_at_the_end_of_an_episode_the_plate_goes_level_and_the_rig_waits(played, kind):
-    env, rig = played(kind)
+def test_at_the_end_of_an_episode_the_plate_goes_level_and_the_rig_waits(played):
+    env, rig = played()
     rig.inside.seen, ended = False, False
     while not ended:
         _, _, ended, _, _ = env.step(STILL)

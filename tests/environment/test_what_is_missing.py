@@ -7,9 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import call
-
-from mazeplan.core.resources import to_install
 
 SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "sac.py"
 
@@ -44,24 +41,3 @@ def test_the_example_refuses_in_one_line():
         assert done.returncode != 0
         assert said in done.stderr
         assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("package", "words"),
-    [
-        ("gymnasium", "mazeplan: the environment needs Gymnasium: " + to_install("gym") + "\n"),
-        ("pyarrow", "mazeplan: Parquet files need pyarrow: " + to_install("gym") + "\n"),
-    ],
-)
-def test_record_names_what_it_needs(monkeypatch, capsys, tmp_path, package, words):
-    without(monkeypatch, package)
-    code, out, err = call(monkeypatch, capsys, "record", "--episodes", 1, "-o", tmp_path / "a.parquet")
-    assert (code, out, err) == (2, "", words)
-
-
-def test_minari_is_named_too(monkeypatch, capsys):
-    without(monkeypatch, "minari")
-    code, _, err = call(monkeypatch, capsys, "record", "--episodes", 1, "--minari", "maze/a-v0")
-    assert (code, err) == (
-        2, "mazeplan: --minari needs Minari: pip install 'minari[arrow]'; or -o FILE.parquet\n"
-    )  # fmt: skip

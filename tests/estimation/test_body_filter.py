@@ -82,17 +82,6 @@ def test_a_wrong_body_leaves_a_memory_behind(seen):
 
 
 @pytest.mark.slow
-def test_innovations_are_remembered_for_the_same_numbers_alone(seen):
-    body = BodyFilter(seen.body.pictures, seen.body.plate, seen.body.walls)
-    model, rounded = seen.fit.model, math.exp(math.log(seen.fit.value("noise")))
-    first = body.innovations(model)
-    assert body.innovations(with_values(model, {"noise": rounded})) is first
-    for name in ("noise", "rolling", "wall", "delay", "tilt_beta", "plane"):
-        other = with_values(model, {name: seen.fit.value(name) + 1e-7})
-        assert body.innovations(other).minus2 == body.run(other).minus2 != first.minus2, name
-
-
-@pytest.mark.slow
 def test_lost_pictures_are_bridged(briefly):
     body, rng = briefly.body, np.random.default_rng(1)
     y = body.pictures.y.copy()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from strange_rigs import StrangeRig
 
-import mazeplan.control.estimation.estimator as estimator_module
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.core.records import Command
@@ -86,12 +85,3 @@ def test_who_has_a_model_keeps_its_delay():
     assert isinstance(estimator_for(MAZE, NOMINAL), DelayBank)
     assert isinstance(estimator_for(MAZE, resolve_model("ideal", None, MAZE)), Estimator)
     assert isinstance(estimator_for(MAZE, resolve_model("toy", None, MAZE)), Estimator)
-
-
-def test_nothing_is_left_to_compile_in_a_run(monkeypatch):
-    """A model without dead time predicts under commands only when asked to look ahead."""
-    called = []
-    predict = estimator_module.predict
-    monkeypatch.setattr(estimator_module, "predict", lambda *a: called.append(1) or predict(*a))
-    DelayBank(MAZE, NOMINAL).warm_up()
-    assert called

@@ -14,7 +14,6 @@ from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.planar import PlanarModel, predict
-from mazeplan.physics.rig.stage import StageAxis
 
 MAZE = load_map("cme")
 DT = 1.0 / 30.0
@@ -199,15 +198,6 @@ def test_plate_filter_follows_the_servo_through_noise():
     assert abs(plate.mean[1] - truth[1]) < 0.1
 
 
-@pytest.mark.parametrize("damping", [0.3, 0.9, 1.0, 1.6])
-def test_servo_transition_against_the_matrix_exponential(damping):
-    from scipy.linalg import expm
-
-    wn, dt = 26.0, 0.03
-    a = np.array([[0.0, 1.0], [-(wn**2), -2.0 * damping * wn]])
-    assert np.allclose(StageAxis(1.0, wn, damping).transition(dt), expm(a * dt), atol=1e-10)
-
-
 def test_ahead_is_the_state_later_with_the_last_command_held():
     rig = model()
     estimator, played = Estimator(MAZE, rig), Played(rig)
@@ -262,28 +252,6 @@ def test_before_the_first_command_the_plate_is_expected_to_stay_where_it_is():
         assert state.t == pytest.approx(dead_time)
         assert (state.beta, state.gamma, state.beta_dot, state.gamma_dot) == (0.0, 0.0, 0.0, 0.0)
         assert (state.x, state.y, state.vx, state.vy) == pytest.approx((radius, 0.0, 0.0, 0.0), abs=1e-9)
-
-
-def test_a_ball_is_lost_when_it_was_not_seen_for_longer_than_that_and_not_before():
-    estimator = Estimator(MAZE, model(0.0), EstimatorOptions(lost_after=0.5))
-    radius = MAZE.track_radius(1)
-    assert not estimator.update(Observation(0.0, radius, 0.0, 0.0, 0.0)).lost
-    lost = [estimator.update(Observation(k / 30.0, None, None, 0.0, 0.0)).lost for k in range(1, 18)]
-    assert lost == [False] * 15 + [True] * 2  # half a second is 15 samples
-    assert estimator.filtered is not None
-    assert estimator.filtered.lost
-
-
-def test_an_outlier_is_not_said_to_be_seen_where_the_filter_is():
-    estimator, radius = Estimator(MAZE, model(0.0)), MAZE.track_radius(1)
-    for k in range(9):
-        estimator.update(Observation(k / 30.0, radius, 0.0, 0.0, 0.0))
-        assert estimator.filtered is not None
-        assert estimator.filtered.seen
-    state = estimator.update(Observation(0.3, -radius, 0.0, 0.0, 0.0))
-    assert state.seen  # the rig did
-    assert not estimator.filtered.seen
-    assert estimator.doubts == {"ball"}
 
 
 def test_a_kick_that_no_model_knows_is_found_by_the_filter():

@@ -30,7 +30,6 @@ def camera(
     plate: own.Plate = None,
     corners: own.Corners = "9x6",
     square_mm: own.SquareMm = 20.0,
-    circles: own.Circles = False,
     map_: opt.Map = "cme",
     marker_sheet: own.Sheet = None,
     dry_run: opt.DryRun = False,
@@ -55,7 +54,7 @@ def camera(
         file.check_writable()
     given = dict(file.settings.camera or {})
     check_begun(given, file.data)
-    markers = None if circles else _markers(given, maze, file)
+    markers = _markers(given, maze, file)
     lens, done = _calibrate(file, given, boards, plate, (counts, square_mm / 1000.0), maze, markers)
     section, written = _section(done, markers, given, file), None
     if not dry_run:
@@ -63,20 +62,20 @@ def camera(
         written = str(file.write({"camera": section}))
     if as_json:
         out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
-        print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), "by": done.by, **out, "rig": written})
+        print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), **out, "rig": written})
         return
     for name in lens.left_out:
         say(f"left out {name}")
     if lens.used:
         print(f"lens          {lens.error_px:.2f} px over {lens.used} pictures of the chessboard")
-    print(f"plate         {done.error_px:.2f} px or {done.error_mm:.2f} mm, by {done.by}")
+    print(f"plate         {done.error_px:.2f} px or {done.error_mm:.2f} mm, by its markers")
     print(f"camera        {1000.0 * float(done.camera.centre()[2]):.0f} mm above the plate")
     print(f"written       {written or 'nothing'}")
 
 
 def _calibrate(
     file: RigFile, given: dict[str, Any], boards: str | None, plate: str | None, board: tuple[tuple[int, int], float],
-    maze: Maze, markers: Markers | None,
+    maze: Maze, markers: Markers,
 ) -> tuple[LensCalibration, Calibration]:  # fmt: skip
     """Find lens and place of the camera. board: inner corners of the chessboard, and side of its squares, m"""
     import numpy as np
@@ -146,7 +145,7 @@ def _markers(given: dict[str, Any], maze: Maze, file: RigFile) -> Markers:
     return marker_section(given["markers"], file.data).markers()
 
 
-def _section(done: Calibration, markers: Markers | None, given: dict[str, Any], file: RigFile) -> dict[str, Any]:
+def _section(done: Calibration, markers: Markers, given: dict[str, Any], file: RigFile) -> dict[str, Any]:
     """The section `camera` for the rig's file."""
     from datetime import date
 

@@ -44,7 +44,6 @@ Corners = Annotated[str, Option("--corners", metavar="NxN", help="Inner corners 
 SquareMm = Annotated[
     float, Option("--square-mm", parser=number(), metavar="MM", help="Side of a chessboard square in mm.")
 ]
-Circles = Annotated[bool, Option("--circles", help="Find the plate by its walls, without markers.")]
 Sheet = Annotated[
     Path | None,
     Option(

@@ -50,10 +50,6 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "Collect, diagnose, update the model, and navigate.",
         "mazeplan improve --rig surprise --rounds 2 -o runs/improved",
     ),
-    "record": (
-        "Record episodes of the Gymnasium environment.",
-        "mazeplan record --episodes 4 -o runs/episodes.parquet",
-    ),
     "report": (
         "Draw runs, models and diagnoses into one HTML file.",
         "mazeplan report runs/a.mcap -o runs/report.html",
@@ -149,7 +145,7 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
     ),
     "policy export": (
         "Write the network of a policy as plain C or ONNX.",
-        "mazeplan policy export runs/policy -o policy.h",
+        "mazeplan policy export runs/policy -o policy.onnx",
         "mazeplan policy export runs/policy -o policy.onnx",
     ),
     "effect list": (

@@ -378,20 +378,3 @@ Rounds = Annotated[
 ]
 RoundRuns = Annotated[int, Option("--runs", min=1, metavar="N", help="Navigations before and after each round.")]
 Processes = Annotated[int, Option("--workers", min=1, metavar="N", help="Number of processes for the navigations.")]
-Episodes = Annotated[int, Option("--episodes", min=1, metavar="N", help="Number of episodes.")]
-ParquetFile = Annotated[
-    Path | None,
-    Option("-o", "--output", parser=file(".parquet"), callback=new_file, metavar="FILE", help="Parquet file to write."),
-]
-Minari = Annotated[
-    str | None, Option("--minari", metavar="NAME", help="Name of a Minari data set to make, such as maze/expert-v0.")
-]
-EpisodeStart = Annotated[
-    str, Option("--from", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1, or any.")
-]
-ObservationKind = Annotated[
-    Literal["state", "pixels"], Option("--observation", metavar="state|pixels", help="Observation of an episode.")
-]
-RewardKind = Annotated[
-    Literal["sparse", "dense"], Option("--reward", metavar="sparse|dense", help="Reward of an episode.")
-]

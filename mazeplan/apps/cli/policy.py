@@ -9,7 +9,7 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import file, new_file
-from mazeplan.apps.cli.output import print_json, say, write_text
+from mazeplan.apps.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from mazeplan.run.campaign.imitation import Round
@@ -24,8 +24,8 @@ PolicyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a p
 Exported = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", parser=file(".h", ".onnx", chosen=True), callback=new_file, metavar="FILE",
-        help="File to write: a C header (policy.h) or an ONNX graph (policy.onnx).",
+        "-o", "--output", parser=file(".onnx", chosen=True), callback=new_file, metavar="FILE",
+        help="File to write, such as policy.onnx.",
     ),
 ]  # fmt: skip
 
@@ -106,14 +106,9 @@ def show(folder: PolicyFolder, as_json: opt.AsJson = False) -> None:
 
 @app.command("export")
 def export(folder: PolicyFolder, output: Exported, force: opt.Force = False) -> None:
-    """Write the network as plain C (.h: constant arrays and the function of a decision) or as ONNX (.onnx)."""
-    from mazeplan.control.policy_c import c_header
+    """Write the network as an ONNX graph."""
     from mazeplan.control.policy_file import load_policy
     from mazeplan.control.policy_onnx import save_onnx
 
-    policy = load_policy(folder)
-    if output.suffix.lower() == ".onnx":
-        save_onnx(policy, output)
-    else:
-        write_text(output, c_header(policy))
+    save_onnx(load_policy(folder), output)
     say(f"wrote {output}")

@@ -1,7 +1,6 @@
 """The maze as a Gymnasium environment.
 
-`import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")`, or `mazeplan/TwoBalls-v1`
-(`mazeplan.core.gymnasium_names` registers both).
+`import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")` (`mazeplan.core.gymnasium_names` registers it).
 
 task.py       the options of an environment
 worlds.py     the rigs of an environment: a fleet of simulated rigs, or any rigs
@@ -10,9 +9,7 @@ judging.py    rewards, and when an episode ends
 episodes.py   episodes of N rigs, from these parts; also the observation "pixels"
 single.py     the Gymnasium environment with one rig
 vector.py     the Gymnasium environment with many rigs
-pair.py       the Gymnasium environment with two balls on one plate
 expert.py     the planner as a policy
-record.py     episodes of the expert as a data set
 
 Only this package imports Gymnasium. A program that has not imported mazeplan can name the module instead:
 `gymnasium.make("mazeplan.apps.environment:mazeplan/CircularMaze-v1")`.
@@ -22,7 +19,6 @@ from __future__ import annotations
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.gymnasium_names import ID as ID
-from mazeplan.core.gymnasium_names import TWO_BALLS as TWO_BALLS
 from mazeplan.core.gymnasium_names import register
 from mazeplan.core.resources import to_install
 

@@ -14,7 +14,6 @@ from mazeplan.apps.environment.senses import HIGH, LOW, Senses
 from mazeplan.apps.environment.task import Task
 from mazeplan.apps.environment.worlds import world_of
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.gymnasium_names import TWO_BALLS
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array, IntArray, Observation
 from mazeplan.core.resources import to_install
@@ -71,7 +70,7 @@ class Episodes:
     def __init__(self, task: Task, number: int, threads: int | None = None) -> None:
         self.task, self.maze = task, load_map(task.map)
         if self.maze.balls > 1:
-            raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1: take {TWO_BALLS}", key="map")
+            raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
         task.starts(self.maze)
         self.world = world_of(task.rig, self.maze, number, threads)
         self.rate_hz = self.world.rate_hz
@@ -87,10 +86,6 @@ class Episodes:
             if task.observation == "pixels"
             else spaces.Box(LOW, HIGH, dtype=np.float32)
         )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """With a fleet, a copy continues from this state. With other rigs (`worlds.RigRow`) it begins with `reset`."""
-        return vars(self) | {"_pictures": None}  # made when the first picture is needed
 
     def close(self) -> None:
         """Release the rigs. May be called twice."""

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import Field
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.gymnasium_names import STEPS as STEPS
-from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.sections import Section
+from mazeplan.rigs.files import validated
 from mazeplan.run.resolve import ring_number
 
-OBSERVATIONS = ("state", "pixels")
-REWARDS = ("sparse", "dense")
 ANY = "any"  # start ring that is drawn at random from all rings except the goal
-SIZES = (16, 480)  # px, minimum and maximum side of a picture
 
 
-@dataclass(frozen=True)
-class Task:
-    """Options of an environment. Raises SettingsError for an option that cannot be used.
+class Task(Section):
+    """Options of an environment.
 
     map, rig: as `navigate` takes them.
-    observation: "state" or "pixels".
-    reward: "sparse" or "dense".
     start_ring: a ring, or "any".
     goal_ring: a ring; None: the innermost.
     start_angle_deg: None: drawn anew for each episode.
@@ -33,40 +28,18 @@ class Task:
 
     map: str = "cme"
     rig: str = "toy"
-    observation: str = "state"
-    reward: str = "sparse"
+    observation: Literal["state", "pixels"] = "state"
+    reward: Literal["sparse", "dense"] = "sparse"
     start_ring: int | str = 1
     goal_ring: int | str | None = None
     start_angle_deg: float | None = None
-    discount: float = 0.99
-    size: int = 96
-
-    def __post_init__(self) -> None:
-        for key in ("map", "rig"):
-            if not isinstance(getattr(self, key), str):
-                raise SettingsError(f"got {getattr(self, key)!r}, expected a name or a file", key=key)
-        for key, kinds in (("discount", int | float), ("size", int), ("start_angle_deg", int | float | None)):
-            if isinstance(value := getattr(self, key), bool) or not isinstance(value, kinds):
-                whole = "a whole number" if kinds is int else "a number"
-                raise SettingsError(f"got {value!r}, expected {whole}", key=key)
-        for key, known in (("observation", OBSERVATIONS), ("reward", REWARDS)):
-            if getattr(self, key) not in known:
-                raise SettingsError(f"got {getattr(self, key)!r}, expected {' or '.join(known)}", key=key)
-        if not 0.0 < self.discount <= 1.0:
-            raise SettingsError(f"got {self.discount!r}, expected 0 < discount <= 1", key="discount")
-        if not SIZES[0] <= self.size <= SIZES[1]:
-            raise SettingsError(f"got {self.size!r}, expected {SIZES[0]} to {SIZES[1]} px", key="size")
-        if self.start_angle_deg is not None and not math.isfinite(self.start_angle_deg):
-            raise SettingsError(f"got {self.start_angle_deg}, expected a finite number", key="start_angle_deg")
+    discount: float = Field(default=0.99, gt=0.0, le=1.0)
+    size: int = Field(default=96, ge=16, le=480)
 
     @classmethod
     def of(cls, options: dict[str, Any]) -> Task:
-        """A task from keywords. Raises SettingsError for an unknown keyword."""
-        known = [field.name for field in fields(cls)]
-        for name in options:
-            if name not in known:
-                raise SettingsError(f"unknown option, expected {one_of([*known, 'render_mode'], name)}", key=name)
-        return cls(**options)
+        """A task from keywords. Raises SettingsError for an option that cannot be used."""
+        return validated(cls, options)
 
     def goal(self, maze: Maze) -> int:
         """Number of the goal ring. Raises SettingsError for a ring that the maze lacks."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -49,18 +48,11 @@ class World(Protocol):
 
 
 class RigRow:
-    """Any rigs of one kind, which run one after another. Samples of a rig with several balls have a row for each ball.
+    """Rigs that run one after another."""
 
-    make: makes the rigs, and makes them again for a copy of this object. A copy begins with `reset`, because nobody can
-    copy a machine in the middle of a run.
-    rigs: by default those that `make` returns."""
-
-    def __init__(self, make: Callable[[], Sequence[Rig]], rigs: Sequence[Rig] | None = None) -> None:
-        self._make, self._rigs = make, list(make() if rigs is None else rigs)
+    def __init__(self, rigs: Sequence[Rig]) -> None:
+        self._rigs = list(rigs)
         self.rate_hz, self._placed = self._rigs[0].rate_hz, set[int]()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return RigRow, (self._make,)
 
     def reset(
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
@@ -78,7 +70,7 @@ class RigRow:
         """See `World`. Raises RigError before `reset`."""
         seen = []
         if not self._placed.issuperset(rows.tolist()):
-            raise RigError("reset() comes first; a copy of an environment with this rig begins with it, too")
+            raise RigError("reset() comes first")
         for row, command in zip(rows.tolist(), commands.tolist(), strict=True):
             self._rigs[row].command(*command)
             seen.append(self._rigs[row].observe())
@@ -112,8 +104,7 @@ class RigRow:
 
 
 def _samples(seen: Sequence[Observation]) -> Samples:
-    each = [ball for rig in seen for ball in (rig, *rig.others)]
-    table = np.array([(o.t, _number(o.x), _number(o.y), o.beta, o.gamma) for o in each], dtype=float)
+    table = np.array([(o.t, _number(o.x), _number(o.y), o.beta, o.gamma) for o in seen], dtype=float)
     return Samples(*table.T)
 
 
@@ -122,21 +113,12 @@ def _number(value: float | None) -> float:
 
 
 def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> World:
-    """N rigs that a name, file or class describes. Raises SettingsError as `make_rig`."""
+    """N rigs that a name, file or class describes, with watchdogs. Raises SettingsError or RigError for a rig that
+    cannot be used."""
     rig = make_rig(spec, maze)
     if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
         return Fleet(rig.maze, rig.settings, number, threads)
-    return RigRow(partial(rigs, spec, maze, number), _ready([rig, *(make_rig(spec, maze) for _ in range(number - 1))]))
-
-
-def rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
-    """`number` rigs with watchdogs. Raises SettingsError or RigError for a rig that cannot be used."""
-    return _ready([make_rig(spec, maze) for _ in range(number)])
-
-
-def _ready(rigs: Sequence[Rig]) -> list[Rig]:
-    """The rigs with watchdogs. Raises SettingsError for a rig that cannot be driven yet."""
-    guarded = [watched(rig, wakes=False) for rig in rigs]  # the loop is another program's code
-    for rig in guarded:
-        check_ready(rig)
-    return guarded
+    guarded = [watched(one, wakes=False) for one in (rig, *(make_rig(spec, maze) for _ in range(number - 1)))]
+    for one in guarded:  # the loop is another program's code
+        check_ready(one)
+    return RigRow(guarded)

@@ -2,7 +2,7 @@
 
 Lens: Zhang's method (cv2.calibrateCamera) on the corners of the chessboard. A picture is left out if the others agree
 much better without it.
-Pose of the level plate: by its markers; for a plate without markers by the circles of its walls (`circles`).
+Pose of the level plate: by its markers.
 Background: the empty floor, straightened, as the mean of all pictures."""
 
 from __future__ import annotations
@@ -52,15 +52,13 @@ class Calibration:
 
     camera: the calibrated camera.
     background: picture of the empty floor.
-    error_px: rms error of markers or edges, px.
-    error_mm: the same error on the floor, mm.
-    by: markers or circles."""
+    error_px: rms error of the markers, px.
+    error_mm: the same error on the floor, mm."""
 
     camera: CameraModel
     background: Background
     error_px: float
     error_mm: float
-    by: str
 
 
 def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> LensCalibration:
@@ -127,12 +125,11 @@ def calibrate_plate(
     lens: LensCalibration,
     pictures: Sequence[NamedPicture],
     maze: Maze,
-    markers: Markers | None,
+    markers: Markers,
     pivot: Array | None = None,
 ) -> Calibration:
     """Pose and background from pictures of the empty, level plate. Raises InputError if the pictures do not suffice.
 
-    markers: None for a plate without markers.
     pivot (3,): fixed point of the tilt in the plate frame, m; by default the origin."""
     for name, image in pictures:
         if image.shape[1::-1] != lens.size:
@@ -141,20 +138,12 @@ def calibrate_plate(
     if not pictures:
         raise InputError("plate: got no picture of the empty plate")
     pivot = np.zeros(3) if pivot is None else pivot
-    if markers is None:
-        from mazeplan.rigs.camera.circles import pose_by_circles
-
-        mean = np.mean([image for _, image in pictures], axis=0).astype(np.uint8)
-        rotation, translation, error = pose_by_circles(lens.matrix, lens.distortion, mean, maze)
-        by = "circles"
-    else:
-        rotation, translation, error = pose_by_markers(lens, pictures, markers)
-        by = "markers"
+    rotation, translation, error = pose_by_markers(lens, pictures, markers)
     if error > MOST_PX:
-        raise InputError(f"plate: {by} are {error:.1f} px off, expected below {MOST_PX:g} px")
+        raise InputError(f"plate: markers are {error:.1f} px off, expected below {MOST_PX:g} px")
     camera = CameraModel(lens.matrix, lens.distortion, rotation, translation, lens.size, pivot)
     error_mm = 1000.0 * error * float(translation[2]) / float(lens.matrix[0, 0])
-    return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm, by)
+    return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm)
 
 
 def pose_by_markers(
@@ -189,15 +178,15 @@ def pose_by_markers(
 
 
 def calibrate_background(
-    camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None
+    camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers
 ) -> Background:
     """The empty floor. Places that walls hide are filled in from their surroundings."""
     floor = Floor(maze)
-    tilts = None if markers is None else TiltFinder(camera, markers)
+    tilts = TiltFinder(camera, markers)
     total = np.zeros((floor.side, floor.side, 3))
     count = np.zeros((floor.side, floor.side, 1))
     for _, image in pictures:
-        tilt = None if tilts is None else tilts.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        tilt = tilts.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         beta, gamma = (0.0, 0.0) if tilt is None else tilt[:2]
         seen = floor.visible(camera.centre(beta, gamma))[..., None] > 0
         total += floor.straighten(image, camera, beta, gamma) * seen

@@ -147,20 +147,6 @@ class BallDetector:
             return Sighting(None, None, 0.0, why, beta, gamma)
         return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
 
-    def locate_all(self, image: np.ndarray, most: int, tilt: tuple[float, float] | None = None) -> list[Sighting]:
-        """Find up to `most` balls in a picture, the clearest first. Which ball is which remains open."""
-        _, tilted = self._tilted(image, tilt)
-        if tilted is None:
-            return []
-        used, (beta, gamma) = tilted
-        _, fits = self._fits(image, *used)
-        found: list[OutlineFit] = []
-        for fit in sorted(filter(self._good, fits), key=lambda fit: -fit.strength * fit.confidence):
-            apart = [np.hypot(fit.x - other.x, fit.y - other.y) for other in found]
-            if len(found) < most and min(apart, default=np.inf) > self.maze.ball.radius:
-                found.append(fit)
-        return [Sighting(fit.x, fit.y, fit.confidence, DetectionOutcome.FOUND, beta, gamma, fit.error) for fit in found]
-
     def _tilted(
         self, image: np.ndarray, tilt: tuple[float, float] | None
     ) -> tuple[DetectionOutcome, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:

@@ -71,16 +71,6 @@ class CameraSense:
         beta, gamma: true tilt, rad."""
         return self.detector.locate(self.overhead.render(ball, beta, gamma, rng))
 
-    def look_at_all(
-        self, balls: list[Array], beta: float, gamma: float, rng: np.random.Generator, most: int
-    ) -> list[tuple[float, float]]:
-        """Render one picture, and detect up to `most` balls in it: places x, y, m, in no fixed order.
-
-        balls: true centres (3,) of the balls in the plate frame, m."""
-        picture = self.overhead.render(None, beta, gamma, rng, others=tuple(balls))
-        sightings = self.detector.locate_all(picture, most)
-        return [(ball.x, ball.y) for ball in sightings if ball.x is not None and ball.y is not None]
-
 
 class RenderedPictures:
     """Renders scenes (5,), which `SimulatedRig.pictured` gives, as pictures in red, green, blue."""

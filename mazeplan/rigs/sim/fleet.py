@@ -33,7 +33,6 @@ from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import TOLERANCE
 from mazeplan.rigs.sim.surprise import surprised
 
-MUJOCO = ("_walls", "_batch", "_ctrl", "_qpos", "_qvel", "_near")  # attributes that a copy makes anew
 # settings that must have their defaults in a fleet
 PLAIN = [(name, SimulatedSettings.model_fields[name].default) for name in (
     "camera_scale", "lens_per_m2", "tilt_scale", "servo_gain", "servo_coupling",
@@ -78,31 +77,13 @@ class Fleet:
         self.number, self.rate_hz = number, self.settings.rate_hz
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.threads = min(threads or cores, number)
-        self._simulations()
         self._rngs: list[np.random.Generator | None] = [None] * number
-        self._prepare()
-
-    def _simulations(self) -> None:
-        """Make MuJoCo's simulations, in their initial state."""
         self._walls = near_walls(self.maze, self.settings)
         self._walls.most = MOST_OF_FLEET  # many balls visit all cells, again and again
         self._batch: Any = Batch(self._walls.any, self.number, self.threads)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._near = [self._walls.any] * self.number  # current model of each rig
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The state that a copy needs to continue exactly like this fleet, to the last bit."""
-        state = {name: value for name, value in vars(self).items() if name not in MUJOCO}
-        return state | {"simulations": None if self._batch is None else self._batch.state.copy()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        simulations = state.pop("simulations")
-        vars(self).update(state)
-        if simulations is None:
-            self._batch = None
-            return
-        self._simulations()
-        self._batch.state[:] = simulations
+        self._prepare()
 
     def _prepare(self) -> None:
         settings, n = self.settings, self.number

@@ -23,7 +23,6 @@ from mazeplan.rigs.sim.surprise import drawn_surprise, surprised
 
 if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
-    from mazeplan.rigs.camera.tracks import Tracks
 
 TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 
@@ -83,8 +82,6 @@ class SimulatedRig:
         self._balls = [_Trail(scene, math.floor(late) + 2, frames) for scene in self._scenes()]
         if self.settings.sense == "camera":
             self._light = rng.spawn(1)[0]  # a generator for pictures alone, so that the other noise stays the same
-            self._tracks: Tracks | None = None
-            self._pictured: tuple[float, list[tuple[float, float] | None]] = (math.nan, [])
 
     def close(self) -> None:
         """Release memory. A second call does nothing."""
@@ -148,7 +145,7 @@ class SimulatedRig:
         turn = math.radians(settings.camera_rotation_deg)
         place: tuple[float, float] | None = (float(ball.seen[0][0]), float(ball.seen[0][1]))
         if settings.sense == "camera":
-            place, noise, outlier = self._found(t, ball), np.zeros(2), 1.0
+            place, noise, outlier = self._found(ball), np.zeros(2), 1.0
         if place is None or math.isnan(place[0]):  # the picture has no ball
             return None, None
         x, y = (settings.camera_scale * part for part in place) if settings.camera_scale != 1.0 else place
@@ -165,32 +162,15 @@ class SimulatedRig:
         away = position - 1e-3 * np.array(self.settings.lens_mm)
         return self.settings.lens_per_m2 * float(away @ away) * away
 
-    def _found(self, t: float, ball: _Trail) -> tuple[float, float] | None:
+    def _found(self, ball: _Trail) -> tuple[float, float] | None:
         """x, y of a ball in a rendered picture, or None."""
         if self._sense is None:
             from mazeplan.rigs.camera.sensing import CameraSense
 
             self._sense = CameraSense(self.maze)
-        if len(self._balls) > 1:
-            return self._sorted(self._sense, t)[self._balls.index(ball)]
         x, y, z, beta, gamma = (float(value) for value in ball.seen[0])
         sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
         return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
-
-    def _sorted(self, sense: CameraSense, t: float) -> list[tuple[float, float] | None]:
-        """x, y of each ball in the picture at time t, or None for a ball that is not found. Renders one picture for all
-        balls."""
-        if self._pictured[0] != t:
-            scenes = [trail.seen[0] for trail in self._balls]
-            there = [scene[:3] for scene in scenes if not math.isnan(scene[0])]
-            beta, gamma = (float(value) for value in scenes[0][3:])
-            found = sense.look_at_all(there, beta, gamma, self._light, len(scenes))
-            if self._tracks is None:
-                from mazeplan.rigs.camera.tracks import Tracks
-
-                self._tracks = Tracks([(float(scene[0]), float(scene[1])) for scene in scenes])  # where they are placed
-            self._pictured = (t, self._tracks.take(t, found))
-        return self._pictured[1]
 
     def inject(self, fault: Fault) -> None:
         """See `Machine.inject`."""
@@ -228,15 +208,19 @@ class SimulatedRig:
 
 
 def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], Gimbal] | None) -> None:
-    """Raises SettingsError for several balls with a user's model or with forces that act on one ball only."""
+    """Raises SettingsError for several balls with a user's model, forces on one ball only, or rendered pictures."""
     parts = (
         PlateForces(settings, maze),
         BallForces(settings, maze),
         FloorFriction(settings, maze),
         Kerb(settings, maze),
     )
-    one = "a model of its own" if build is not None else None
-    if one is None and any(parts):
+    one = None
+    if build is not None:
+        one = "a model of its own"
+    elif any(parts):
         one = "forces along the way of the ball"
+    elif settings.sense == "camera":
+        one = "sense: camera"
     if one is not None:
         raise SettingsError(f"got {maze.balls}, expected 1: a rig with {one} has one ball", key="balls")

@@ -16,7 +16,6 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.detector import BallDetector, DetectionOutcome, DetectorSettings
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.outline import Outline
 from mazeplan.rigs.camera.sensing import FOUND, TRUE, over, overhead
 
 
@@ -47,18 +46,6 @@ def test_a_coloured_ball_is_found_by_its_colour():
     eye, finder = orange()
     assert finder.settings.hue_deg is not None
     assert errors_mm(finder, pictures(eye)[::2]).max() < 0.4
-
-
-def test_the_largest_patch_of_the_balls_colour_is_not_taken_for_it():
-    eye, finder = orange()
-    ball, beta, gamma = STANDARD[0]
-    picture = eye.render(ball, beta, gamma, np.random.default_rng(0))
-    at = TRUE.project(place(2, 200.0)[None], beta, gamma)[0]
-    cv2.rectangle(
-        picture, (round(at[0]) - 30, round(at[1]) - 30), (round(at[0]) + 30, round(at[1]) + 30), (24, 104, 246), -1
-    )
-    seen = finder.locate(picture)
-    assert seen.x is None or math.hypot(seen.x - ball[0], (seen.y or 0.0) - ball[1]) < 0.0005
 
 
 def test_the_tilt_comes_with_it():
@@ -146,17 +133,6 @@ def test_a_bright_spot_over_half_of_the_ball_or_elsewhere_is_never_taken_for_it(
     assert found > 15
 
 
-@pytest.mark.slow
-def test_a_bright_spot_alone_is_no_ball():
-    eye, finder = usual()
-    rng = np.random.default_rng(0)
-    for ball, beta, gamma in STANDARD:
-        at = TRUE.project(ball[None], beta, gamma)[0]
-        for strength in (0.15, 0.9):
-            seen = finder.locate(veiled(eye.render(None, beta, gamma, rng), at, strength=strength))
-            assert seen.x is None, seen
-
-
 def test_shadows_alone_are_no_ball():
     # the lamp stands low: long shadows of the walls wander over the floor when the plate tilts
     _, finder = usual()
@@ -210,17 +186,6 @@ def test_half_of_the_markers_are_enough():
     assert math.hypot(seen.x - ball[0], (seen.y or 0.0) - ball[1]) < 0.0005
 
 
-def test_parallax_of_the_balls_height_is_taken_out():
-    # a ball whose centre lay on the floor would be seen by this much further in: the error if height were forgotten
-    ball = place(1, 40.0)
-    eye = FOUND.centre()
-    forgotten = np.linalg.norm((ball - eye)[:2]) * R / (eye[2] - R)
-    assert forgotten > 0.0008
-    _, finder = usual()
-    seen = finder.locate(usual()[0].render(ball, 0.0, 0.0, np.random.default_rng(0)))
-    assert math.hypot((seen.x or 0.0) - ball[0], (seen.y or 0.0) - ball[1]) < 0.0004
-
-
 def test_a_picture_of_another_size_is_refused():
     _, finder = usual()
     with pytest.raises(ValueError, match="shape"):
@@ -237,55 +202,6 @@ def test_confidence_falls_with_what_is_hidden():
     assert clear.error < 0.0001
     strict = BallDetector(MAZE, FOUND, finder.background, corner_markers(MAZE), DetectorSettings(clear=1.1))
     assert strict.locate(eye.render(ball, 0.0, 0.0, rng)).why is DetectionOutcome.UNSURE
-
-
-def spotted(picture, ball, beta, gamma, change):
-    """A picture with what looks like a ball's outline, brighter inside by `change` grey levels: a spot or a stain."""
-    eye, angle = TRUE.centre(beta, gamma), np.linspace(0.0, math.tau, 200)
-    away = ball - eye
-    far = float(np.linalg.norm(away))
-    first = np.cross(away, [0.0, 1.0, 0.0])
-    first /= np.linalg.norm(first)
-    second = np.cross(first, away / far)
-    circle = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second)
-    edge = TRUE.project(ball - away * (R / far) ** 2 + R * math.sqrt(1.0 - (R / far) ** 2) * circle, beta, gamma)
-    fine = np.zeros((4 * picture.shape[0], 4 * picture.shape[1]), np.uint8)
-    cv2.fillPoly(fine, [np.round((4.0 * edge + 1.5) * 16).astype(np.int32)], (255,), shift=4)
-    mask = cv2.resize(fine, picture.shape[1::-1], interpolation=cv2.INTER_AREA).astype(np.float32) / 255.0
-    return np.clip(picture + change * cv2.GaussianBlur(mask, (0, 0), 1.0)[..., None], 0, 255).astype(np.uint8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("change", [40.0, -24.0], ids=["brighter", "hardly darker"])
-def test_a_sharp_spot_of_a_balls_outline_is_none_unless_it_is_as_dark_as_a_ball(change):
-    """A lamp's mirrored rim, a stain of the floor. Without the rule against each it would be taken for a ball: that is
-    what the second detector shows."""
-    eye, finder = usual()
-    careless = BallDetector(MAZE, FOUND, finder.background, corner_markers(MAZE), DetectorSettings(edge=0.0))
-    careless._outline = Outline(R, careless.floor, darker=change < 0.0)
-    rng, taken = np.random.default_rng(0), 0
-    for ball, beta, gamma in STANDARD:
-        picture = spotted(eye.render(None, beta, gamma, rng), ball, beta, gamma, change)
-        seen = finder.locate(picture)
-        assert (seen.x, seen.why) == (None, DetectionOutcome.NO_BALL)
-        taken += careless.locate(picture).why is DetectionOutcome.FOUND
-    assert taken >= 4
-
-
-def test_an_edge_that_is_hardly_there_is_none(monkeypatch):
-    _, finder = usual()
-    outline, empty = Outline(R, finder.floor, darker=True), np.full_like(finder.background.picture, 200)
-    clear, place = np.full(empty.shape[:2], 255, np.uint8), np.array([0.05, 0.02])
-    column, row = finder.floor.pixels(place[None])[0]
-    eye = np.array([place[0], place[1], 0.5])
-    for depth, there in ((2, False), (60, True)):
-        seen = empty.copy()
-        radius = R * finder.floor.pixels(np.array([[1.0, 0.0]]))[0][0] - R * finder.floor.pixels(np.zeros((1, 2)))[0][0]
-        cv2.circle(seen, (round(column), round(row)), round(radius * 0.5 / (0.5 - R)), (200 - depth,) * 3, -1)
-        assert (outline.fit(seen, empty, clear, eye, place) is not None) is there
-        monkeypatch.setattr("mazeplan.rigs.camera.outline.WEAK", 0.0)
-        assert outline.fit(seen, empty, clear, eye, place) is not None
-        monkeypatch.undo()
 
 
 @pytest.mark.slow

@@ -70,20 +70,6 @@ def test_a_lamp_casts_the_balls_shadow_away_from_it():
     assert xs[outside].mean() > expected[0] + 8.0
 
 
-def test_the_lamp_is_mirrored_where_the_law_of_reflection_says():
-    eye, height = TRUE.centre(), 0.9
-    share = eye[2] / (eye[2] + height)  # equal angles on both sides; the lamp is where that is the middle of the plate
-    lamp = -eye[:2] * (1.0 - share) / share
-    dull = replace(PLAIN, lamp=(float(lamp[0]), float(lamp[1]), height))
-    look = replace(dull, gloss=0.1)
-    bright = overlooking(look).render(None, 0.0, 0.0, rng()).astype(float)
-    change = (bright - overlooking(dull).render(None, 0.0, 0.0, rng())).sum(axis=2)
-    rows, columns = np.nonzero(change > 0.5 * change.max())
-    assert change.max() > 40.0
-    spot = np.array([columns.mean(), rows.mean()])
-    assert np.linalg.norm(TRUE.project(np.zeros((1, 3)))[0] - spot) < 4.0
-
-
 def test_light_noise_and_flicker():
     base = overlooking(PLAIN).render(None, 0.0, 0.0, rng()).astype(float)
     dim = overlooking(replace(PLAIN, exposure=0.5)).render(None, 0.0, 0.0, rng()).astype(float)
@@ -92,16 +78,6 @@ def test_light_noise_and_flicker():
     one, two = (noisy.render(None, 0.0, 0.0, np.random.default_rng(seed)).astype(float) for seed in (1, 2))
     assert (one - two).std() == pytest.approx(4.0 * math.sqrt(2.0), rel=0.1)
     assert np.array_equal(one, noisy.render(None, 0.0, 0.0, np.random.default_rng(1)))
-
-
-def test_a_ball_outside_of_the_picture_is_no_trouble():
-    picture = overlooking(PLAIN).render(np.array([5.0, 0.0, R]), 0.0, 0.0, rng())
-    assert picture.shape == (480, 640, 3)
-
-
-def test_a_ball_of_nothing_is_refused():
-    with pytest.raises(ValueError, match="steel"):
-        Look(ball="cheese")
 
 
 def test_radial_walls_are_in_the_picture():

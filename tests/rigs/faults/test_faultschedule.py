@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import pytest
 
 from mazeplan.core.errors import SettingsError
@@ -104,8 +102,3 @@ def test_mistakes_are_one_line_with_place(tmp_path, text, line, said):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(SettingsError, match="no such file"):
         load_schedule(tmp_path / "none.yaml")
-
-
-@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_outcomes_of_every_kind_go_between_processes(kind):
-    assert pickle.loads(pickle.dumps(kind)) is kind

@@ -127,12 +127,6 @@ def test_long_faults_stay_frozen_and_late(added):
         assert samples[k].x == pytest.approx(TRUE(max(k - 270, 0)).x)
 
 
-def test_a_picture_and_a_clock_stand_still_for_long():
-    samples = seen(drawn("frames_frozen", until=20.0), n=300)
-    assert {(sample.x, sample.y) for sample in samples[10:]} == {(TRUE(9).x, TRUE(9).y)}
-    assert {sample.t for sample in seen(drawn("clock_stopped", until=20.0), n=300)[10:]} == {TRUE(9).t}
-
-
 @pytest.mark.parametrize(("name", "fields"), [("position_nan", ("x", "y")), ("tilt_nan", ("beta",))])
 def test_what_is_no_number(name, fields):
     samples = seen(drawn(name))
@@ -258,10 +252,6 @@ MACHINE = {
     "servo_stuck": ["dead_axis"], "servo_slow": ["slow_axis"], "servo_offset": ["offset_axis"],
     "brown_out": ["brown_out"],
 }  # fmt: skip
-
-
-def test_every_fault_of_the_machine_is_known_here():
-    assert set(MACHINE) == {kind.name for kind in KINDS.values() if kind.place == "machine"}
 
 
 @pytest.mark.parametrize("name", MACHINE)

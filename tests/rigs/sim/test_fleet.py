@@ -103,11 +103,6 @@ def test_a_ball_thrown_across_the_maze_meets_the_same_walls(rate):
     assert near.slots < 0.25 * whole.ngeom
 
 
-def test_walls_are_shared_by_rigs_that_differ_in_their_camera_only():
-    assert near_walls(MAZE, TOY) is near_walls(MAZE, ODD)
-    assert near_walls(MAZE, TOY) is not near_walls(MAZE, TOY.model_copy(update={"wall_grip": 0.2}))
-
-
 def test_a_fleet_refuses_what_it_cannot_do():
     blocked = TOY.model_copy(update={"faults": (Fault(kind="blocked", at_s=0.0, opening="1-2@45"),)})
     magnet = TOY.model_copy(update={"magnet_m_s2": 0.3})

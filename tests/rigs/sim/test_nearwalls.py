@@ -10,7 +10,6 @@ from mazeplan.rigs.sim.fleet import Fleet
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS
 from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
-from mazeplan.rigs.sim.nearwalls import near_walls
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
@@ -58,25 +57,6 @@ def test_it_goes_the_same_way_among_radial_walls_and_with_a_pull():
     maze = load_map("detour")
     settings = SimulatedSettings(magnet_m_s2=0.5, magnet_mm=(40.0, 20.0), contact_damping_ratio=0.5)
     assert same_way(maze, settings, 2, 1.0, drawn(maze, 60, 1)) >= 2
-
-
-def test_models_that_are_used_again_are_as_good_as_new(monkeypatch):
-    walls = near_walls(CME, TOY)
-    monkeypatch.setattr(walls, "most", 3)
-    rng = np.random.default_rng(5)
-    same_way(CME, TOY, 2, 0.4, np.radians(rng.uniform(-5.0, 5.0, (40, 2))))
-    assert len(walls._models) == 3
-
-
-def test_a_model_that_somebody_has_is_not_used_again(monkeypatch):
-    walls = near_walls(CME, TOY)
-    monkeypatch.setattr(walls, "most", 1)
-    cells = [cell for cell, boxes in walls._near.items() if len(boxes) > 5][:3]
-    kept = walls._of_cell(cells[0])
-    boxes = kept.geom_pos.copy()
-    others = [walls._of_cell(cell) for cell in cells[1:]]
-    assert all(other is not kept for other in others)
-    np.testing.assert_array_equal(kept.geom_pos, boxes)
 
 
 def test_a_plug_holds_the_ball_and_is_taken_out_again():

@@ -10,9 +10,6 @@ from simulation import MAZE, drive, rig
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.geometry import Maze, Opening, Ring
-from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.mjcf import mjcf
-from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 RADIUS = MAZE.ball.radius
@@ -180,13 +177,6 @@ def test_true_velocity_is_that_in_the_plate_also_while_the_plate_turns():
     machine.machine.data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
     machine.machine.data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], machine.machine.data.qpos[2:5])  # the ball goes with it
     assert np.allclose(machine.truth()[3:5], 0.0, atol=1e-6)
-
-
-def test_model_text_follows_the_map():
-    text = mjcf(load_map("lopsided"), settings_from({}))
-    assert text.count('name="plug:') == len(load_map("lopsided").openings)
-    assert 'noslip_iterations="3"' in text
-    assert "mocap" not in text
 
 
 # -- camera ----------------------------------------------------------------------------------------------------------

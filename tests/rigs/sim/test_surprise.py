@@ -63,22 +63,6 @@ def test_a_rig_without_a_surprise_takes_no_seed():
     assert drawn_surprise(settings_from({}), MAZE) is None
 
 
-def test_a_hollow_ball_rolls_slower():
-    down = {"theta": math.pi / 2, "u": (0.05, 0.0), "floor_friction": 1.0}
-    solid, hollow = (rolled(**down, ball_inertia=c)[0] for c in (0.4, 2.0 / 3.0))
-    assert hollow / solid == pytest.approx((1.0 / (1.0 + 2.0 / 3.0)) / (5.0 / 7.0), rel=0.03)
-
-
-def test_a_magnet_pulls_towards_its_spot_and_a_saddle_downhill():
-    r = 1e3 * MAZE.track_radius(1)
-    beside = {"magnet_mm": (r * math.cos(0.1), r * math.sin(0.1)), "magnet_m_s2": 0.4}
-    assert rolled(0.0, **beside)[0] > 1e-3
-    assert rolled(0.2, **beside)[0] < -1e-3
-    assert abs(rolled(2.0, **beside)[0]) < 1e-4
-    assert rolled(0.4, warp_mm=1.0)[0] > 1e-3, "highest at 0 deg"
-    assert rolled(-0.4, warp_mm=1.0)[0] < -1e-3
-
-
 def test_a_late_camera_shows_where_the_ball_was():
     along = {"theta": math.pi / 2, "u": (0.05, 0.0), "seconds": 0.6}
     _, seen, _ = rolled(**along, camera_late_ms=80.0)
@@ -86,14 +70,3 @@ def test_a_late_camera_shows_where_the_ball_was():
     _, _, later = rolled(**{**along, "seconds": 0.6 - 2.0 / 30.0})
     expected = 0.4 * np.array(then) + 0.6 * np.array(later)  # 80 ms are 2.4 samples
     assert seen == pytest.approx(tuple(expected), abs=3e-4)
-
-
-def test_play_in_one_servo_leaves_the_other_alone():
-    rig = SimulatedRig(MAZE, {"backlash_deg": 1.0, "backlash_axis": "beta"})
-    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-    for _ in range(30):
-        rig.observe()
-        rig.command(0.04, 0.04)
-    beta, gamma = rig.truth()[5:]
-    assert gamma == pytest.approx(0.04, abs=1e-3)
-    assert beta == pytest.approx(0.04 - math.radians(0.5), abs=1e-3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -13,7 +12,6 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.conformance import check_rig
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
@@ -70,23 +68,6 @@ def test_each_goes_as_alone_while_they_do_not_touch():
         for rig in (pair, *alone):
             rig.command(*command)
     assert math.dist(seen[1], (TWO.track_radius(1) * math.cos(0.4 + math.pi), seen[1][1])) > 0.005  # it rolled
-
-
-def test_the_walls_near_them_are_all_that_they_meet():
-    """The model with the walls near both balls against the one with all walls, to the last bit."""
-    rig = begun(TWO)
-    model = mujoco.MjModel.from_xml_string(mjcf(TWO, IDEAL))
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-    data = mujoco.MjData(model)
-    data.qpos[:] = rig.machine.data.qpos
-    mujoco.mj_forward(model, data)
-    for command in commands(60, seed=1):
-        rig.observe()
-        np.testing.assert_array_equal(rig.machine.data.qpos, data.qpos)
-        rig.machine._ctrl = rig.machine._target = np.array(command)  # at once: no slew, no delay
-        rig.command(*command)
-        data.ctrl[:] = command
-        mujoco.mj_step(model, data, nstep=SUBSTEPS)
 
 
 def test_the_noise_of_the_first_ball_has_the_spread_of_the_other():
