@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import call
 
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
@@ -191,25 +189,6 @@ def test_a_model_file_holds_it(tmp_path):
     (tmp_path / "model.yaml").write_text(text.replace("  wall: {value", "  wal: {value"))
     with pytest.raises(ModelError, match="unknown key"):
         load_model(tmp_path)
-
-
-@pytest.mark.slow
-def test_from_a_record_to_a_model_that_navigates_with_it(monkeypatch, capsys, tmp_path):
-    log, out = tmp_path / "log.mcap", tmp_path / "out"
-    collect = ("collect", "--rig", "toy", "--rings", "--place", "--seconds", "40", "--seed", "2", "-o", log)
-    assert call(monkeypatch, capsys, *collect)[0] == 0
-    code, stdout, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body", "-o", out, "--json")
-    assert code == 0, err
-    model = json.loads(stdout)["model"]
-    assert body_of(load_model(model)) is not None
-    code, stdout, err = call(
-        monkeypatch, capsys, "navigate", "--rig", "toy", "--model", model, "--start-angle", "11.25", "--json"
-    )
-    assert code == 0, err
-    assert json.loads(stdout)["success"] is True
-    code, _, err = call(monkeypatch, capsys, "diagnose", log, "--body", "-o", tmp_path / "other")
-    assert code == 2
-    assert "expected --model" in err
 
 
 def test_a_model_file_holds_what_else_acts_on_it_unless_a_run_does_not_know_when(tmp_path):

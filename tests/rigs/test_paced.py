@@ -10,9 +10,7 @@ import pytest
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Observation
-from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.paced import PacedRig, WallClock
-from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.paced import PacedRig
 
 
 class Wall:
@@ -130,14 +128,6 @@ def test_level_now_has_its_way_in_the_midst_of_a_wait_and_against_later_commands
     assert rig.inside.told[-1] == (0.02, 0.0)
 
 
-def test_level_now_while_the_loop_computes_rules_its_command(rig):
-    rig.observe()
-    rig.level_now()
-    rig.command(0.05, 0.0)
-    assert (0.05, 0.0) not in rig.inside.told
-    assert rig.inside.told[-1] == "level"
-
-
 def test_orders_are_done_between_samples_by_the_loops_thread(rig):
     rig.observe()
     done = []
@@ -200,24 +190,3 @@ def test_the_emergency_stop_ends_a_pause(rig, wall):
     rig.observe()
     assert rig.inside.told == ["level"]
     assert not rig.held
-
-
-def test_the_rest_is_the_rigs_own(rig):
-    assert rig.latency == "measured"
-    assert not rig.realtime
-    rig.close()
-    assert rig.inside.told == ["close"]
-
-
-@pytest.mark.realtime
-def test_a_simulation_takes_as_long_as_it_says():
-    clock = WallClock()
-    rig = PacedRig(make_rig("ideal", load_map("cme")))
-    rig.reset(ring=1, theta=0.3, rng=np.random.default_rng(0))
-    began = clock.now()
-    last = [rig.observe() for _ in range(16)][-1]
-    took = clock.now() - began
-    rig.close()
-    assert last.t == pytest.approx(0.5)
-    assert math.floor(took * 100.0) >= 50
-    assert took < 1.5

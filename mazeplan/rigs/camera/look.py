@@ -19,14 +19,13 @@ GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii 
 class Look:
     """Appearance of rendered pictures.
 
-    ball: steel, orange or blue.
+    ball: steel or orange.
     blur: standard deviation of the blur, px.
     noise: standard deviation of the sensor's noise, grey levels.
     exposure: factor of the light; 1 is right.
     flicker: standard deviation of the light from picture to picture, as a share.
     slope: change of the light across the picture, as a share.
     gloss: strength of the lamp's reflection in the floor, 0 to 1.
-    veils: spots of stray light (x px, y px, radius px, strength 0 to 1).
     lamp: place of the lamp in the room, m.
     sharp: draw at twice the size, and let the shadows of walls follow the tilt; takes twice as long.
     floor, wall, table: colours."""
@@ -38,7 +37,6 @@ class Look:
     flicker: float = 0.02
     slope: float = 0.15
     gloss: float = 0.5
-    veils: tuple[tuple[float, float, float, float], ...] = ()
     lamp: tuple[float, float, float] = (-0.2, 0.15, 0.9)
     sharp: bool = True
     floor: Colour = (206, 218, 224)
@@ -78,7 +76,6 @@ def painted(colour: Colour, look: Look, normal: np.ndarray, to_lamp: np.ndarray,
 BALLS = {
     "steel": steel,
     "orange": partial(painted, (24, 104, 246)),
-    "blue": partial(painted, (190, 96, 30)),
 }
 
 

@@ -268,11 +268,6 @@ class Overhead:
         light = look.exposure * max(0.0, 1.0 + look.flicker * rng.standard_normal())
         across = light * (1.0 + look.slope * np.linspace(-0.5, 0.5, width, dtype=np.float32))
         out = picture * across[None, :, None]
-        for x, y, radius, strength in look.veils:
-            square = (np.arange(width, dtype=np.float32) - x) ** 2 + (
-                np.arange(height, dtype=np.float32)[:, None] - y
-            ) ** 2
-            out += (255.0 * strength) / (1.0 + (square / radius**2) ** 3)[..., None]
         start = int(rng.integers(len(self._noise) - out.size + 1))
         out += self._noise[start : start + out.size].reshape(out.shape)
         out += 0.5

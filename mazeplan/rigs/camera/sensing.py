@@ -23,7 +23,7 @@ from mazeplan.rigs.camera.render import Overhead
 
 EMPTY = 8  # number of pictures of the empty plate
 WHOLE = 0.10189  # m, outer radius of the packaged maze, whose whole plate the camera sees
-HUES = {"steel": None, "orange": (4.0, 40.0), "blue": (190.0, 250.0)}
+HUES = {"steel": None, "orange": (4.0, 40.0)}
 
 TRUE = CameraModel(
     np.array([[1200.0, 0.0, 322.0], [0.0, 1200.0, 241.0], [0.0, 0.0, 1.0]]),

@@ -57,12 +57,6 @@ def test_a_ball_taken_out_is_not_seen():
     assert not any(sights[3:])
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_pictures():
-    first, second = (rig(sense="camera", seed=3).observe() for _ in range(2))
-    assert (first.x, first.y) == (second.x, second.y)
-
-
 def test_sense_is_a_setting_and_an_argument():
     assert make_rig("toy", MAZE).settings.sense == "ideal"  # type: ignore[attr-defined]
     assert make_rig("toy", MAZE, "camera").settings.sense == "camera"  # type: ignore[attr-defined]

@@ -71,28 +71,15 @@ TILT = "centre_v: [2.0, 2.0], beta_deg: {a: 1.0}"
             "servo: {beta: {level_us: 1500, min_us: 1600}}",
             ":4: servo.beta: got min_us 1600, level_us 1500, max_us 1800",
         ),
-        ("servo: {beta: {us_per_deg: 0.5}}", ":4: servo.beta: us_per_deg: got 0.5"),
         ("servo: {beta: {min_us: 700}}", ":4: servo.beta.min_us: got 700 us"),
-        ("servo: {gamma: {max_us: 2300}}", ":4: servo.gamma.max_us: got 2300 us"),
         ("servo: {slew_us_per_s: 60000}", ":4: servo.slew_us_per_s: got 60000 us/s"),
-        ("servo: [1]", ":4: servo: got a list"),
-        ("camera: 3", ":4: camera: got 3"),
-        ("tilt: {centre_v: 2}", ":4: tilt.centre_v: got 2"),
         ("tilt: {centre_v: [1, 2, 3]}", ":4: tilt.centre_v: got 3 entries"),
         (f"tilt: {{{TILT}, scale_v: [1, 0]}}", ":4: tilt.scale_v: got [1.0, 0.0]"),
         (
             f"tilt: {{{TILT}, scale_v: [1.0, 1.0], gamma_deg: {{z: 1.0}}}}",
             ":4: tilt.gamma_deg: got 'z'",
         ),
-        ("port: 3", ":4: not valid YAML: got the key port twice"),
         ("camera: {ball_hue_deg: [4, 400]}", ":4: camera.ball_hue_deg[1]: got 400"),
-        ("camera: {source: 1.5}", ":4: camera.source: got 1.5"),
-        ("servo: {delta: {}}", ":4: servo.delta: unknown key, expected one of beta, gamma, slew_us_per_s"),
-        ("tilt: {beta_deg: {c: 1.0}}", ":4: tilt.centre_v: is missing"),
-        (
-            "latency: {command_ms: -1, camera_ms: 1}",
-            ":4: latency.command_ms: got -1",
-        ),
         ("speed: 3", ":4: speed: unknown key, expected one of model, port, rate_hz"),
         ("camera: {focal_px: [1, 2]}", ":4: camera."),
     ],
@@ -191,16 +178,6 @@ def test_the_template_says_what_is_to_be_calibrated_before_anything_is_opened(tm
     assert "first mazeplan calibrate tilt and mazeplan calibrate camera" in str(caught.value)
     assert "\n" not in str(caught.value)
     rig.close()
-
-
-def test_a_file_that_cannot_be_read_is_not_written(tmp_path):
-    path = tmp_path / "rig.yaml"
-    path.write_text("class: mazeplan.rigs.hardware:HardwareRig\n")
-    file = hardware_file(str(path))
-    path.write_text("a: [1\n")
-    with pytest.raises(SettingsError, match="not valid YAML"):
-        file.write({"latency": {"camera_ms": 1.0, "command_ms": 1.0}})
-    assert path.read_text() == "a: [1\n"
 
 
 @pytest.mark.slow

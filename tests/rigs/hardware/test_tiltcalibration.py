@@ -142,8 +142,6 @@ def test_a_table_there_and_back(tmp_path):
         ),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n\n1,2,3,4,5\n", "r.csv:4: got 5 columns, the header has 4"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n1,2,x,4\n", "r.csv:3: beta_deg: got 'x'"),
-        ("v0,v1,beta_deg,gamma_deg\n1,2,3\n", "r.csv:2: gamma_deg: got ''"),
-        ("v0,v1,beta_deg,gamma_deg\n1,inf,3,4\n", "r.csv:2: v1: got 'inf'"),
         ("", "r.csv:1: got an empty file"),
     ],
 )
