@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 import re
 import traceback
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
 from mazeplan.core import file_kinds
-from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError, ShortWarning
+from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.plugins import RIGS, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
@@ -24,7 +23,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import FileSettings, placed, read_rig_file
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.sim.settings import SurpriseName, settings_from, without_effect
+from mazeplan.rigs.sim.settings import SurpriseName, settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
@@ -136,16 +135,6 @@ def runs_of_change(spec: str) -> list[int]:
     if kind is not None or not data.get("changes"):
         return []
     return sorted({change.from_run for change in settings_from(data).changes})
-
-
-def warn_of_idle_keys(spec: str) -> None:
-    """Warns (ShortWarning) of keys in a simulated rig's file that have no effect, because another key is missing.
-
-    `make_rig` does not warn: each process of a campaign makes a rig, and one warning is enough."""
-    path = rig_file(spec)
-    kind, data = ("", None) if path is None else read_rig_file(path)
-    for warning in () if kind is not None or data is None else without_effect(data):
-        warnings.warn(warning, ShortWarning, stacklevel=2)
 
 
 def rig_model_hint(spec: str) -> str | None:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-from pathlib import Path
-
 import pytest
 
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.rigs.registry import rig_names, warn_of_idle_keys
 
 
 @pytest.mark.parametrize(
@@ -27,24 +23,6 @@ def test_a_mistake_in_a_rig_file_has_its_line(refused, tmp_path, line, message):
     assert message in refused("rig", "show", tmp_path / "own.yaml")
     assert message in refused("navigate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1")
     assert message in refused("evaluate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1", "--runs", "1")
-
-
-@pytest.mark.parametrize("words", [("rig", "show"), ("collect", "--seconds", "1", "-o", "log.mcap", "--rig")])
-def test_a_key_without_effect_is_told_with_its_line(call, tmp_path, monkeypatch, words):
-    monkeypatch.chdir(tmp_path)
-    Path("own.yaml").write_text("sticky_deg: [0, 20]\nwarp_mm: 0.0\nwarp_deg: 20.0\n")
-    code, _, err = call(*words, "own.yaml")
-    assert code == 0, err
-    assert err.count("has no effect") == 1
-    assert "mazeplan: own.yaml:1: sticky_deg: has no effect without sticky_m_s2\n" in err
-
-
-@pytest.mark.parametrize("name", rig_names())
-def test_packaged_rigs_have_no_key_without_effect(name):
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        warn_of_idle_keys(name)
-    assert [str(warning.message) for warning in told] == []
 
 
 def test_a_map_is_named_as_one(refused, tmp_path):

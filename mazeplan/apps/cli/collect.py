@@ -37,7 +37,7 @@ def collect(
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.registry import make_rig, rig_label, warn_of_idle_keys
+    from mazeplan.rigs.registry import make_rig, rig_label
     from mazeplan.rigs.watchdog import watched
     from mazeplan.run.collect import Collection, run_collection, run_tour
     from mazeplan.run.resolve import resolve_model, ring_number
@@ -57,8 +57,6 @@ def collect(
     if rings and not place:
         note_missing_model(rig, model)
         setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
-    else:
-        warn_of_idle_keys(rig)
     machine = watched(make_rig(rig, maze), own_process=True)
     if highest_hz > 0.5 * machine.rate_hz:
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"

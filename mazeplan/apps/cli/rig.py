@@ -61,7 +61,7 @@ def check(
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.hardware.files import is_hardware
-    from mazeplan.rigs.registry import make_rig, warn_of_idle_keys
+    from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 
     maze, results, more = load_map(map_), [], {}
@@ -70,7 +70,6 @@ def check(
         found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes, output=output)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
-        warn_of_idle_keys(rig)
         checks = check_rig(machine, maze, seed=seed, repeatable=not hardware)
         found = ProgressBar("checking").iterate(checks, lambda result: f"after {result.name}")
     try:
@@ -179,7 +178,7 @@ def show(rig: RigArgument, map_: opt.Map = "cme", as_json: opt.AsJson = False) -
     """Check the file of a rig, and show its model, and each setting with its meaning."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.files import read_rig_file
-    from mazeplan.rigs.registry import make_rig, rig_file, warn_of_idle_keys
+    from mazeplan.rigs.registry import make_rig, rig_file
     from mazeplan.rigs.sim.settings import SimulatedSettings
     from mazeplan.run.resolve import model_source
 
@@ -188,7 +187,6 @@ def show(rig: RigArgument, map_: opt.Map = "cme", as_json: opt.AsJson = False) -
         raise InputError(f"got rig {rig!r}, a class, which has no file; expected a name from `rig list` or a YAML file")
     kind, data = read_rig_file(path)
     make_rig(rig, load_map(map_))  # opens nothing; it refuses what `navigate` refuses
-    warn_of_idle_keys(rig)
     model_source(None, rig)
     fields = {} if kind is not None else SimulatedSettings.model_fields
     if as_json:

@@ -22,9 +22,8 @@ def note_missing_model(rig: str, model: str | Path | RigModel | None) -> None:
     Raises InputError for a rig or a model that does not exist."""
     from mazeplan.learning.fits import fits_words
     from mazeplan.learning.modelfile import RigModel, load_model, model_names, model_path
-    from mazeplan.rigs.registry import rig_model_hint, warn_of_idle_keys
+    from mazeplan.rigs.registry import rig_model_hint
 
-    warn_of_idle_keys(rig)
     if isinstance(model, RigModel):  # the command has learned it
         return
     if model is not None:

@@ -10,9 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.maze.sections import Section
-from mazeplan.rigs.files import FileSettings, placed, validated
+from mazeplan.rigs.files import validated
 
 SurpriseName = Literal[
     "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
@@ -20,14 +19,6 @@ SurpriseName = Literal[
     "gain", "slow_servo", "coupling", "late_command", "deadband",
     "tilt_scale", "turned_camera", "shifted_camera", "scaled_camera", "lens",
 ]  # fmt: skip
-NEEDS = {  # {key: the other key without which it has no effect}
-    "ball_lost_frames": "ball_lost_probability", "outlier_mm": "outlier_probability", "lens_mm": "lens_per_m2",
-    "rocking_hz": "rocking_deg", "rocking_phase_deg": "rocking_deg", "backlash_axis": "backlash_deg",
-    "imbalance_phase_deg": "imbalance_m_s2", "magnet_mm": "magnet_m_s2", "magnet_depth_mm": "magnet_m_s2",
-    "warp_deg": "warp_mm", "ripple_waves": "ripple_m_s2", "ripple_deg": "ripple_m_s2",
-    "sticky_ring": "sticky_m_s2", "sticky_deg": "sticky_m_s2", "kerb_ring": "kerb_loss", "kerb_deg": "kerb_loss",
-    "surprise_seed": "surprise",
-}  # fmt: skip
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Scale = Annotated[float, Field(ge=0.3, le=3.0)]
 Share = Annotated[float, Field(ge=-0.5, le=0.5)]
@@ -233,9 +224,3 @@ class SimulatedSettings(
 def settings_from(data: Mapping[str, Any]) -> SimulatedSettings:
     """Validated settings. Raises SettingsError with the key, and with file and line if the data are from a file."""
     return validated(SimulatedSettings, data)
-
-
-def without_effect(data: FileSettings) -> list[str]:
-    """Messages about keys that have no effect, because the file lacks another key that they need (`NEEDS`)."""
-    alone = ((key, needed) for key, needed in NEEDS.items() if key in data and needed not in data)
-    return [str(placed(SettingsError(f"has no effect without {needed}", key=key), data)) for key, needed in alone]
