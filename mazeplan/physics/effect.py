@@ -12,6 +12,7 @@ wall         as dry, for a ball that touches a wall
 opening      {"angle", "loss"}: an angle, rad, and the share of its speed that a passing ball loses there
 stage, tilt sensor, camera
              no formula: these effects are numbers in the model of that part of the rig, see `entry`
+input        no formula: a delay, lag or gain of the inputs of a mechanism
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from typing import Any
 from mazeplan.core.name_hints import one_of
 
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
-STAGE, TILT_SENSOR, CAMERA = "stage", "tilt sensor", "camera"
+STAGE, TILT_SENSOR, CAMERA, INPUT = "stage", "tilt sensor", "camera", "input"
 BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
-ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA)
+ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA, INPUT)
 FINE = 0.01  # default step of numeric derivatives, as a share of `Parameter.smallest`
 
 

@@ -50,8 +50,8 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
         assert set(part) == {"nrmse", "free_run"}
     assert document["after"]["nrmse"] < document["before"]["nrmse"]
     assert [entry["name"] for entry in document["fitted"]] == ["moving_mass", *FRICTION[1::2]]
-    assert document["held_out"] == pytest.approx(0.3)
-    assert (document["unknown"], document["noise_floor"], document["system"]) == (None, None, "emps")
+    assert document["held_out"] == pytest.approx(0.5)
+    assert (document["unknown"], document["system"]) == (None, "emps")
     assert json.loads((tmp_path / "report" / "report.json").read_text()) == document
     page = alone(tmp_path / "report" / "report.html")
     assert "The model lacks viscous asymmetry. Relative force error ||e|| / ||y||: " in page

@@ -78,12 +78,13 @@ def test_the_paddle_is_found_and_the_report_stands_alone(call, words, desk):
     assert fitted["parameters"].keys() == {"length"}
     assert fitted["parameters"]["length"]["value"] == pytest.approx(0.4, rel=0.01)
     assert document["declared"] == {"motion": {"mass": 0.25}}
-    assert document["after"]["nrmse"] < 0.3 * document["before"]["nrmse"]
-    assert document["after"]["free_run"] < 0.01 < 1.0 < document["before"]["free_run"]
+    assert document["after"]["nrmse"] < 0.3 * (document["before"]["nrmse"] or 10.0)
+    assert document["after"]["free_run"] < 0.01
+    assert document["before"]["free_run"] is None, "it leaves the record"
     assert document["system"].endswith(":Pendulum")
     assert json.loads((desk / "report" / "report.json").read_text()) == document
     page = alone(desk / "report" / "report.html")
-    assert "The model lacks quadratic drag. Relative acceleration error ||e|| / ||a||: " in page
+    assert "The model lacks quadratic drag. " in page
     assert "angle of the ball" not in page
 
 
@@ -92,7 +93,7 @@ def test_a_declared_effect_is_fitted(call, words, desk):
     given = ("--declare", "quadratic_drag", "--declare", "motion.mass=0.25", "--test", "further.csv")
     code, out, err = call(*words(*given))
     assert (code, err) == (0, "")
-    assert out.startswith("Nothing is missing: acceleration error ")
+    assert out.startswith("Nothing is missing: ")
     assert " rad off." in out.splitlines()[0]
 
 
@@ -138,8 +139,8 @@ def test_bad_options(refused, words, arguments, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("def motion(", "def movement("), "Pendulum: got no motion, expected position, unit and motion(s, p)"),
-        (("unit =", "units ="), "got no unit, expected position, unit and motion(s, p)"),
+        (("def motion(", "def movement("), "Pendulum: got no motion(s, p), expected"),
+        (("unit =", "unity ="), "unit: got '', expected rad or m"),
         (('("torque",)', '("force",)'), "the formula of motion cannot be used: got torque in a formula"),
         (('"dry_friction"', '"wet_friction"'), "effects: got 'wet_friction', expected an Effect or one of"),
         (('Parameter("kg", 0.2, 0.01, 5.0)', 'Parameter("kg")'), "cannot be imported: "),
@@ -166,8 +167,13 @@ def cell(row, column, value):
     [
         (lambda c: c[:, :2], "t,theta", "column torque is missing; there are t, theta"),
         (lambda c: c[:, 1:], "theta,torque", "column t is missing"),
-        (lambda c: c[:50], "t,theta,torque", "t: got 50 samples, expected at least 100"),
-        (lambda c: np.delete(c, 70, axis=0), "t,theta,torque", "expected samples at one rate"),
+        (lambda c: c[:50], "t,theta,torque", "t: got 50 samples, expected at least 60"),
+        (
+            lambda c: c * [1000.0, 1.0, 1.0],
+            "t,theta,torque",
+            "bad.csv:3: t: got steps of 20 (median), expected seconds",
+        ),
+        (lambda c: c[::-1], "t,theta,torque", "bad.csv:3: t: got 59.96 after 59.98, expected it to grow"),
         (cell(9, 2, np.nan), "t,theta,torque", "bad.csv:11: torque: got 'nan', expected a finite number"),
         (cell(9, 1, np.inf), "t,theta,torque", "bad.csv:11: theta: got 'inf', expected a finite number"),
         (lambda c: c * [1.0, 0.0, 1.0], "t,theta,torque", "theta: got 3000 samples of one position"),

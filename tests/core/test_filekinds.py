@@ -12,7 +12,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import got, refused
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.table import read_table
-from mazeplan.diagnosis.mechanism.drive_log import read_drive
+from mazeplan.diagnosis.engine.emps import read_drive
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.maze.memory import load_memory

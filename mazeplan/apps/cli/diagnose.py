@@ -22,13 +22,14 @@ def diagnose(
     output: opt.DiagnosisFolder = None,
     body: opt.Body = False,
     reference: opt.Reference = None,
+    columns: opt.Columns = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Find the effect that a model lacks, and the improvement of its predictions with the effect."""
     request = DiagnosisRequest(
         logs, model=model, radius=radius, declare=declare or [], ring=ring, test=test, map=map_, effects=effects,
-        output=output, references=reference or [], as_json=as_json,
+        output=output, references=reference or [], as_json=as_json, columns=columns or [],
     )  # fmt: skip
     if system != "ring":
         _check_system(system, request, body)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
     from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
+    from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
     from mazeplan.physics.effect import Effect
 
 Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
@@ -35,6 +36,7 @@ class DiagnosisRequest:
     output: Path | None
     references: list[Path]
     as_json: bool
+    columns: list[str] = field(default_factory=list)
 
 
 def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effect], partly: str = "") -> None:
@@ -82,7 +84,7 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
     write_diagnosis(document, evidence, output / "report.html")
 
 
-def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
+def finish(done: Diagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
     """Write the report of a diagnosis of one mechanism, and print the result."""
 
     if request.output is not None:
@@ -91,7 +93,7 @@ def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest,
     if request.as_json:
         print_json(document)
     else:
-        on_test = "" if done.test is None else done.test[0].both(done.test[1])
+        on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
         print("\n".join(result_lines(done.sentence(), document, on_test)))
 
 

@@ -353,6 +353,10 @@ Declare = Annotated[
     list[str] | None,
     Option("--declare", metavar="EFFECT.PARAM=VALUE", help="Known parameter; with --system also EFFECT; repeatable."),
 ]
+Columns = Annotated[
+    list[str] | None,
+    Option("--columns", metavar="NAME=COLUMN[:UNIT]", help="Column and unit of a table, as t=time_ms:ms; repeatable."),
+]
 TestLog = Annotated[
     Path | None,
     Option("--test", autocompletion=names.LOGS, metavar="LOG", help="Further record to score the model on."),

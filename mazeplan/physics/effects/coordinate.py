@@ -1,15 +1,13 @@
 """Effects on a mechanism with one coordinate: effects of the ball that also apply, and further ones.
 
-Units are written for an angle; a system names the unit of its position (`diagnosis.mechanism`). A delay is left out:
-under control, the input follows from the measured position. A term like a delay would then fit the controller of one
-record instead of the mechanism.
+Units are written for an angle; a system names the unit of its position (`diagnosis.engine.system`).
 """
 
 from __future__ import annotations
 
 import math
 
-from mazeplan.physics.effect import DRAG, FORCE, Effect, Parameter
+from mazeplan.physics.effect import DRAG, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects import ball
 from mazeplan.physics.formulas.symbols import size
 
@@ -35,6 +33,21 @@ FAMILY = (
     ball.viscous_friction, viscous_asymmetry, ball.dry_friction, ball.quadratic_drag, constant_force, elastic_force,
     friction_drift,
 )  # fmt: skip
+
+# Effects of all inputs of a mechanism. A windowed fit drives the model with the measured inputs, so a controller that
+# computes them from the measured position does no harm.
+input_delay = Effect(
+    "input_delay", {"delay": Parameter("s", 0.0, 0.0, 2.0)}, INPUT, text="the inputs act late", source="dead time",
+)  # fmt: skip
+input_lag = Effect(
+    "input_lag", {"time_constant": Parameter("s", 0.0, 0.0, 5.0)}, INPUT,
+    text="the inputs act through a first-order lag", source="first-order lag",
+)  # fmt: skip
+input_gain = Effect(
+    "input_gain", {"factor": Parameter("1", 1.0, -100.0, 100.0)}, INPUT, text="the inputs act stronger or weaker",
+    source="gain",
+)  # fmt: skip
+INPUTS = (input_delay, input_lag, input_gain)
 
 # Nameless terms. They must not depend on measured rates, because a free run has none.
 _ONE = Parameter("", *ANY)

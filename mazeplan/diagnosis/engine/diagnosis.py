@@ -1,0 +1,371 @@
+"""From a record and a system to a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.coordinate.evidence import Evidence
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry
+from mazeplan.diagnosis.engine.record import Record, noise_of
+from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
+from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
+from mazeplan.diagnosis.engine.system import System, Values
+from mazeplan.diagnosis.engine.windows import Fit, Model, Windows
+
+MOST_ROWS = 12000
+NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
+DIVERGED = 10.0  # error over the movement from which on there is no number in the document
+OPEN = 0.5  # standard error over the size of a parameter that the record leaves open
+
+
+@dataclass(frozen=True)
+class MotionScore:
+    """Errors of a model on a record.
+
+    nrmse: error of the held-out windows over the movement in them
+    free_run: rms error of one simulation from the first sample to the last one; NaN if it leaves the record
+    over_noise: error of the held-out windows, in times the noise
+    window: length of the windows, s; seconds: length of the record, s"""
+
+    nrmse: float
+    free_run: float
+    over_noise: float
+    window: float
+    seconds: float
+    unit: str
+    forces: bool = False  # nrmse is a relative error of the force
+
+    @property
+    def _error(self) -> str:
+        return "force error" if self.forces else f"error in windows of {self.window:.2g} s"
+
+    def labels(self) -> dict[str, str]:
+        """Words with the unit for each error."""
+        return {
+            "nrmse": "relative force error ||e|| / ||y||"
+            if self.forces
+            else f"position error in windows of {self.window:.2g} s, over the movement in them",
+            "free_run": f"position error of the free run (root mean square), {self.unit}",
+        }
+
+    def document(self) -> dict[str, float | None]:
+        """The errors, rounded; None where the simulation leaves the record."""
+        return {"nrmse": _rounded(self.nrmse if self.nrmse < DIVERGED else math.nan), "free_run": _rounded(self.free_run)}
+
+    def both(self, after: MotionScore) -> str:
+        """These errors and those after the effects were found, in words."""
+        one, two = (f"{s.nrmse:.2%}" if s.nrmse < 1.0 else "beyond the movement itself" for s in (self, after))
+        runs = " -> ".join(self._run(s.free_run) for s in (self, after))
+        return f"{self._error} {one} -> {two}, {self.seconds:.3g} s of free run {runs}"
+
+    def alone(self) -> str:
+        """These errors in words."""
+        error = f"{self.nrmse:.2%}" if self.nrmse < 1.0 else "beyond the movement itself"
+        return f"{self._error} {error}, {self.seconds:.3g} s of free run {self._run(self.free_run)}"
+
+    def _run(self, off: float) -> str:
+        times, unit = (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
+        return f"{times * off:.3g} {unit} off" if math.isfinite(off) else "(the simulation leaves the record)"
+
+
+@dataclass(frozen=True)
+class MotionDiagnosis:
+    """What was found in a record.
+
+    effects: entries of the document; fitted: entries of what is known to exist and was fitted
+    before, after: scores without and with what was found; test: the same on a further record
+    remaining: error that is left in the held-out windows, in times the noise
+    verdict: nothing_missing, effect_found, ambiguous or unknown_effect
+    unknown: what an effect without a name is like"""
+
+    verdict: str
+    effects: tuple[Entry, ...]
+    fitted: tuple[Entry, ...]
+    finding: Finding
+    before: MotionScore
+    after: MotionScore
+    remaining: float
+    unknown: dict[str, Any] | None
+    notes: tuple[str, ...]
+    evidence: tuple[Evidence, Evidence]
+    noise_floor: float
+    fits: tuple[Fit, Fit]
+    without: dict[str, Fit]
+    test: tuple[MotionScore, MotionScore] | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        return self.notes
+
+    def document(self) -> dict[str, Any]:
+        """The JSON document."""
+        out: dict[str, Any] = {
+            "verdict": self.verdict, "sentence": self.sentence(), "effects": list(self.effects),
+            "fitted": list(self.fitted), "ambiguous_with": [list(group) for group in self.finding.alike],
+            "unknown": self.unknown, "before": self.before.document(), "after": self.after.document(),
+            "noise_floor": _rounded(self.noise_floor), "held_out": 0.5, "remaining": _rounded(self.remaining, 3),
+            "fits": {"reference": None, "record": _rounded(self.remaining, 3)},
+            "tried": [
+                {"name": t.name, "gain": _rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried
+            ],
+            "notes": list(self.notes),
+        }  # fmt: skip
+        if self.test is not None:
+            out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))
+        return out
+
+    def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
+        """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
+        found = [{"name": e["name"], "gain": e["evidence"]} for e in self.effects]
+        tried = [{"name": t.name, "gain": round(t.gain, 2)} for t in self.finding.tried]
+        unit = self.after.unit
+        return {
+            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(), "drawn": "nrmse",
+            "floor": _rounded(self.noise_floor), "axes": [f"position, {unit}", f"speed, {unit}/s"],
+            "candidates": [*found, *tried],
+            **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
+        }  # fmt: skip
+
+    def sentence(self) -> str:
+        """The finding in one sentence."""
+        left = f"{self.remaining:.3g} times the noise remains" if math.isfinite(self.remaining) else "all remains"
+        if self.verdict == "nothing_missing":
+            return f"Nothing is missing: {self.before.alone()}."
+        names = ", ".join(map(_words, self.effects))
+        change = f"{self.before.both(self.after)}; {left}" if self.effects else f"{self.after.alone()}; {left}"
+        if self.verdict == "unknown_effect":
+            also = f" besides {names}" if names else ""
+            description = (self.unknown or {}).get("description", "")
+            return f"Something is there that has no name{also}: {description}; {change}."
+        doubt = ""
+        if self.verdict == "ambiguous":
+            doubt = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
+        return f"The model lacks {names}{doubt}: {change}."
+
+
+def _words(effect: Entry) -> str:
+    """An effect with its sizes, in words."""
+    numbers = []
+    for name, p in effect["parameters"].items():
+        unit = f" {p['unit']}" if p["unit"] not in ("", "1") else ""
+        sure = f"{p['value']:.4g} +- {p['stderr']:.2g}{unit}" if p.get("determined", True) else "not determined"
+        numbers.append(f"{name} {sure}")
+    return f"{effect['name'].replace('_', ' ')} ({', '.join(numbers)})"
+
+
+def _rounded(value: float, digits: int = 6) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def diagnose_motion(
+    system: System, record: Record, known: Values, along: Sequence[str] = (), *, test: Record | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> MotionDiagnosis:  # fmt: skip
+    """Find what the known motion lacks.
+
+    known: effects with values; of the motion, parameters that are not known are fitted
+    along: effects that exist and are fitted; test: a further record, for scores only"""
+    tell = progress or (lambda text: None)
+    model, search = _prepared(system, record, known, along, tell)
+    finding = search.run()
+    tell("scores")
+    level = _judged(search, finding)
+    base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
+    before, after = (_score(search, trial, fit, level) for trial, fit in ((finding.base, base), (finding.final, final)))
+    remaining = finding.final.rms(level)
+    without = {
+        name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
+    }
+    lost = {name: _whole(search, trial, level) for name, trial in without.items()}
+    effects = tuple(
+        _entry(search, finding, final, name)
+        | {"before": _rounded(_relative(search, without[name], level)), "after": _rounded(after.nrmse)}
+        for name in finding.found
+    )
+    fitted = tuple(
+        _entry(search, finding, final, name)
+        for name in search.always
+        if any(effect == name for effect, _ in final.free)
+    )
+    loose = [f"{e['name']}.{n}" for e in fitted for n, p in e["parameters"].items() if not p.get("determined", True)]
+    verdict = _verdict(effects, finding, remaining, after, loose)
+    unknown = None
+    if verdict == "unknown_effect":
+        unknown = _unknown(finding, remaining, loose)
+    further = None
+    if test is not None:
+        further = _tested(search, base, final, test)
+    floor = math.sqrt(float(np.sum(finding.base.count[level])) / max(float(np.sum(search.levels[level].movement)), 1.0))
+    return MotionDiagnosis(
+        verdict, effects, fitted, finding, before, after, remaining, unknown,
+        _notes(search, finding, final, remaining, loose, after), (_evidence(model, base), _evidence(model, final)),
+        floor, (base, final), lost, further,
+    )  # fmt: skip
+
+
+def _prepared(
+    system: System, record: Record, known: Values, along: Sequence[str], tell: Callable[[str], None]
+) -> tuple[Model, Search]:
+    """The model of a record, with steps that are fine enough, and the search."""
+    held = np.array([name in system.held for name in system.inputs], dtype=bool)
+    record = thinned(record, MOST_ROWS, held)
+    noise = noise_of(record)
+    model = Model(system, record, noise, scales(system, record, noise))
+    search = Search(model, known, along, tell)
+    divide(model, search.values(search.always), search.levels[0].folds[0].windows)
+    return model, search
+
+
+def _judged(search: Search, finding: Finding) -> int:
+    """The level whose numbers are reported: where what was found is clearest, else the longest windows that stay."""
+    valid = finding.valid or (0,)
+    if not finding.found:
+        return valid[-1]
+    return max(valid, key=lambda i: min(search.clear(finding.final, name, i) for name in finding.found))
+
+
+def _whole(search: Search, trial: Trial, level: int) -> Fit:
+    """The model fitted to all windows of a level."""
+    one, two = trial.fits[level]
+    rows = np.concatenate([fold.windows for fold in search.levels[level].folds])
+    order = np.argsort(rows[:, 0])
+    windows = Windows(search.model, rows[order])
+    return windows.fit(one.values, one.free, np.concatenate([one.states, two.states])[order])
+
+
+def _score(search: Search, trial: Trial, fit: Fit, level: int) -> MotionScore:
+    nrmse = _relative(search, trial, level)
+    record = search.model.record
+    unit = search.model.system.units[0]
+    return MotionScore(
+        nrmse, free_run(search.model, fit.values), trial.rms(level), search.levels[level].seconds, record.seconds, unit
+    )
+
+
+def _relative(search: Search, trial: Trial, level: int) -> float:
+    """Error of the held-out windows over the movement in them."""
+    movement = max(float(np.sum(search.levels[level].movement)), 1e-300)
+    return math.sqrt(float(np.sum(trial.held[level])) / movement)
+
+
+def free_run(model: Model, values: Values) -> float:
+    """Rms error of the first coordinate over the whole record (each stretch), NaN if the simulation leaves it."""
+    record = model.record
+    whole = Windows(model, np.array(record.stretches, dtype=np.int64))
+    states = whole.guess
+    for share in (0.02, 0.05, 0.1, 0.25, 0.5, 1.0):  # longer and longer, so that it does not lose the way
+        parts = [(a, max(a + 20, a + round(share * (b - a)))) for a, b in record.stretches]
+        windows = Windows(
+            model, np.array([(a, min(b, c)) for (a, c), (_, b) in zip(parts, record.stretches, strict=True)])
+        )
+        states, r = windows.settled(values, states)
+    first = windows.coordinate == 0
+    off = float(np.sqrt(np.mean((r[first] * model.noise[0]) ** 2)))
+    y = record.y[:, 0]
+    return off if off < LOST * float(np.nanstd(y)) else math.nan
+
+
+def _entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
+    """An effect with its numbers; with `determined` false where the record leaves a number open."""
+    system, effect = search.model.system, search.model.effects[name]
+    free = [n for n in effect.parameters if (name, n) in fit.free]
+    error = {n: fit.stderr(name, n) for n in free}
+    entry = effect_entry(effect, {n: fit.values[name][n] for n in free}, dict(error))
+    if name in system.on:
+        entry["name"], entry["on"] = name.removesuffix(f"_{system.on[name]}"), system.on[name]
+    for n in free:
+        p, value = effect.parameters[n], fit.values[name][n]
+        width = min(p.high - p.low, abs(value) / OPEN if name == system.motion.name else math.inf)
+        if (name, n) in fit.at_bound or not error[n] < max(width, 1e-300):
+            entry["parameters"][n]["determined"] = False
+            if (name, n) in fit.at_bound:
+                entry["parameters"][n]["stderr"] = None
+    if name in finding.found:
+        entry["evidence"] = _rounded(finding.gains.get(name, math.nan), 3)
+    return entry
+
+
+def _verdict(
+    effects: Sequence[Entry], finding: Finding, remaining: float, after: MotionScore, loose: Sequence[str]
+) -> str:
+    if effects:
+        return "ambiguous" if finding.alike else "effect_found"
+    if not finding.valid or not remaining < NOISE_LEFT or loose:
+        return "unknown_effect"
+    return "nothing_missing"
+
+
+def _unknown(finding: Finding, remaining: float, loose: Sequence[str]) -> dict[str, Any]:
+    """What is known about an effect without a name."""
+    if not finding.valid:
+        text = "the simulation leaves the record with every effect that was tried"
+    elif remaining >= NOISE_LEFT:
+        text = "an error that no effect of the list explains"
+    else:
+        text = f"the record leaves {', '.join(loose)} open"
+    return {"depends_on": [], "description": text}
+
+
+def _notes(
+    search: Search, finding: Finding, final: Fit, remaining: float, loose: Sequence[str], after: MotionScore
+) -> tuple[str, ...]:
+    """What a reader of the numbers should know."""
+    out = list(search.model.record.notes)
+    for effect, n in final.at_bound:
+        p = search.model.effects[effect].parameters[n]
+        value = final.values[effect][n]
+        out.append(f"{effect}.{n} stands at its bound ({value:g} of {p.low:g} to {p.high:g} {p.unit}): not determined")
+    bounds = {f"{e}.{n}" for e, n in final.at_bound}
+    open_ = [name for name in loose if name not in bounds]
+    if open_:
+        out.append(f"the record leaves {', '.join(open_)} open: the standard error is as large as the number")
+    if finding.found and remaining > NOISE_LEFT:
+        out.append(f"{remaining:.2g} times the noise remains: further causes have no name here")
+    if len(finding.valid) < len(finding.levels):
+        lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
+        out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
+    if not math.isfinite(after.free_run):
+        out.append("the free run leaves the record: small errors grow in this motion, or something is missing")
+    values = final.values
+    if "viscous_friction" in values and "viscous_asymmetry" in values:
+        middle, half = values["viscous_friction"]["coefficient"], values["viscous_asymmetry"]["coefficient"]
+        unit = search.model.effects["viscous_friction"].parameters["coefficient"].unit
+        out.append(f"viscous friction: {middle + half:.4g} {unit} forwards, {middle - half:.4g} {unit} backwards")
+    return tuple(out)
+
+
+def _evidence(model: Model, fit: Fit) -> Evidence:
+    """The residual of a fit, with position, speed and time."""
+    y = model.record.y[:, 0]
+    seen = np.flatnonzero(np.isfinite(y))
+    filled: Array = np.interp(np.arange(len(y)), seen, y[seen])
+    return Evidence(fit.residual[:, 0], filled, np.gradient(filled, model.record.t), model.record.t)
+
+
+def _tested(search: Search, base: Fit, final: Fit, test: Record) -> tuple[MotionScore, MotionScore]:
+    """Scores of both fits on a further record."""
+    model, other = _prepared(search.model.system, test, search.known, (), lambda text: None)
+    out = []
+    for fit in (base, final):
+        level = other.levels[max(len(other.levels) - 2, 0)]
+        tests = [fold.held_out(fit.values) for fold in level.folds]
+        cost, count = float(sum(t.total for t in tests)), float(sum(np.sum(t.count) for t in tests))
+        nrmse = math.sqrt(cost / max(float(np.sum(level.movement)), 1e-300))
+        out.append(
+            MotionScore(
+                nrmse,
+                free_run(model, fit.values),
+                math.sqrt(cost / count),
+                level.seconds,
+                test.seconds,
+                model.system.units[0],
+            )
+        )
+    return out[0], out[1]

@@ -1,0 +1,184 @@
+"""A record of a motion as it was measured: true times, gaps, empty cells; nothing is filtered or resampled.
+
+Rows with the same time are merged. A gap is a step much longer than the usual one; inputs are unknown there, so no
+simulation crosses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from mazeplan.core import file_kinds
+from mazeplan.core.errors import TableError
+from mazeplan.core.logs.column_units import ColumnSource, select_columns
+from mazeplan.core.logs.table import OTHERS, content_of, read_csv
+from mazeplan.core.logs.table_checks import Rows
+from mazeplan.core.records import Array
+
+FEWEST = 60  # samples
+GAP = 6.0  # usual steps; inputs that were not recorded for longer are unknown
+DOUBLED = 0.05  # maximum share of rows that may repeat the time of the row before
+SLOWEST = 5.0  # s; longer steps are another unit of time
+NEIGHBOURS = 7  # samples of the local parabola that measures the noise
+
+
+@dataclass(frozen=True)
+class Record:
+    """The record of a motion.
+
+    t: times (N,), s, from 0 on
+    y: measured coordinates (N, C), NaN where not seen; angles have no jumps
+    u: inputs (N, W)
+    notes: what was merged or left out
+    means: the inputs of a row are means over the step that follows"""
+
+    t: Array
+    y: Array
+    u: Array
+    notes: tuple[str, ...] = field(default=())
+    means: bool = False
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def seconds(self) -> float:
+        """The length of the record."""
+        return float(self.t[-1])
+
+    @property
+    def step(self) -> float:
+        """The usual time between two samples, s."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def stretches(self) -> list[tuple[int, int]]:
+        """First row, and row behind the last one, of each part without a gap."""
+        ends = np.flatnonzero(np.diff(self.t) > GAP * self.step) + 1 if self.u.shape[1] else []
+        edges = [0, *ends, len(self)]
+        return [(int(a), int(b)) for a, b in pairwise(edges) if b - a > 2]
+
+
+def read_record(
+    path: Path, positions: Sequence[str], units: Sequence[str], inputs: Sequence[str],
+    columns: Mapping[str, ColumnSource] | None = None,
+) -> Record:  # fmt: skip
+    """The columns t, positions and inputs of a table (CSV). Cells of positions may be empty. Raises TableError."""
+    expected = f"a table (CSV) with {', '.join(('t', *positions, *inputs))} in its first row"
+    if not path.is_file() or file_kinds.got(path) in OTHERS:
+        raise TableError(file_kinds.refused(path, expected), file=path)
+    found, rows = read_csv(content_of(path), path)
+    found = select_columns(found, columns or {}, {"t": "s", **dict(zip(positions, units, strict=True))}, inputs, path)
+    for name in ("t", *positions, *inputs):
+        if name not in found:
+            raise TableError(f"column {name} is missing; there are {', '.join(found)}", file=path)
+        bad = np.isinf(found[name]) if name in positions else ~np.isfinite(found[name])
+        if bad.any():
+            rows.refuse(name, int(np.argmax(bad)), "a finite number")
+    y = np.column_stack([found[name] for name in positions])
+    u = np.column_stack([found[name] for name in inputs] or [np.empty((len(y), 0))])
+    return record_of(found["t"], y, u, units, rows, positions)
+
+
+def record_of(
+    t: Array, y: Array, u: Array, units: Sequence[str], rows: Rows, names: Sequence[str] = ("position",)
+) -> Record:
+    """A record of checked columns. Raises TableError with the row."""
+    _check_time(t, rows)
+    notes = []
+    same = np.flatnonzero(np.diff(t) == 0.0) + 1
+    if len(same):
+        notes.append(f"{len(same)} rows have the time of the row before and were merged with it")
+        group = np.cumsum(np.diff(t, prepend=-np.inf) > 0.0) - 1
+        t = t[np.diff(t, prepend=-np.inf) > 0.0]
+        y, u = (_means(x, group) for x in (y, u))
+    y = y.copy()
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        seen = np.flatnonzero(np.isfinite(y[:, i]))
+        if len(seen) < FEWEST or np.ptp(y[seen, i]) == 0.0:
+            got = f"{len(seen)} samples of one position" if len(seen) else "no position"
+            raise TableError(f"got {got}, expected {FEWEST} at least of what moves", file=rows.file, key=name)
+        if unit == "rad":
+            y[seen, i] = np.unwrap(y[seen, i])
+    start = float(t[0])
+    record = Record(np.asarray(t - start, dtype=np.float64), y, u)
+    gaps = len(record.stretches) - 1
+    if gaps:
+        notes.append(f"{gaps} gap{'s' * (gaps > 1)} in time: no simulation crosses them")
+    return Record(record.t, record.y, record.u, tuple(notes))
+
+
+def _check_time(t: Array, rows: Rows) -> None:
+    if len(t) < FEWEST:
+        raise TableError(f"got {len(t)} samples, expected at least {FEWEST}", file=rows.file, key="t")
+    steps = np.diff(t)
+    if (steps < 0.0).any():
+        row = int(np.argmax(steps < 0.0)) + 1
+        rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
+    if np.mean(steps == 0.0) > DOUBLED:
+        row = int(np.argmax(steps == 0.0)) + 1
+        rows.refuse(
+            "t", row, "it to grow", f"{float(t[row])!r} twice, and so in {np.mean(steps == 0.0):.0%} of the rows"
+        )
+    usual = float(np.median(steps))
+    if usual > SLOWEST:
+        unit, named = ("ms", "milliseconds") if usual < 5e3 else ("us", "microseconds")
+        unit, named = ("ns", "nanoseconds") if usual >= 5e5 else (unit, named)
+        hint = f"seconds; are these {named}? then --columns t=t:{unit}"
+        rows.refuse("t", 1, hint, f"steps of {usual:g} (median)")
+
+
+def _means(x: Array, group: np.ndarray) -> Array:
+    """Means over the rows of each group, without empty cells."""
+    out = np.full((int(group[-1]) + 1, x.shape[1]), np.nan)
+    for i in range(x.shape[1]):
+        seen = np.isfinite(x[:, i])
+        total = np.bincount(group[seen], x[seen, i], len(out))
+        count = np.bincount(group[seen], minlength=len(out))
+        out[:, i] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return out
+
+
+def noise_of(record: Record) -> Array:
+    """Standard deviation of the measurement noise of each coordinate (C,).
+
+    It is the residual of local parabolas (median absolute deviation), and not less than that of rounding: the smallest
+    change between samples over sqrt(12)."""
+    out = []
+    for y in record.y.T:
+        seen = np.isfinite(y)
+        t, x = record.t[seen], y[seen]
+        quantum = resolution(x)
+        left = []
+        half = NEIGHBOURS // 2
+        index = np.arange(half, len(x) - half)[:, None] + np.arange(-half, half + 1)
+        near = (t[index] - t[index[:, half]][:, None]) / record.step
+        design = np.stack([np.ones_like(near), near, near**2], axis=2)
+        close = near[:, -1] - near[:, 0] < 1.5 * NEIGHBOURS
+        q, _ = np.linalg.qr(design[close])
+        z = x[index][close]
+        z = z - z.mean(axis=1, keepdims=True)
+        left = z - np.einsum("nij,nj->ni", q, np.einsum("nij,ni->nj", q, z))
+        rms = np.sqrt(np.sum(left**2, axis=1) / (NEIGHBOURS - 3))
+        moving = rms[rms > 0.0]
+        white = float(np.median(moving)) if len(moving) else 0.0
+        out.append(max(white, quantum / np.sqrt(12.0), 1e-9 * float(np.ptp(x))))
+    return np.array(out)
+
+
+def resolution(x: Array) -> float:
+    """The step of rounded values; 0 if values are not multiples of one step."""
+    values = np.unique(x)
+    if len(values) < 3:
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * float(np.ptp(x))]
+    if not len(gaps):
+        return 0.0
+    least = float(np.quantile(gaps, 0.05))
+    return least if float(np.mean(np.abs(gaps / least - np.round(gaps / least)) < 0.02)) > 0.9 else 0.0

@@ -1,0 +1,405 @@
+"""Windows of a record, and the fit of a system to them.
+
+Each window is simulated from its own initial state (multiple shooting). The residual is the measured position minus the
+simulated one, over the noise. The fit is a Levenberg-Marquardt method with bounds. In each step the initial states are
+eliminated window by window, so their number costs nothing:
+
+    min over d, s_m of  sum over windows m of |r_m + P_m d + S_m s_m|^2,      s_m = -S_m^+ (r_m + P_m d)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.engine.record import Record
+from mazeplan.diagnosis.engine.simulation import LEFT, Problem, simulate
+from mazeplan.diagnosis.engine.system import System, Values
+from mazeplan.physics.effect import INPUT, Effect
+
+STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
+ITERATIONS = 40
+DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
+START = 6  # samples whose line is the first guess of an initial state
+
+Free = tuple[tuple[str, str], ...]  # effect and parameter
+
+
+class Model:
+    """A record under a system. scale: size of each parameter at which it matters, as (effect, parameter)"""
+
+    def __init__(self, system: System, record: Record, noise: Array, scale: dict[tuple[str, str], float]) -> None:
+        self.system, self.record, self.noise, self.scale = system, record, noise, scale
+        self.effects = {e.name: e for e in system.library}
+        span = np.nanmax(record.y, axis=0) - np.nanmin(record.y, axis=0)
+        self.limit = LEFT * np.maximum(span, np.nanmax(np.abs(record.y), axis=0))
+        self.divide = np.ones(len(record), dtype=np.int64)
+        self._inputs: dict[tuple[float, ...], Array] = {}
+
+    def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
+        """The problem of the simulation and its parameters, with these effects."""
+        inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
+        p: list[float] = []
+        terms, holds = [], []
+        for name, numbers in values.items():
+            effect = self.effects[name]
+            for term in self.system.terms[name]:
+                (holds if term.held else terms).append((term.address, term.coordinate, len(p)))
+            for number, parameter in zip(effect.numbers(numbers), effect.parameters.values(), strict=True):
+                p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
+        here, there = (np.array(found, dtype=np.int64).reshape(-1, 3) for found in (terms, holds))
+        w = self.inputs(values)
+        return Problem(self.record.t, w, here, there, self.divide, windows, self.limit), np.array(p or [0.0])
+
+    def inputs(self, values: Values) -> Array:
+        """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
+        delay, lag, gain = (
+            values.get(name, {}).get(key, default)
+            for name, key, default in (
+                ("input_delay", "delay", 0.0), ("input_lag", "time_constant", 0.0), ("input_gain", "factor", 1.0)
+            )
+        )  # fmt: skip
+        key = (delay, lag, gain)
+        if key not in self._inputs:
+            if len(self._inputs) > 40:
+                self._inputs.clear()
+            self._inputs[key] = gain * shaped(self.record, self.system, delay, lag)
+        return self._inputs[key]
+
+    def simulate(self, values: Values, windows: IntArray, states: Array) -> Array:
+        """Simulated states (N, 2 C)."""
+        problem, p = self.problem(values, windows)
+        return simulate(problem, p, states)
+
+
+def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
+    """Inputs at begin and end of each step (N, 2, W), late by `delay` and through a lag (s)."""
+    t, n = record.t, len(record)
+    out = np.zeros((n, 2, record.u.shape[1]))
+    for i, name in enumerate(system.inputs):
+        u = record.u[:, i]
+        held = name in system.held or record.means
+        if lag > 0.0:
+            u, held = _lagged(t, u, lag, held), False
+        if held and delay > 0.0:  # the mean over each step
+            total = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
+            edges = np.interp(t - delay, t, total, left=np.nan)
+            early = t - delay < t[0]
+            edges[early] = (t[early] - delay - t[0]) * u[0]
+            mean = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
+            out[:, 0, i] = out[:, 1, i] = mean
+        elif held:
+            out[:, 0, i] = out[:, 1, i] = u
+        else:
+            at = u if delay == 0.0 else np.interp(t - delay, t, u)
+            out[:, 0, i], out[:-1, 1, i], out[-1, 1, i] = at, at[1:], at[-1]
+    return out
+
+
+def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
+    """The input behind a first-order lag, exact for an input that is linear (or constant) between samples."""
+    h = np.diff(t)
+    e = np.exp(-h / lag)
+    slope = np.zeros(len(h)) if held else np.diff(u) / h
+    out = np.empty(len(u))
+    x = out[0] = u[0]
+    forced = (u[:-1] - slope * lag) * (1.0 - e) + slope * h
+    for k in range(len(h)):
+        x = x * e[k] + forced[k]
+        out[k + 1] = x
+    return out
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The result of a fit.
+
+    values: of all effects, with those that were not fitted
+    free: fitted parameters; covariance: of these, by blocks (sandwich)
+    states: initial state of each window (M, 2 C)
+    residual: (N, C) over the noise, NaN where there is none
+    cost: sum of squares of each window (M,); count: measurements in each window (M,)"""
+
+    values: Values
+    free: Free
+    states: Array
+    residual: Array
+    cost: Array
+    count: Array
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    at_bound: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def total(self) -> float:
+        """Sum of all squares."""
+        return float(np.sum(self.cost))
+
+    def rms(self) -> float:
+        """Root mean square of the residual, in times the noise."""
+        return math.sqrt(self.total / max(float(np.sum(self.count)), 1.0))
+
+    def stderr(self, effect: str, name: str) -> float:
+        """Standard error of a fitted parameter; 0 for others."""
+        if (effect, name) not in self.free:
+            return 0.0
+        i = self.free.index((effect, name))
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0))
+
+
+def cut(record: Record, rows: int) -> IntArray:
+    """Windows (M, 2) of about this many steps that cover the record; neighbours share one sample."""
+    out = []
+    for first, stop in record.stretches:
+        steps = stop - 1 - first
+        count = max(1, round(steps / rows))
+        if steps < 0.5 * rows:
+            continue
+        edges = np.round(np.linspace(first, stop - 1, count + 1)).astype(np.int64)
+        out += [(a, b + 1) for a, b in pairwise(edges.tolist())]
+    found = np.array(out, dtype=np.int64).reshape(-1, 2)
+    seen = np.array([np.isfinite(record.y[a:b]).sum(axis=0).min() for a, b in found], dtype=np.int64)
+    return found[seen > 2 * START] if len(found) else found
+
+
+def first_states(record: Record, windows: IntArray) -> Array:
+    """First guess of the initial states (M, 2 C): lines through the first samples."""
+    c = record.y.shape[1]
+    out = np.zeros((len(windows), 2 * c))
+    for m, (a, b) in enumerate(windows):
+        for i in range(c):
+            seen = a + np.flatnonzero(np.isfinite(record.y[a:b, i]))[: max(START, (b - a) // 25)]
+            slope, level = np.polyfit(record.t[seen] - record.t[a], record.y[seen, i], 1)
+            out[m, i], out[m, c + i] = level, slope
+    return out
+
+
+class Windows:
+    """Some windows of a record, with a number for each measurement."""
+
+    def __init__(self, model: Model, windows: IntArray) -> None:
+        self.model, self.windows = model, windows
+        y, c = model.record.y, model.record.y.shape[1]
+        self.size = 2 * c
+        parts = [np.arange(a, b) for a, b in windows]
+        rows = np.concatenate(parts)
+        which = np.repeat(np.arange(len(windows)), [len(part) for part in parts])
+        # a shared sample belongs to both neighbours, but one simulation has one row for it: the first of a window is
+        # left out, unless it is the only measurement of the begin; the initial state is free anyway
+        keep = np.concatenate([np.arange(len(part)) > 0 for part in parts])
+        rows, which = rows[keep], which[keep]
+        seen = np.isfinite(y[rows])
+        self.row, self.coordinate = (np.repeat(rows, c), np.tile(np.arange(c), len(rows)))
+        good = seen.ravel()
+        self.row, self.coordinate, self.which = self.row[good], self.coordinate[good], np.repeat(which, c)[good]
+        self.starts = np.searchsorted(self.which, np.arange(len(windows)))
+        self.count = np.diff(np.append(self.starts, len(self.which)))
+        self.measured = y[self.row, self.coordinate]
+        self.weight = 1.0 / model.noise[self.coordinate]
+        self.guess = first_states(model.record, windows)
+        # sizes of initial states at which they matter
+        tiny = model.noise * math.sqrt(1e-4)
+        last = max(float(np.median(model.record.t[windows[:, 1] - 1] - model.record.t[windows[:, 0]])), 1e-9)
+        self.state_steps = np.concatenate([tiny, tiny / last])
+        self.state_floor = 1.0 / np.concatenate([model.noise, model.noise / last]) ** 2  # one measurement
+        self.resting = self.guess.copy()
+        self.resting[:, c:] = 0.0
+
+    def states_on(self, track: Array | None) -> Array:
+        """Initial states (M, 2 C) on a track of states along the record, or the first guess."""
+        if track is None:
+            return self.guess
+        near = track[self.windows[:, 0]]
+        return np.where(np.isfinite(near).all(axis=1, keepdims=True), near, self.guess)
+
+    def residual(self, values: Values, states: Array) -> Array:
+        """Residuals of all measurements (K,), over the noise."""
+        out = self.model.simulate(values, self.windows, states)
+        return (out[self.row, self.coordinate] - self.measured) * self.weight
+
+    def sums(self, x: Array) -> Array:
+        """Sums over the measurements of each window."""
+        return np.add.reduceat(x, self.starts, axis=0)
+
+    def _columns(self, values: Values, states: Array, r: Array, free: Free) -> tuple[Array, Array]:
+        """Derivatives of the residual by parameters (K, P) and by the initial state of the own window (K, 2 C)."""
+        by_p = np.empty((len(r), len(free)))
+        for j, (effect, name) in enumerate(free):
+            at, high = values[effect][name], self.model.effects[effect].parameters[name].high
+            step = STEP * max(self.model.scale[effect, name], abs(at))
+            step = -step if at + step > high else step
+            by_p[:, j] = (self.residual(changed(values, effect, name, at + step), states) - r) / step
+        by_s = np.empty((len(r), self.size))
+        for j, step in enumerate(self.state_steps):
+            moved = states.copy()
+            moved[:, j] += step
+            by_s[:, j] = (self.residual(values, moved) - r) / step
+        return by_p, by_s
+
+    def _eliminated(self, by_s: Array, *others: Array, damping: Array | float = 0.0) -> list[Array]:
+        """For each other column the states that cancel it, window by window: (M, 2 C, ...)."""
+        gram = self.sums(by_s[:, :, None] * by_s[:, None, :])
+        diagonal = np.einsum("mii->mi", gram) * (1e-9 + np.reshape(damping, (-1, 1)))
+        diagonal += self.state_floor * (1e-9 + np.reshape(damping, (-1, 1)))
+        gram = gram + diagonal[:, :, None] * np.eye(self.size)
+        return [np.linalg.solve(gram, self.sums(by_s[:, :, None] * x[:, None, :])) for x in others]
+
+    def settled(self, values: Values, states: Array | None = None, most: int = 12) -> tuple[Array, Array]:
+        """Initial states (M, 2 C) fitted window by window, and the residual (K,)."""
+        starts = [self.guess, self.resting] if states is None else [states, self.guess, self.resting]
+        states, r = starts[0].copy(), self.residual(values, starts[0])
+        for other in starts[1:]:
+            states, r = self._better(states, r, other, self.residual(values, other))
+        weight, cost = np.full(len(states), 1e-3), self.sums(r * r)
+        for _ in range(most):
+            _, by_s = self._columns(values, states, r, ())
+            (move,) = self._eliminated(by_s, r[:, None], damping=weight)
+            trial = states - move[:, :, 0]
+            s = self.residual(values, trial)
+            fresh = self.sums(s * s)
+            states, r = self._better(states, r, trial, s)
+            weight = np.where(fresh < cost, weight / 8.0, np.maximum(weight, 1e-6) * 10.0)
+            gain, cost = cost - np.minimum(fresh, cost), np.minimum(fresh, cost)
+            if float(gain.sum()) <= DONE * float(cost.sum()) and not (weight > 1e-2).sum() > len(weight) // 4:
+                break
+        return states, r
+
+    def _better(self, states: Array, r: Array, others: Array, s: Array) -> tuple[Array, Array]:
+        """Of two initial states of each window the better one, and its residual."""
+        fewer = self.sums(s * s) < self.sums(r * r)
+        return np.where(fewer[:, None], others, states), np.where(fewer[self.which], s, r)
+
+    def fit(self, values: Values, free: Free, states: Array | None = None, most: int = ITERATIONS) -> Fit:
+        """Fit free parameters and all initial states."""
+        states, r = self.settled(values, states, 2 if free else 12)
+        limits = [self.model.effects[e].parameters[n] for e, n in free]
+        low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
+        weight, cost, p = 1e-3, _sum(r), np.array([values[e][n] for e, n in free])
+        for _ in range(most if free else 0):
+            by_p, by_s = self._columns(values, states, r, free)
+            s_r, s_p = self._eliminated(by_s, r[:, None], by_p, damping=weight)
+            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+            left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
+            gram, slope = clean.T @ clean, clean.T @ left
+            for _ in range(8):
+                new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
+                trial = with_numbers(values, free, new)
+                begin = states - (s_r[:, :, 0] + np.einsum("msp,p->ms", s_p, new - p))
+                begin, s = self._better(begin, self.residual(trial, begin), states, self.residual(trial, states))
+                fresh = _sum(s)
+                if fresh < cost:
+                    break
+                weight = max(weight, 1e-6) * 6.0
+            else:
+                break
+            gain = cost - fresh
+            values, states, p, r, cost, weight = trial, begin, new, s, fresh, max(weight / 8.0, 1e-12)
+            if gain <= DONE * cost:
+                break
+        return self.finished(values, free, states, r)
+
+    def finished(self, values: Values, free: Free, states: Array, r: Array) -> Fit:
+        """The fit at a solution, with the sandwich covariance over windows."""
+        residual = np.full(self.model.record.y.shape, np.nan)
+        residual[self.row, self.coordinate] = r
+        covariance, at_bound = np.zeros((len(free), len(free))), []
+        for e, n in free:
+            one, at = self.model.effects[e].parameters[n], values[e][n]
+            slack = 1e-6 * max(abs(at), self.model.scale[e, n])
+            if n != "" and (at <= one.low + slack or at >= one.high - slack):
+                at_bound.append((e, n))
+        inside = np.array([key not in at_bound for key in free], dtype=bool)
+        if inside.any():
+            by_p, by_s = self._columns(values, states, r, tuple(key for key in free if key not in at_bound))
+            (s_p,) = self._eliminated(by_s, by_p)
+            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+            covariance[np.ix_(inside, inside)] = sandwich(clean, r, self.sums, self.count)
+        return Fit(
+            values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), covariance,
+            tuple(at_bound),
+        )  # fmt: skip
+
+    def own_share(self, values: Values, states: Array, own: tuple[str, str], free: Free) -> float:
+        """The share of a parameter's influence that free parameters and initial states cannot copy."""
+        r = self.residual(values, states)
+        by_p, by_s = self._columns(values, states, r, (own, *free))
+        (s_p,) = self._eliminated(by_s, by_p)
+        clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+        column, others = clean[:, 0], clean[:, 1:] / np.maximum(np.linalg.norm(clean[:, 1:], axis=0), 1e-300)
+        left = column - others @ np.linalg.lstsq(others, column, rcond=1e-10)[0]
+        return float(np.linalg.norm(left)) / max(float(np.linalg.norm(column)), 1e-300)
+
+    def held_out(self, values: Values, states: Array | None = None) -> Fit:
+        """Only the initial states are fitted."""
+        return self.finished(values, (), *self.settled(values, states))
+
+
+def sandwich(clean: Array, r: Array, sums, count: Array) -> Array:
+    """Covariance of parameters from windows: not smaller than that of white residuals of the same size."""
+    gram = clean.T @ clean
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+    slopes = sums(clean * r[:, None])
+    m = len(slopes)
+    between = slopes.T @ slopes * (m / max(m - clean.shape[1], 1))
+    white = inverse * float(r @ r) / max(len(r) - clean.shape[1], 1)
+    robust = inverse @ between @ inverse
+    wider = np.sqrt(np.maximum(np.diag(white), np.diag(robust)) / np.maximum(np.diag(robust), 1e-300))
+    return robust * np.outer(wider, wider)
+
+
+def changed(values: Values, effect: str, name: str, number: float) -> Values:
+    """The values with one number changed."""
+    return {**values, effect: {**values[effect], name: number}}
+
+
+def with_numbers(values: Values, free: Sequence[tuple[str, str]], numbers: Array) -> Values:
+    """The values with numbers for the free parameters."""
+    out = {name: dict(numbers_) for name, numbers_ in values.items()}
+    for (effect, name), number in zip(free, numbers, strict=True):
+        out[effect][name] = float(number)
+    return out
+
+
+def _sum(r: Array) -> float:
+    total = float(r @ r)
+    return total if math.isfinite(total) else math.inf
+
+
+def _bounded_step(gram: Array, slope: Array, weight: float, p: Array, low: Array, high: Array) -> Array:
+    """A damped Gauss-Newton step; a parameter that would leave its bounds stays at the bound."""
+    n = len(slope)
+    move, open_ = np.zeros(n), np.ones(n, dtype=bool)
+    if n == 0:
+        return move
+    damping = np.diag(np.maximum(np.diag(gram), 1e-12 * np.max(np.diag(gram)) + 1e-300)) * weight
+    for _ in range(n + 1):
+        if not open_.any():
+            break
+        a = (gram + damping)[np.ix_(open_, open_)]
+        fixed = gram[np.ix_(open_, ~open_)] @ move[~open_]
+        s = 1.0 / np.sqrt(np.diag(a))
+        solved = s * np.linalg.lstsq(a * np.outer(s, s), -s * (slope[open_] + fixed), rcond=1e-13)[0]
+        move[open_] = solved
+        beyond = open_ & ((p + move < low) | (p + move > high))
+        if not beyond.any():
+            break
+        move = np.where(beyond, np.clip(p + move, low, high) - p, move)
+        open_ &= ~beyond
+    return move
+
+
+def free_of(effects: Sequence[Effect], known: Values) -> Free:
+    """Parameters of some effects that are not known and not fixed."""
+    return tuple(
+        (e.name, n) for e in effects for n, p in e.parameters.items() if not p.fixed and n not in known.get(e.name, {})
+    )
+
+
+def acts_on_input(effect: Effect) -> bool:
+    """Whether an effect changes the inputs."""
+    return effect.acts == INPUT

@@ -1,1 +1,0 @@
-"""The diagnosis of other systems with one degree of freedom."""
