@@ -29,6 +29,7 @@ from bench_growth import growth_section
 from bench_gym import gym_section
 from bench_kit import ROOT, Section
 from bench_logged_runs import loggedruns_section
+from bench_measured import machines_section
 from bench_models import models_section
 from bench_navigation import navigation_section
 from bench_plant import plant_section
@@ -44,7 +45,7 @@ SECTIONS: dict[str, Callable[[bool], Section]] = {
     "trees": trees_section, "models": models_section, "strange": strange_section, "drawn": drawn_section,
     "diagnose": diagnose_section, "loggedruns": loggedruns_section, "effects": effects_section,
     "contact": contact_section, "contactplant": contactplant_section, "plant": plant_section,
-    "growth": growth_section, "rig": rig_section,
+    "growth": growth_section, "rig": rig_section, "machines": machines_section,
 }  # fmt: skip
 HOURS = ("drawn", "effects", "contactplant", "plant")
 PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch")

@@ -18,11 +18,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from bench_kit import ROOT, Section, Table
+
 from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
 from mazeplan.diagnosis.engine.record import read_record
 from mazeplan.diagnosis.engine.system import system_of
 
-ROOT = Path(__file__).resolve().parent.parent
 # class of a table, by the begin of its name
 CLASSES = {"swing": "Swing", "cart": "Cart", "pendulum-motor": "PendulumMotor", "motor": "Motor", "axis": "Axis",
            "arm": "Arm"}  # fmt: skip
@@ -65,33 +66,32 @@ def is_right(done: MotionDiagnosis, answer: dict[str, list[str]]) -> bool:
     return first and set(found) <= {*right, *also} and sized and done.verdict != "nothing_missing"
 
 
-def machines_section(quick: bool, only: list[str] | None = None) -> list[str]:
-    """Everything, as lines of Markdown."""
-    lines = ["## Diagnosis of machines that others measured", "", "`python tools/bench_measured.py`", ""]
+def machines_section(quick: bool, only: list[str] | None = None) -> Section:
+    """The records of a folder, or some of them."""
+    table = Table(("record", "finding", "error of windows", "free run", "times the noise", "right", "CPU s"))
     folder = measured_folder()
-    if folder is None:
-        return [*lines, "The records are not on this machine."]
-    answers = json.loads((folder / "answers.json").read_text())
-    lines += ["| record | finding | error of windows | free run | times the noise | right | CPU s |", "|---" * 7 + "|"]
-    good = count = 0
-    for table in only or list(answers)[: 3 if quick else None]:
+    answers = json.loads((folder / "answers.json").read_text()) if folder is not None else {}
+    for name in only or list(answers)[: 3 if quick else None]:
+        assert folder is not None
         began = time.process_time()
-        done = diagnosed(folder, table)
+        done = diagnosed(folder, name)
         seconds = time.process_time() - began
-        names = ", ".join(
-            f"{e['name']} {p['value']:.3g} +- {p['stderr'] if p['stderr'] is None else format(p['stderr'], '.1g')}"
-            for e in done.effects for n, p in e["parameters"].items()
-        )  # fmt: skip
-        right = is_right(done, answers[table])
-        good, count = good + right, count + 1
-        run = f"{done.after.free_run:.3g}" if math.isfinite(done.after.free_run) else "leaves the record"
-        lines.append(
-            f"| {table} | {done.verdict}: {names or '-'} | {done.before.nrmse:.3g} -> {done.after.nrmse:.3g} | {run} | "
-            f"{done.remaining:.2f} | {'yes' if right else 'no'} | {seconds:.1f} |"
+        sizes = ", ".join(
+            f"{e['name']} {p['value']:.3g} +- {p['stderr'] or math.nan:.1g}"
+            for e in done.effects
+            for p in e["parameters"].values()
         )
-        print(lines[-1], file=sys.stderr)
-    return [*lines, "", f"{good} of {count} right."]
+        run = f"{done.after.free_run:.3g}" if math.isfinite(done.after.free_run) else "leaves the record"
+        errors = f"{done.before.nrmse:.3g} -> {done.after.nrmse:.3g}"
+        right = "yes" if is_right(done, answers[name]) else "no"
+        table.add(
+            name, f"{done.verdict}: {sizes or '-'}", errors, run, f"{done.remaining:.2f}", right, f"{seconds:.1f}"
+        )
+    return Section(
+        "Machines that others measured", [f"{sum(r[5] == 'yes' for r in table.rows)} of {len(table.rows)}"], [table]
+    )
 
 
 if __name__ == "__main__":
-    print("\n".join(machines_section("--quick" in sys.argv, [a for a in sys.argv[1:] if not a.startswith("-")])))
+    section = machines_section("--quick" in sys.argv, [a for a in sys.argv[1:] if not a.startswith("-")])
+    print(*section.notes, "right")

@@ -56,7 +56,10 @@ class MotionScore:
 
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None where the simulation leaves the record."""
-        return {"nrmse": _rounded(self.nrmse if self.nrmse < DIVERGED else math.nan), "free_run": _rounded(self.free_run)}
+        return {
+            "nrmse": _rounded(self.nrmse if self.nrmse < DIVERGED else math.nan),
+            "free_run": _rounded(self.free_run),
+        }
 
     def both(self, after: MotionScore) -> str:
         """These errors and those after the effects were found, in words."""
