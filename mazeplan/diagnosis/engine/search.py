@@ -23,6 +23,7 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.engine.system import Values
 from mazeplan.diagnosis.engine.windows import Fit, Free, Model, Windows, cut, free_of
+from mazeplan.physics.effect import INPUT
 
 FEWEST_ROWS = 24  # of a window
 LENGTHS = 4  # of windows
@@ -34,7 +35,7 @@ WORTH = 0.25  # fall of the squared error, over the noise and over what remains,
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
 LOST = 0.5  # error over the movement at which a simulation has left the record
 EQUAL = 0.99  # of the best gain: candidates that the class names first go first
-KEPT = 4  # candidates that are fitted at all lengths
+KEPT = 3  # candidates that are fitted at all lengths
 MOST = 5  # effects
 SURE = 2.0  # standard errors; a smaller effect is not reported
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
@@ -144,7 +145,7 @@ class Search:
                     n: out[name][n] for n in list(effect.parameters)[len(effect.starts[0]) :]
                 }
             for n in out[name] if name not in self.always else ():
-                if effect.parameters[n].fixed or n in effect.places or (effect.acts == "input" and n == "factor"):
+                if effect.parameters[n].fixed or n in effect.places or (effect.acts == INPUT and n == "factor"):
                     continue
                 one = effect.parameters[n]
                 if not at_rest:
@@ -295,6 +296,8 @@ class Search:
             sure |= good and clear
             worth |= good and clear and self._worth(before, after, i)
             worse |= after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
+        if self._within_a_sample(after, name, valid):
+            return total, "it is shorter than a sample: how inputs are held between samples does the same"
         if not better:
             return total, "the gain in the held-out windows is not beyond chance"
         if not sure:
@@ -333,6 +336,15 @@ class Search:
                 error = max(math.hypot(one.stderr(name, n), two.stderr(name, n)) / 2.0, abs(a - b) / 4.0, 1e-300)
                 out = max(out, abs(a + b) / 2.0 / error) if a * b > 0.0 else out
         return out
+
+    def _within_a_sample(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
+        """Whether a delay or lag of the inputs is shorter than the time between two samples."""
+        effect = self.model.effects[name]
+        if effect.acts != INPUT or "factor" in effect.parameters:
+            return False
+        (n,) = effect.parameters
+        sizes = [fit.values[name][n] for i in valid for fit in trial.fits[i]]
+        return float(np.median(sizes)) < self.model.record.step
 
     def _steady(self, trial: Trial, name: str, level: int, valid: Sequence[int]) -> bool:
         """Whether windows of other lengths give about the same size, where they tell it."""

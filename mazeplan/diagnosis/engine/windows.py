@@ -275,7 +275,7 @@ class Windows:
 
     def fit(self, values: Values, free: Free, states: Array | None = None, most: int = ITERATIONS) -> Fit:
         """Fit free parameters and all initial states."""
-        states, r = self.settled(values, states, 2 if free else 12)
+        states, r = self.settled(values, states, 1)
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
         weight, cost, p = 1e-3, _sum(r), np.array([values[e][n] for e, n in free])
@@ -289,7 +289,9 @@ class Windows:
                 new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
                 trial = with_numbers(values, free, new)
                 begin = states - (s_r[:, :, 0] + np.einsum("msp,p->ms", s_p, new - p))
-                begin, s = self._better(begin, self.residual(trial, begin), states, self.residual(trial, states))
+                s = self.residual(trial, begin)
+                if not _sum(s) < cost:  # in some windows the linear step of the initial state may go too far
+                    begin, s = self._better(begin, s, states, self.residual(trial, states))
                 fresh = _sum(s)
                 if fresh < cost:
                     break
