@@ -19,7 +19,7 @@ GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii 
 class Look:
     """Appearance of rendered pictures.
 
-    ball: steel or orange.
+    ball: steel, orange or blue.
     blur: standard deviation of the blur, px.
     noise: standard deviation of the sensor's noise, grey levels.
     exposure: factor of the light; 1 is right.
@@ -76,6 +76,7 @@ def painted(colour: Colour, look: Look, normal: np.ndarray, to_lamp: np.ndarray,
 BALLS = {
     "steel": steel,
     "orange": partial(painted, (24, 104, 246)),
+    "blue": partial(painted, (190, 96, 30)),
 }
 
 
