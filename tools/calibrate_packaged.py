@@ -34,6 +34,6 @@ if __name__ == "__main__":
     cv2.setNumThreads(1)
     lens, done = calibrated()
     print(f"lens: {lens.error_px:.3f} px over {lens.used} pictures; left out: {lens.left_out}")
-    print(f"plate: {done.error_px:.3f} px, {done.error_mm:.3f} mm by {done.by}")
+    print(f"plate: {done.error_px:.3f} px, {done.error_mm:.3f} mm")
     print("true ", mapping(TRUE, None))
     print("found", mapping(done.camera, None))

@@ -108,7 +108,7 @@ def camera_section(table: EmulatedTable, truth: Truth, background: Path) -> dict
     markers = corner_markers(MAZE)
     found = calibrate_plate(lens, plates, MAZE, markers)
     save_background(found.background, background)
-    print(f"lens {lens.error_px:.3f} px, plate {found.error_px:.3f} px, {found.error_mm:.3f} mm by {found.by}")
+    print(f"lens {lens.error_px:.3f} px, plate {found.error_px:.3f} px, {found.error_mm:.3f} mm")
     return mapping(
         found.camera, markers, background=background.name, date=date.today().isoformat(),
         error_px=round(found.error_px, 3), error_mm=round(found.error_mm, 3),
