@@ -99,6 +99,13 @@ def test_an_effect_of_a_user_that_the_reference_lacks_is_at_its_defaults():
     assert told["known_before"] == {"rate": 1.0}
 
 
+def test_a_reference_that_fits_worse_makes_a_change_less_sure():
+    now = BodyModel()._replace(ball=BodyModel().ball._replace(rolling=0.05))  # 0.03 before
+    for misfit, sure in ((1.0, True), (1.5, False)):
+        was = Reference(BodyModel(), {"rolling": 2e-3}, misfit=misfit)
+        assert surely_differs(now, {"rolling": 1e-4}, was, ("rolling",)) == sure
+
+
 @pytest.mark.slow
 def test_names_of_the_registry_have_its_units():
     found = searched(plainball.Toy(c=0.18), lost=0.2)

@@ -16,7 +16,7 @@ from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fi
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
-from mazeplan.diagnosis.rig.record import body_filter, first_guess, residual_summary
+from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
@@ -24,6 +24,7 @@ from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import LEAST_INERTIA
 from mazeplan.learning.stage_fit import fit_axis
+from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
 
@@ -69,6 +70,12 @@ class RigReference:
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
     """The reference from records of a time when the model was right. Raises TableError."""
     table = tables[0] if len(tables) == 1 else join(tables)
+    if not tilt_is_measured(table):
+        moves = stage_by_ball(table, maze) if model is None else model.stage
+        table = with_tilt_by_commands(table, moves)
+        known = Known.of_model(RigModel(moves, {}, kind="pi"))
+        body = filter_on_stage(table, maze, moves)
+        return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
     body, stage = body_filter(table, maze, _kind_of(table))
     known = Known({}, {}) if stage is None else Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
     return replace(reference_by_filter(body, known, maze, model), table=table, then=body)

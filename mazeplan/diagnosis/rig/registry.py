@@ -65,7 +65,7 @@ def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Value
     for name in c.free:
         share, least = MODEL_ERROR.get(name, (0.0, 0.0))
         value = value_of(fit.model, name)
-        sigma = math.hypot(STDERR_SCALE * fit.stderr[name], share * value, least)
+        sigma = math.hypot(STDERR_SCALE * was.misfit * fit.stderr[name], share * value, least)
         up = min(value + sigma, number_of(fit.model, name).high)
         there = _numbers(c, with_values(fit.model, {name: up}), was, radius)
         out = {key: math.hypot(out[key], there[key] - at[key]) for key in at}

@@ -46,8 +46,10 @@ LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD = 6000  # pictures
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
-# minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways
-BESIDE_SHARE = 0.02
+# minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways,
+# above all at walls, against which it leans the ball more or less than before
+BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
+WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 # a rescale moves all numbers away from the reference by one of these factors
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "it may be the same as in the reference"
@@ -63,12 +65,14 @@ class Reference:
     model: its numbers
     stderr: standard errors of its numbers, if known
     open: unknown numbers, which are part of every fit
-    start: model at which fits start; None: `model`"""
+    start: model at which fits start; None: `model`
+    misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
 
     model: BodyModel
     stderr: dict[str, float] = field(default_factory=dict)
     open: tuple[str, ...] = ()
     start: BodyModel | None = None
+    misfit: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, f
     """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
     for name in free:
         before = known_value(was.model, name, model)
-        sigma = STDERR_SCALE * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
+        sigma = STDERR_SCALE * was.misfit * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
         if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
             return True
     return False
@@ -163,12 +167,14 @@ def search_rig(
         tell(f"{len(chosen) + 1} found, its size")
         with_it = _polished(part, model, was, (*free, *new.candidate.fitted))
         new = replace(new, gain=best.minus2 - with_it.minus2)
-        if new.gain < least or not _still_differs(with_it, was, new):
+        share = WALLS_SHARE if set(new.candidate.free) <= WALLS else BESIDE_SHARE
+        needed = max([least, *(share * c.gain for c in chosen)])
+        if new.gain < needed or not _still_differs(with_it, was, new):
             refused.add(new.candidate)
-            tried[new.candidate] = Tried(new.candidate, new.gain, WITHIN_ERRORS)
+            why_not = TOO_LITTLE if new.gain < needed else WITHIN_ERRORS
+            tried[new.candidate] = Tried(new.candidate, new.gain, why_not)
             continue
         best, chosen = with_it, [*chosen, new]
-        least = max(least, BESIDE_SHARE * new.gain)
         best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
     done = _refit_on_whole_record(body, part, best, was, always, chosen, first)
     return replace(done, tried=tuple(one for c, one in tried.items() if c not in done.found))

@@ -48,7 +48,7 @@ from mazeplan.diagnosis.stage.navigation import (
 )
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.stage_fit import LEAST_RANGE
-from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
+from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.effect import Effect
@@ -73,12 +73,18 @@ def verdict_on(
     test: a further record, for errors before and after
     own: effects of a user, to look for as well"""
     own, refused = _for_a_rigid_body(own)
+    was = replace(was, body=replace(was.body, misfit=max(was.remaining, 1.0)))
     tell("stage")
-    table, blind = _with_tilt(table, was)
-    record = whole_record(table)
-    stage = None if blind else fit_stage(record, np.ones(len(record), dtype=bool), was.stage.kind)
+    blind = not tilt_is_measured(table) and "u_beta" in table and "u_gamma" in table
+    if blind:  # the old servos move the plate, and the ball shows what changed
+        moves, stage = was.stage.axes() or stage_by_ball(table, maze), None
+        table = with_tilt_by_commands(table, moves)
+        record = whole_record(table)
+    else:
+        record = whole_record(table)
+        stage = fit_stage(record, np.ones(len(record), dtype=bool), was.stage.kind)
+        moves = moved_by(stage, was.stage)
     overtaxed = stage is not None and stage.servos_overtaxed
-    moves = was.stage.axes() if blind else moved_by(stage, was.stage)
     body = filter_of(table, record, maze, moves)
     check_map(body, maze, table.place)
     servo, sensor = _gain(body, record, stage, was)
@@ -121,18 +127,10 @@ def verdict_on(
         memory, remaining = residual_summary(body, standing.fit)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, body, stage, was,
-        (*_notes(table, stage, was), *refused), sensor=sensor, moves=moves, table=table,
+        (*_notes(table, stage, was, blind), *refused), sensor=sensor, moves=moves, table=table,
     )  # fmt: skip
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
-
-
-def _with_tilt(table: Table, was: RigReference) -> tuple[Table, bool]:
-    """The table, with the tilt by its commands if nobody measures the tilt; and whether this is so."""
-    known = was.stage.axes()
-    if tilt_is_measured(table) or known is None or "u_beta" not in table or "u_gamma" not in table:
-        return table, False
-    return with_tilt_by_commands(table, known), True
 
 
 def _with_servos(unknown: Unknown | None, stage: Stage | None, was: RigReference) -> Unknown | None:
@@ -220,8 +218,6 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
 
 def _why_no_stage(table: Table) -> str:
     """Why the commands of a record do not show the stage."""
-    if not tilt_is_measured(table):
-        return "nobody measures the tilt"
     commands = [f"u_{axis}" for axis in AXES]
     if not all(name in table for name in commands):
         return f"no commands {', '.join(commands)} in this record"
@@ -231,11 +227,12 @@ def _why_no_stage(table: Table) -> str:
     return f"the command of {still[0]} never changes" if still else "the commands are too few"
 
 
-def _notes(table: Table, stage: Stage | None, was: RigReference) -> list[str]:
+def _notes(table: Table, stage: Stage | None, was: RigReference, blind: bool = False) -> list[str]:
     """Notes on what could not be compared."""
     notes = []
     if stage is None:
-        notes.append(f"{_why_no_stage(table)}: servos cannot be checked by themselves")
+        why = "nobody measures the tilt" if blind else _why_no_stage(table)
+        notes.append(f"{why}: servos cannot be checked{'' if blind else ', and the tilt is smoothed'}")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
             "commands changed faster than the servos can follow, as in navigation, so only large changes of the "
@@ -313,7 +310,7 @@ def _by_servos(
     ball: list[Entry], alike: list[tuple[str, ...]], was: RigReference
 ) -> tuple[list[Entry], list[tuple[str, ...]]]:
     """The same without a tilt sensor: nothing has a scale, and a late command looks like a late picture."""
-    had, out = was.stage.values["servo_gain"], list[Entry]()
+    had, out = was.stage.values.get("servo_gain") or dict.fromkeys(AXES, 1.0), list[Entry]()
     for e in ball:
         if e["name"] == "tilt_gain":
             now = {axis: had[axis] / value for axis, value in values_of(e).items()}
