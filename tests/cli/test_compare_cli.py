@@ -306,4 +306,4 @@ def test_a_record_that_leaves_no_rows(call, folder):
 
 def test_without_torch_the_package_to_install_is_named(refused, monkeypatch, folder):
     monkeypatch.setitem(sys.modules, "torch", None)
-    assert to_install("learn") in refused("compare", folder / "one.csv")
+    assert to_install("learn") in refused("compare", folder / "one.csv", "--kinds", "p,nn")

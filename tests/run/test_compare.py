@@ -25,7 +25,7 @@ from mazeplan.learning.smoothing import Smoothing
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
-TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=10, refinement=4)
+TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=30, refinement=15)
 GUARD = SPLIT["guard"]
 FEW = ConfidenceOptions(200)
 QUICK = CompareOptions(
@@ -376,7 +376,7 @@ def measured(name):
 
 def test_on_the_measured_rig_the_process_beats_the_linear_model():
     table = measured("cme-rig/ring3.csv")
-    training = TrainingOptions(first=150, rows=300, starts=1, iterations=10, refinement=4, family="exponential")
+    training = TrainingOptions(first=150, rows=300, starts=1, iterations=30, refinement=15, family="exponential")
     options = replace(QUICK, kinds=("pi", "sp"), fit=FitOptions(most=600, training=training))
     [s] = compare([table], [], MAZE, options)
     assert s.ring == 3
