@@ -113,7 +113,8 @@ class BallForces:
             along = motion.along
             faster = faster + push * along
             spun = spun + push * self._spin_of_rolling(motion, along)
-        force = plate @ (self._mass * faster) + self._mass * (self._wind() + self._leaning(t))
+        wind = np.array([*s.draught_m_s2, 0.0])  # m/s^2, in the frame of the room
+        force = plate @ (self._mass * faster) + self._mass * (wind + self._leaning(t))
         weight = (self._inertia + self._mass * self._radius**2) * s.imbalance_m_s2 / self._radius
         return force, plate @ (self._inertia * spun) + weight * np.array([-heavy[1], heavy[0], 0.0])
 
@@ -132,10 +133,6 @@ class BallForces:
         speed, most = float(motion.velocity @ along), 1.0 / self._radius
         upright = float(motion.spin[2]) * speed / (speed * speed + SLOW * SLOW)
         return np.array([-along[1] * most, along[0] * most, min(max(upright, -most), most)])
-
-    def _wind(self) -> Array:
-        """Acceleration by the wind in the frame of the room, m/s^2, (3,)."""
-        return np.array([*self._settings.draught_m_s2, 0.0])
 
     def _leaning(self, t: float) -> Array:
         """Change of gravity in the frame of the room by rocking, m/s^2, (3,)."""

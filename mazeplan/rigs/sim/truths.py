@@ -38,15 +38,10 @@ class RigInRing:
         return 1.0 / (1.0 + self.settings.ball_inertia)
 
 
-def true_values(effect: str, settings: SimulatedSettings, maze: Maze, ring: int) -> Values:
-    """{parameter: value} of an effect in a ring; empty if the effect is in another ring."""
-    return TRUE[effect](RigInRing(settings, maze, ring))
-
-
 def true_by_ring(effect: str, settings: SimulatedSettings, maze: Maze) -> dict[int, Values]:
     """{ring: {parameter: value}} of an effect, for the rings that have it, without the disc in the middle."""
     rings = [ring.number for ring in maze.rings if not ring.is_disc]
-    found = {ring: true_values(effect, settings, maze, ring) for ring in rings}
+    found = {ring: TRUE[effect](RigInRing(settings, maze, ring)) for ring in rings}
     return {ring: values for ring, values in found.items() if values}
 
 
