@@ -31,7 +31,6 @@ from bench_kit import ROOT, Section
 from bench_logged_runs import loggedruns_section
 from bench_measured import machines_section
 from bench_models import models_section
-from bench_navigation import navigation_section
 from bench_plant import plant_section
 from bench_policy import policy_section
 from bench_realtime import realtime_section
@@ -40,7 +39,7 @@ from bench_strange import drawn_section, strange_section
 from bench_trees import trees_section
 
 SECTIONS: dict[str, Callable[[bool], Section]] = {
-    "navigation": navigation_section, "drive": drive_section, "realtime": realtime_section, "faults": faults_section,
+    "drive": drive_section, "realtime": realtime_section, "faults": faults_section,
     "balls": balls_section, "policy": policy_section, "gym": gym_section, "campaign": campaign_section,
     "trees": trees_section, "models": models_section, "strange": strange_section, "drawn": drawn_section,
     "diagnose": diagnose_section, "loggedruns": loggedruns_section, "effects": effects_section,
@@ -48,7 +47,7 @@ SECTIONS: dict[str, Callable[[bool], Section]] = {
     "growth": growth_section, "rig": rig_section, "machines": machines_section,
 }  # fmt: skip
 HOURS = ("drawn", "effects", "contactplant", "plant")
-PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch")
+PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,6 @@ ERRORS = ("before", "after")
 PAGE: dict[str, tuple[Pick, ...]] = {
     "Does the ball arrive, and how fast?": (
         Pick("drive", 0, TIMES),
-        Pick("navigation", 0, TIMES, "ring 1 to ring 5, {0}", ("noise", "outwards", "second map")),
         Pick("realtime", 0, ("arrived", "mean s", "p99 ms"), "toy in real time, machine: {0}"),
         Pick("rig", 0, ("arrived", "s", "failures on the way"), "firmware and camera emulated, seed {0}"),
         Pick("balls", 0, ("arrived", "mean, s", "longest, s"), "two balls on {0}"),
@@ -103,7 +101,6 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     ),
     "How fast is the program?": (
         Pick("drive", 1, ("p99 ms (worst run)", "longest ms"), "a tick on {0}"),
-        Pick("navigation", 1, ("median of 5, s",)),
         Pick("policy", 1, TOTAL, "learned policy: {0}"),
         Pick("gym", 0, ("one thread", "two threads"), "samples a second, environments: {0}"),
         Pick("campaign", 0, ("runs a second",), "campaign: {0}"),

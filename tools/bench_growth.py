@@ -1,7 +1,4 @@
-"""Section `growth`: how the cost of a plan, a tick, a map, a log, a model and a diagnosis grows with size.
-
-The exponent p of a row is that of cost ~ size^p between its two largest sizes: 1 is linear.
-"""
+"""Section `growth`: how cost grows with size. Exponent: p of cost ~ size^p between the two largest sizes."""
 
 from __future__ import annotations
 
