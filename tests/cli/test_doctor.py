@@ -74,7 +74,7 @@ def test_every_package_of_pyproject_is_checked_and_every_extra_is_described(docu
     found = document()
     assert list(found["packages"]) == list(groups)
     for extra, texts in groups.items():
-        assert set(found["packages"][extra]) == {re.split(r"[^\w-]", text)[0] for text in texts}
+        assert set(found["packages"][extra]) == {re.split(r"[^\w.-]", text)[0] for text in texts}
     assert set(doctor.FEATURES) == set(groups)
     assert found["needed"]["core"]["scipy"] == next(t for t in groups["core"] if "scipy" in t).removeprefix("scipy")
     assert found["features"]["core"]["ready"]
