@@ -152,14 +152,28 @@ class RunHistory:
         return sum(failure.kind == kind for failure in self.failures[self.since :])
 
 
+@dataclass(frozen=True)
+class Steering:
+    """What steers by the model. A run replaces it if the rig shows another stage.
+
+    planners: a planner for each channel, by ring
+    options: settings of the leaves
+    late_s: time from a sample until a command computed from it acts, s, as the model states
+    rollout: tries commands in front of an opening; None: only the law for openings commands there
+    """
+
+    planners: Mapping[int, RingPlanner]
+    options: LeafOptions = field(default_factory=LeafOptions)
+    late_s: float = 0.0
+    rollout: OpeningRollout | None = None
+
+
 @dataclass
 class RunContext:
     """What the leaves of one tree share. `clock` gives rig time.
 
     ahead: `ahead(seconds, beside)` predicts the state if the last command is held; beside: shift of the ball, (x, y) m
     report: takes events and plans for log and display
-    late_s: time from a sample until a command computed from it acts, s, as the model states
-    rollout: tries commands in front of an opening; None: only the law for openings commands there
     policy: a learned policy, for `FollowPolicy`
     balls: all balls; most runs have one
     now: rig time of this tick, s
@@ -177,12 +191,9 @@ class RunContext:
     graph: RouteGraph
     plate: Plate
     goal: int
-    planners: dict[int, RingPlanner]
+    steering: Steering
     ahead: Callable[..., State]
     report: Callable[[RunEvent | Plan], None]
-    options: LeafOptions = field(default_factory=LeafOptions)
-    late_s: float = 0.0
-    rollout: OpeningRollout | None = None
     policy: Policy | None = None
     balls: BallRoles = field(default_factory=BallRoles)
     now: float = 0.0

@@ -48,7 +48,7 @@ class FollowPolicy(MazeLeaf):
             return self.fail_as(FailureKind.MISSED_OPENING, f"not through {opening.name} in time")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
-        self._passing = self._passing or aligned(here, opening, run.options.gate)
+        self._passing = self._passing or aligned(here, opening, run.steering.options.gate)
         if self._passing and gets_in(run, opening, target):
             run.enter(target)
         self._turn = nearest(difference(opening.angle, here.theta), self._turn)

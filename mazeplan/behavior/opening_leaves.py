@@ -49,7 +49,7 @@ class Align(MazeLeaf):
         elsewhere = elsewhere or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
-        if aligned(here, opening, run.options.gate):
+        if aligned(here, opening, run.steering.options.gate):
             return Status.SUCCESS
         astray = not run.maze.ring(self._ring).is_disc and abs(run.turn_to(opening)) > LOST_TRACK
         if astray or run.now - self._began > self.get("timeout_s"):
@@ -57,10 +57,12 @@ class Align(MazeLeaf):
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing beside {opening.name}")
         push = self.get("lean_deg")
-        ahead = run.ahead(run.options.gate.lead_s)
+        ahead = run.ahead(run.steering.options.gate.lead_s)
         run.steer(
             self.name,
-            opening_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push_deg=push),
+            opening_command(
+                ahead, opening, opening.leads_to(self._ring), run.plate, run.steering.options.gate, push_deg=push
+            ),
         )
         return Status.RUNNING
 
@@ -70,7 +72,7 @@ def gets_in(run: RunContext, opening: Opening, target: int) -> bool:
     because the opening is hardly wider than the ball.
 
     Missed openings show that the model is not good enough to say so."""
-    gate = run.options.gate
+    gate = run.steering.options.gate
     if run.count(FailureKind.MISSED_OPENING) >= TOO_MANY:
         return False
     across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
@@ -103,13 +105,13 @@ class PassOpening(MazeLeaf):
         if gets_in(run, opening, target):
             run.enter(target)
         # a missed opening shows that the model, or its delay, is not good enough for roll-outs
-        trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
+        trusted = None if run.count(FailureKind.MISSED_OPENING) else run.steering.rollout
         command = None if trusted is None else trusted.improved_command(run.here, opening, target)
         if self._held(opening):
             command = freeing_command(run.here, opening, target, run.plate)
         elif command is None:
-            ahead = run.ahead(run.options.gate.lead_s)
-            command = opening_command(ahead, opening, target, run.plate, run.options.gate)
+            ahead = run.ahead(run.steering.options.gate.lead_s)
+            command = opening_command(ahead, opening, target, run.plate, run.steering.options.gate)
         run.steer(self.name, command)
         return Status.RUNNING
 
@@ -185,9 +187,9 @@ class Settle(MazeLeaf):
     def _brake(self, goal: int) -> None:
         """Brake; in a channel, also lean to the side that has no opening near the ball."""
         run = self.context
-        ahead = run.ahead(run.options.gate.lead_s)
+        ahead = run.ahead(run.steering.options.gate.lead_s)
         given = self.get("damping")
-        damping = run.options.settle.damping if given is None else given
+        damping = run.steering.options.settle.damping if given is None else given
         ring = run.maze.ring(goal)
         r = max(ahead.r, 1e-6)
         middle = 0.0 if ring.is_disc else ring.track_radius

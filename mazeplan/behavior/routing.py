@@ -70,10 +70,10 @@ class ChooseOpening(MazeLeaf):
     def _soonest(self, choices: list[Choice]) -> Choice:
         """The best by planned time; the plan to it is kept for `PlanInRing`. By the formula alone where only one is in
         question, or nothing is to be planned."""
-        run, travel = self.context, self.context.options.travel
+        run, travel = self.context, self.context.steering.options.travel
         near = [c for c in choices if c.expected_s < choices[0].expected_s + MARGIN]
         near = near[: self.get("planned_choices") or travel.planned_choices]
-        if len(near) < 2 or run.here.ring not in run.planners:
+        if len(near) < 2 or run.here.ring not in run.steering.planners:
             return choices[0]
         share = replace(travel, deadline_ms=travel.deadline_ms / len(near))
         timed, plans = [], {}

@@ -49,7 +49,7 @@ def travel_options(leaf: MazeLeaf) -> TravelOptions:
     given["blind_rad"] = None if given["speed_m_s"] is None else 0.0
     try:
         return replace(
-            leaf.context.options.travel, **{name: value for name, value in given.items() if value is not None}
+            leaf.context.steering.options.travel, **{name: value for name, value in given.items() if value is not None}
         )
     except SettingsError as problem:
         raise leaf.wrong(str(problem)) from None
@@ -70,7 +70,7 @@ def arrival_speed(run: RunContext, opening: Opening, travel: TravelOptions) -> f
     The disc has no openings that a ball could run past; in front of the disc the radius of the outer ring counts."""
     inner = run.maze.ring(opening.inner)
     radius = run.maze.track_radius(opening.outer if inner.is_disc else opening.inner)
-    blind_s = max(run.late_s + run.options.gate.lead_s, 1e-3)
+    blind_s = max(run.steering.late_s + run.steering.options.gate.lead_s, 1e-3)
     return max(travel.speed_m_s, min(travel.blind_rad * radius / blind_s, travel.fastest_m_s))
 
 
@@ -84,7 +84,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
     arrival = math.copysign(arrival_speed(run, opening, travel) / run.maze.track_radius(here.ring), turn)
-    plan = run.planners[here.ring].plan(
+    plan = run.steering.planners[here.ring].plan(
         here.planner_vector(),
         here.theta + turn,
         lean=lean_to(run, opening, travel),
@@ -109,7 +109,7 @@ def arrival_s(run: RunContext, opening: Opening, plan: Plan) -> float:
     """Time from a plan's start until the ball is in front of the opening and slow enough to be pushed, s.
 
     If the plan ends before, the expected time from rest for the rest of the way is added."""
-    radius, gate = run.maze.track_radius(run.here.ring), run.options.gate
+    radius, gate = run.maze.track_radius(run.here.ring), run.steering.options.gate
     left = np.array([difference(opening.angle, theta) for theta in plan.states[:, 0]])
     there = np.abs(np.sin(left)) * radius <= 1e-3 * gate.window_mm
     rest = float(left[-1])
@@ -154,7 +154,7 @@ class PlanInRing(MazeLeaf):
         prepared, run.leg.prepared = run.leg.prepared, None
         if prepared is None or prepared[0] != opening or prepared[1].t0 != run.here.t:
             return None
-        if travel_options(self) != run.options.travel:
+        if travel_options(self) != run.steering.options.travel:
             return None
         run.leg.plan, run.leg.goal_theta = prepared[1], opening.angle
         return prepared[1]
@@ -193,7 +193,7 @@ class Track(MazeLeaf):
         elsewhere = elsewhere or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
-        if plan is None or aligned(here, opening, run.options.gate):
+        if plan is None or aligned(here, opening, run.steering.options.gate):
             return Status.SUCCESS
         rerouted = self.rerouted()
         if rerouted is not None:
@@ -208,7 +208,7 @@ class Track(MazeLeaf):
         return Status.RUNNING
 
     def _renewed(self, plan: Plan, opening: Opening) -> Plan:
-        run, options = self.context, self.context.options.tracking
+        run, options = self.context, self.context.steering.options.tracking
         self._ticks += 1
         over = not plan.ok or finished(plan, run.here.t)
         self._fresh = over or self._ticks % options.replan_every == 0 or off_plan(plan, run.here, options)
@@ -221,7 +221,7 @@ class Track(MazeLeaf):
         return plan
 
     def _follow(self, plan: Plan, opening: Opening) -> Command:
-        run, options = self.context, self.context.options.tracking
+        run, options = self.context, self.context.steering.options.tracking
         radius = run.maze.track_radius(run.here.ring)
         if not plan.ok:
             run.log_law("pd")

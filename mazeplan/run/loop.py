@@ -15,7 +15,7 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.context import BallRoles, RunContext
+from mazeplan.behavior.context import BallRoles, RunContext, Steering
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import read_tree
@@ -109,12 +109,13 @@ class Run:
         """Everything that steers by the model: planners, roll-outs, and the options of the leaves."""
         setup, model = self._setup, self._model
         # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
-        self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / self._slew
-        self._leaf_options = leaves = setup.settings.leaves.on_stage(model.true_stage)
-        self._planners = planners_of(
-            setup.maze, model, leaves.cost, self._stopwatch, late_s=self._late_s, horizon=leaves.travel.horizon
+        late_s = model.late_s + 0.5 * setup.maze.tilt_limit / self._slew
+        leaves = setup.settings.leaves.on_stage(model.true_stage)
+        planners = planners_of(
+            setup.maze, model, leaves.cost, self._stopwatch, late_s=late_s, horizon=leaves.travel.horizon
         )
-        self._rollout = rollout_of(setup.maze, model, leaves, self._late_s, self._rig.rate_hz)
+        rollout = rollout_of(setup.maze, model, leaves, late_s, self._rig.rate_hz)
+        self._steering = Steering(planners, leaves, late_s, rollout)
         self._keeper = safety_filter_of(setup.maze, model)
         self.chain.adopt(model.stage, setup.maze.tilt_limit, self._keeper)
 
@@ -134,8 +135,7 @@ class Run:
         self._balls.adopt(self._model)
         self._prepare_control()
         run = self.context
-        run.options, run.planners = self._leaf_options, self._planners
-        run.rollout, run.late_s = self._rollout, self._late_s
+        run.steering = self._steering
         run.balls.aheads = self._balls.ahead
         run.ahead = run.balls.aheads[run.balls.led - 1]
 
@@ -153,12 +153,9 @@ class Run:
             graph=graph,
             plate=plate_of(setup.maze, self._model),
             goal=goal,
-            planners=self._planners,
+            steering=self._steering,
             ahead=self._balls.ahead[0],
             report=_weak_reporter(WeakMethod(self._report)),
-            options=self._leaf_options,
-            late_s=self._late_s,
-            rollout=self._rollout,
             policy=setup.policy,
             balls=BallRoles(aheads=self._balls.ahead),
         )
@@ -174,10 +171,10 @@ class Run:
     def _warm_up(self) -> None:
         """Compile and load everything before the rig moves."""
         self._balls.warm_up()
-        for planner in self._planners.values():
+        for planner in self._steering.planners.values():
             planner.warm_up()
-        if self._rollout is not None:
-            self._rollout.warm_up()
+        if self._steering.rollout is not None:
+            self._steering.rollout.warm_up()
         if self._keeper is not None:
             self._keeper.warm_up()
         self._stopwatch.pop_cuts()

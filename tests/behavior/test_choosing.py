@@ -20,7 +20,8 @@ from mazeplan.core.records import Plan, StopReason
 def patient(choices=3):
     """A bench whose planners have no deadline."""
     bench = Bench()
-    bench.run.options = LeafOptions(travel=TravelOptions(planned_choices=choices, deadline_ms=1e6))
+    options = LeafOptions(travel=TravelOptions(planned_choices=choices, deadline_ms=1e6))
+    bench.run.steering = replace(bench.run.steering, options=options)
     return bench
 
 
@@ -85,16 +86,16 @@ def test_a_tree_that_wants_another_way_of_travelling_gets_its_own_plan():
 def test_the_deadline_is_shared():
     bench = patient()
     asked = []
-    plan = bench.run.planners[2].plan
-    bench.run.planners[2].plan = lambda *a, **k: asked.append(k["deadline_ms"]) or plan(*a, **k)
+    plan = bench.run.steering.planners[2].plan
+    bench.run.steering.planners[2].plan = lambda *a, **k: asked.append(k["deadline_ms"]) or plan(*a, **k)
     chosen(bench, at(2, 130.0))
     assert sum(asked) == pytest.approx(1e6)
 
 
 def test_a_plan_that_failed_chooses_nothing():
     bench = patient()
-    plan = bench.run.planners[2].plan
-    bench.run.planners[2].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
+    plan = bench.run.steering.planners[2].plan
+    bench.run.steering.planners[2].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
     assert chosen(bench, at(2, 100.0)) == "2-3@90"
     assert bench.run.leg.prepared is None
 
@@ -103,8 +104,8 @@ def test_arrival_is_the_first_time_in_front_and_slow():
     bench, opening = patient(), MAZE.opening("1-2@45")
     state = at(1, 20.0)
     bench.run.begin(0.0, state, state)
-    plan = plan_to(bench.run, opening, bench.run.options.travel, None)
-    radius, gate = MAZE.track_radius(1), bench.run.options.gate
+    plan = plan_to(bench.run, opening, bench.run.steering.options.travel, None)
+    radius, gate = MAZE.track_radius(1), bench.run.steering.options.gate
     k = round(arrival_s(bench.run, opening, plan) / plan.dt)
     off = radius * np.abs(np.sin(plan.states[:, 0] - opening.angle)) * 1e3
     slow = np.abs(plan.states[:, 1]) * radius
@@ -129,7 +130,8 @@ LEAD = 0.08
 
 def bench_that_sees_late(late_s, travel=BLIND):
     bench = Bench()
-    bench.run.options, bench.run.late_s = LeafOptions(travel=travel, gate=OpeningOptions(lead_s=LEAD)), late_s
+    options = LeafOptions(travel=travel, gate=OpeningOptions(lead_s=LEAD))
+    bench.run.steering = replace(bench.run.steering, options=options, late_s=late_s)
     return bench
 
 
@@ -161,7 +163,7 @@ def test_however_prompt_there_is_a_fastest_arrival():
 
 def wishes_of_plans(bench, opening, **ports):
     """Speeds along the ring, m/s, that the planner is asked for on both sides of an opening."""
-    asked, planner, radius = [], bench.run.planners[opening.outer], MAZE.track_radius(opening.outer)
+    asked, planner, radius = [], bench.run.steering.planners[opening.outer], MAZE.track_radius(opening.outer)
     whole = planner.plan
     planner.plan = lambda *a, **k: asked.append(k["goal_theta_dot"] * radius) or whole(*a, **k)
     leaf = bench.leaf("PlanInRing", opening=opening.name, plan=Key("plan"), **ports)

@@ -9,7 +9,7 @@ import pytest
 from policies import LIMIT, hand_made
 
 from mazeplan.apps.testing import run_tree
-from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.follow_policy import FollowPolicy
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS
@@ -35,7 +35,7 @@ class Bench:
     def __init__(self, policy=None, opening=OPENING, **ports):
         self.events = []
         self.run = RunContext(
-            maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(LIMIT), goal=5, planners={},
+            maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(LIMIT), goal=5, steering=Steering({}),
             ahead=lambda seconds, beside=(0.0, 0.0): self.run.here, report=self.events.append, policy=policy,
         )  # fmt: skip
         self.leaf = FollowPolicy("FollowPolicy", self.run, Blackboard(), {"opening": opening.name, **ports})

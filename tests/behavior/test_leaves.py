@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext, TwoCommandsError
+from mazeplan.behavior.context import RunContext, Steering, TwoCommandsError
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.ports import Key
@@ -47,7 +47,7 @@ class Bench:
         self.board = Blackboard()
         self.run = RunContext(
             maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(MAZE.tilt_limit), goal=goal,
-            planners={n: planner(n) for n in (1, 2)},
+            steering=Steering({n: planner(n) for n in (1, 2)}),
             ahead=lambda seconds, beside=(0.0, 0.0): self.run.here,
             report=self.events.append,
         )  # fmt: skip
@@ -109,8 +109,8 @@ def test_plan_that_is_not_finite_fails(bench):
 
 def failing(bench, ring=1):
     """Planners whose solver fails from now on."""
-    plan = bench.run.planners[ring].plan
-    bench.run.planners[ring].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
+    plan = bench.run.steering.planners[ring].plan
+    bench.run.steering.planners[ring].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
 
 
 def laws(bench):
@@ -294,7 +294,9 @@ def test_the_next_move_begins_only_if_the_ball_gets_in_from_either_side(bench, d
         return replace(bench.run.here, ring=1 if across < -1e-6 else 2)
 
     bench.run.ahead = ahead
-    bench.run.options = replace(bench.run.options, gate=replace(bench.run.options.gate, entry_doubt_mm=doubt_mm))
+    steering = bench.run.steering
+    gate = replace(steering.options.gate, entry_doubt_mm=doubt_mm)
+    bench.run.steering = replace(steering, options=replace(steering.options, gate=gate))
     leaf = bench.leaf("PassOpening", opening=opening.name)
     assert bench.tick(leaf, at(1, 45.0)) is Status.RUNNING
     assert max(math.hypot(*beside) for beside in asked) == pytest.approx(1e-3 * doubt_mm)

@@ -85,13 +85,13 @@ def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful, share):
     """In the speed of arrival and in the price of speed; rigid balls are predicted well enough to try commands."""
     setup = Setup(MAZE, resolve_model(rig, None, MAZE))
     run = Run(PlanarRig(MAZE), setup, Job(1, 5, 0.3), None, NullDisplay())
-    travel, cost = run.context.options.travel, run.context.options.cost
+    travel, cost = run.context.steering.options.travel, run.context.steering.options.cost
     arrival = arrival_speed(run.context, MAZE.opening("1-2@45"), travel)
-    for planner in run.context.planners.values():
+    for planner in run.context.steering.planners.values():
         assert planner.cost.speed == pytest.approx(share * cost.speed, abs=1e-3 * cost.speed)
     # the servo of toy was identified 1.5 ms quicker than a textbook one, which leaves 0.3 % above the slowest speed
     assert (arrival == pytest.approx(travel.speed_m_s, rel=0.01)) == careful
-    assert run.context.rollout is not None
+    assert run.context.steering.rollout is not None
     assert arrival <= travel.fastest_m_s
 
 
@@ -99,12 +99,16 @@ def test_a_plate_that_may_not_move_fast_makes_a_run_careful():
     """It answers late: as late as half its range takes it on top."""
     _, free = placed(goal=4)
     _, kept = placed(goal=4, slew=math.radians(30.0))
-    assert kept.context.late_s == pytest.approx(free.context.late_s + math.degrees(0.5 * MAZE.tilt_limit) / 30.0)
-    assert free.context.rollout is not None
-    assert kept.context.rollout is None
+    assert kept.context.steering.late_s == pytest.approx(
+        free.context.steering.late_s + math.degrees(0.5 * MAZE.tilt_limit) / 30.0
+    )
+    assert free.context.steering.rollout is not None
+    assert kept.context.steering.rollout is None
     assert all(
         mine.cost.speed > other.cost.speed
-        for mine, other in zip(kept.context.planners.values(), free.context.planners.values(), strict=True)
+        for mine, other in zip(
+            kept.context.steering.planners.values(), free.context.steering.planners.values(), strict=True
+        )
     )
 
 
@@ -124,7 +128,7 @@ def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
         def improved_command(self, state, opening, towards):
             self.asked.append(run.context.now)
 
-    rig.mishap, run.context.rollout = plug, Counting()
+    rig.mishap, run.context.steering = plug, replace(run.context.steering, rollout=Counting())
     assert until_done(rig, run) == "SUCCESS"
     missed = [f.t for f in run.context.history.failures if f.kind is FailureKind.MISSED_OPENING]
     assert missed

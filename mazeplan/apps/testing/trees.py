@@ -14,7 +14,7 @@ from mazeplan.apps.testing.mishapfile import Given, read_mishaps
 from mazeplan.apps.testing.record import Record
 from mazeplan.apps.testing.scriptedrig import ScriptedRig, ScriptedSimulation
 from mazeplan.apps.testing.watch import Watch
-from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import load_tree
 from mazeplan.control.cost import CostParameters
@@ -210,10 +210,9 @@ def tick_tree(
         graph=RouteGraph(maze),
         plate=Plate(maze.tilt_limit),
         goal=aim,
-        planners=_Planners(maze),
+        steering=Steering(_Planners(maze), options.with_values({"travel": {"deadline_ms": PATIENCE_MS}}).leaves),
         ahead=lambda seconds: _carried(context.here, seconds, maze),
         report=lambda event: None,
-        options=options.with_values({"travel": {"deadline_ms": PATIENCE_MS}}).leaves,
     )
     for name in _openings(closed, maze):
         context.graph.close(name)
