@@ -69,7 +69,7 @@ def test_the_cost_never_rises_and_the_plan_is_consistent():
         assert plan.gains.shape == (40, 2, 6)
 
 
-def test_an_eighth_of_a_turn_is_near_time_optimal_without_overshoot():
+def test_an_eighth_turn_is_near_time_optimal():
     plan = ring_planner().plan(np.zeros(6), math.pi / 4)
     late = plan.states[round(0.75 * 30) :]
     assert np.abs(late[:, 0] - math.pi / 4).max() < 0.02
@@ -122,7 +122,7 @@ def test_a_warm_start_may_be_a_whole_turn_away():
     np.testing.assert_allclose(there.controls, here.controls, atol=1e-6)
 
 
-def test_a_warm_start_may_be_older_than_its_horizon_and_of_another_length():
+def test_a_warm_start_may_be_old_and_of_another_length():
     planner = ring_planner()
     short = ring_planner(options=IlqgOptions(horizon=10)).plan(np.zeros(6), 0.3)
     for t0 in (0.0, 0.2, 100.0, -1.0):
@@ -156,7 +156,7 @@ def test_bad_limits_are_refused(limit):
         RingPlanner(RingParameters(0.0689), limit)
 
 
-def test_a_planner_that_was_warmed_up_plans_as_one_that_was_not():
+def test_warming_up_changes_no_plan():
     warmed, fresh = ring_planner(), ring_planner()
     warmed.warm_up()
     assert np.array_equal(warmed.plan(np.zeros(6), 1.0).controls, fresh.plan(np.zeros(6), 1.0).controls)

@@ -53,7 +53,7 @@ def test_iterations_may_run_out():
     assert plan.ok
 
 
-def test_a_plan_that_is_followed_on_has_an_end_of_its_own():
+def test_a_warm_plan_has_its_own_end():
     planner = ring_planner(options=IlqgOptions(warm_iterations=2, warm_tolerance=0.0, control_tolerance=0.0))
     first = planner.plan(np.zeros(6), 1.0)
     assert first.iterations > 2

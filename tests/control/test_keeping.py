@@ -62,14 +62,14 @@ def test_a_ball_that_would_leave_stays(keeper):
     assert 0.02 < np.mean([share for _, share in kept]) < 0.6
 
 
-def test_a_command_that_keeps_the_ball_goes_out_as_it_is(keeper):
+def test_a_safe_command_is_unchanged(keeper):
     away = Command(CME.tilt_limit, 0.03)  # the opening is at 180 degrees
     assert keeper.command(away, [at(-9.0)], LED) is away
     level = Command(0.0, 0.0)
     assert keeper.command(level, [at(0.0)], LED) is level
 
 
-def test_a_command_towards_the_opening_is_changed_across_the_ring_rather_than_along_it(keeper):
+def test_a_command_is_changed_across_the_ring_first(keeper):
     led = replace(LED, x=0.0, y=0.03)  # along its ring is +-x, across it y
     wanted = Command(-0.05, 0.0)  # to -x, where the opening is
     sent = keeper.command(wanted, [at(-9.0)], led)
@@ -83,7 +83,7 @@ def test_of_two_kept_balls_both_stay(keeper):
     assert keeper.farthest(sent, [at(-9.0)]) <= DISC + 1e-3 * SafetyFilterOptions().margin_mm
 
 
-def test_a_ball_beyond_help_gets_the_command_that_lets_it_least_far(keeper):
+def test_a_ball_beyond_help_gets_the_best_command(keeper):
     out = at(-15.0, vx=-0.2)
     sent = keeper.command(Command(-CME.tilt_limit, 0.0), [out], LED)
     assert sent.u_beta > 0.0

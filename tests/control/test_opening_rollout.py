@@ -80,7 +80,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
     assert math.hypot(z[0], z[1]) == pytest.approx(where[3], abs=2e-3)
 
 
-def test_a_ball_that_does_not_come_through_is_later_than_the_horizon():
+def test_a_ball_that_stays_is_later_than_the_horizon():
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])  # outwards at 225 degrees
     time = passing_time(
         vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10, TICK), *PLANAR.arrays()
@@ -88,7 +88,7 @@ def test_a_ball_that_does_not_come_through_is_later_than_the_horizon():
     assert time > 0.4
 
 
-def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
+def test_the_chosen_command_is_sooner_by_the_margin():
     law, none, chosen = rollout()._law, np.zeros(2), 0
     options = RolloutOptions(doubt_mm=0.0, doubt_m_s=0.0)
     tries = OpeningRollout(MAZE, PLANAR, PLATE, GATE, options)
@@ -108,7 +108,7 @@ def test_what_is_chosen_brings_the_ball_through_sooner_by_the_margin():
     assert chosen >= 3
 
 
-def test_so_few_steps_that_a_ball_jumps_over_walls_are_refused():
+def test_too_few_steps_are_refused():
     with pytest.raises(SettingsError, match="got 3, expected 4 to 40"):
         RolloutOptions(substeps=3)
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])
@@ -153,7 +153,7 @@ def test_options_that_make_no_sense(wrong):
 
 
 @pytest.mark.parametrize(("late_s", "bead", "body"), [(0.07, True, True), (0.12, False, True), (0.2, False, False)])
-def test_where_a_rigid_ball_is_predicted_commands_are_tried_in_spite_of_a_longer_delay(late_s, bead, body):
+def test_a_rigid_ball_allows_a_longer_delay(late_s, bead, body):
     toy, options = load_model("toy"), LeafOptions()
     tried = [rollout_of(MAZE, model, options, late_s) is not None for model in (replace(toy, body=None), toy)]
     assert tried == [bead, body]

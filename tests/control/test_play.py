@@ -13,7 +13,7 @@ from mazeplan.physics.rig.stage_simulation import apply_backlash
 LIMIT = 0.087
 
 
-def test_what_is_wished_is_passed_on_and_the_axis_without_play_is_left_alone():
+def test_gears_pass_on_the_wanted_command():
     gears = Gears(StageModel(StageAxis(backlash=0.02), StageAxis()), LIMIT)
     rng, sent, passed = np.random.default_rng(0), [], []
     wishes = np.cumsum(rng.normal(0.0, 0.004, (60, 2)), axis=0).clip(-0.07, 0.07)

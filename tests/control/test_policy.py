@@ -39,13 +39,13 @@ def turned(angle: float, plate: Plate = PLATE) -> np.ndarray:
     return policy_inputs(state, MAZE.ring(OPENING.outer), opening, turn, False, plate)
 
 
-def test_a_situation_that_is_turned_about_the_centre_is_the_same_but_for_the_angle():
+def test_inputs_are_relative_to_the_ball():
     one, other = turned(0.0), turned(2.1)
     assert one[:KNOWN] == pytest.approx(other[:KNOWN], abs=1e-12)
     assert one[INPUTS.index("cos_1")] != pytest.approx(other[INPUTS.index("cos_1")])
 
 
-def test_a_table_that_is_not_level_is_taken_into_account_in_and_out():
+def test_a_leaning_table_is_corrected():
     tilted = Plate(LIMIT, 0.01, -0.005)
     assert turned(0.7, tilted) == pytest.approx(turned(0.7))
     level, made_up = (hand_made(near=(0.2, 0.3)).command(turned(0.7), plate) for plate in (PLATE, tilted))
@@ -53,7 +53,7 @@ def test_a_table_that_is_not_level_is_taken_into_account_in_and_out():
     assert made_up.u_gamma - level.u_gamma == pytest.approx(0.005)
 
 
-def test_out_is_away_from_the_centre_and_along_is_to_larger_angles():
+def test_outputs_are_outwards_and_along_the_ring():
     x = turned(0.0)
     x[INPUTS.index("cos_1")], x[INPUTS.index("sin_1")] = 1.0, 0.0
     x[INPUTS.index("near")] = 1.0
@@ -70,7 +70,7 @@ def test_no_command_is_beyond_the_limits():
     assert tilts.min() < LIMIT
 
 
-def test_the_distance_is_that_to_the_nearest_centre_over_the_reach():
+def test_the_distance_is_to_the_nearest_centre():
     policy = drawn(2)
     x = np.zeros(len(INPUTS))
     x[:KNOWN] = policy.mean[:KNOWN] + policy.scale[:KNOWN] * policy.centres[4]
@@ -85,7 +85,7 @@ def test_the_distance_is_that_to_the_nearest_centre_over_the_reach():
 # -- folders --------------------------------------------------------------------------------------------------------
 
 
-def test_a_policy_is_read_as_it_was_saved_to_the_last_bit(tmp_path):
+def test_a_policy_is_read_as_it_was_saved(tmp_path):
     policy, x = drawn(5), np.random.default_rng(1).normal(size=(30, len(INPUTS)))
     save_policy(policy, tmp_path / "p")
     read = load_policy(tmp_path / "p")
@@ -114,7 +114,7 @@ def changed(folder, **keys):
         ({"reach": "gone"}, "reach: is missing"),
     ],
 )
-def test_what_is_wrong_in_a_folder_is_named_with_its_line(tmp_path, keys, said):
+def test_a_wrong_key_is_named_with_its_line(tmp_path, keys, said):
     save_policy(drawn(5), tmp_path)
     changed(tmp_path, **keys)
     with pytest.raises(ModelError, match=rf"policy.yaml:\d+: .*{said}"):

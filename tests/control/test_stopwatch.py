@@ -21,7 +21,7 @@ class Clock:
         return self.now
 
 
-def test_the_longest_iteration_so_far_is_what_the_next_may_take():
+def test_the_next_iteration_may_take_as_long_as_the_longest():
     watch = Live(Clock(0.0, 1.0, 2.0, 3.0, 1.0, 1.0))  # begin, first look, then iterations of 2, 3 and 1 ms
     watch.begin(9.5)
     assert [watch.over(done) for done in range(4)] == [False, False, False, True]  # 1 + 2 + 3 + 1 and 3 more are 10
@@ -62,7 +62,7 @@ def test_a_search_is_ended_again_where_it_was(deadline):
     assert now.ms == 0.0
 
 
-def test_what_was_not_told_goes_to_its_end_and_a_new_tick_forgets_the_last():
+def test_a_new_tick_forgets_the_last_cuts():
     watch = Recorded()
     watch.load("2 - 1")
     watch.begin(0.0)

@@ -10,7 +10,7 @@ from mazeplan.core.constants import GRAVITY
 PLATE = Plate(limit=math.radians(5.0), offset_beta=0.004, offset_gamma=-0.002)
 
 
-def test_command_gives_the_wished_acceleration_on_a_table_that_is_not_level():
+def test_command_gives_the_wanted_acceleration_on_a_leaning_table():
     command = PLATE.command(0.3, -0.2)
     beta, gamma = command.u_beta + PLATE.offset_beta, command.u_gamma + PLATE.offset_gamma
     assert GRAVITY * beta == pytest.approx(0.3)

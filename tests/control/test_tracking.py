@@ -43,7 +43,7 @@ def on_plan(plan: Plan, k: int, theta_error: float = 0.0, rate_error: float = 0.
 
 
 @pytest.mark.parametrize("k", [0, 4, 9])
-def test_on_the_plan_the_command_is_the_plans_own_also_past_half_a_turn(k):
+def test_on_the_plan_the_command_is_the_plans(k):
     plan = make_plan()  # theta runs through pi, where atan2 jumps
     state = on_plan(plan, k)
     assert np.allclose(deviation(plan, state), 0.0, atol=1e-12)

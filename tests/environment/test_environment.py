@@ -114,7 +114,7 @@ def test_starts_are_drawn_by_seed_or_said():
             env.reset(options=options)
 
 
-def test_a_rig_of_one_s_own_arrives_and_has_no_pictures(monkeypatch):
+def test_a_users_rig_arrives_and_has_no_pictures(monkeypatch):
     monkeypatch.syspath_prepend(HERE)
     env = made(rig="my_gym_rig:Sinking", start_ring=4, render_mode="ansi")
     _, info = env.reset(seed=0)

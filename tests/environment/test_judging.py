@@ -63,7 +63,7 @@ def test_the_state_is_what_its_names_say():
     assert got["tangential_speed"] == pytest.approx(0.073, abs=0.004)
 
 
-def test_a_ball_that_is_not_seen_keeps_its_place_and_speed_while_its_age_grows():
+def test_an_unseen_ball_keeps_its_place_and_speed():
     senses, _ = begun(ring=2)
     for step in range(1, 4):
         senses.take(ROW, sample(step / 30.0, 0.07, 0.004 * step), STILL)
@@ -92,7 +92,7 @@ def test_rings_are_the_maze_s_own():
     assert senses.ring(radii).tolist() == [MAZE.ring_at(r) for r in radii]
 
 
-def test_arrival_is_a_hold_inside_the_goal_in_all_samples_that_saw_the_ball():
+def test_arrival_is_a_hold_inside_the_goal():
     needed = round(30 * HOLD) + 1
     here, gone, beside = (0.0, 0.001), (math.nan, math.nan), (0.0, 0.018)
     whole = walk([here] * needed)
@@ -105,7 +105,7 @@ def test_arrival_is_a_hold_inside_the_goal_in_all_samples_that_saw_the_ball():
     assert not any(v.out[0] for v in whole)
 
 
-def test_out_is_a_ball_unseen_for_long_or_beyond_the_rim():
+def test_an_unseen_ball_or_one_beyond_the_rim_is_out():
     lost = walk([(math.nan, math.nan)] * round(30 * LOST))
     assert [bool(v.out[0]) for v in lost] == [False] * (len(lost) - 1) + [True]
     assert not any(v.left[0] for v in lost)

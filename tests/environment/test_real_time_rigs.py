@@ -87,7 +87,7 @@ def test_after_a_reset_the_first_step_may_take_its_time(played):
 
 
 @pytest.mark.realtime
-def test_a_pause_within_an_episode_levels_the_plate_and_is_told_at_the_next_step(played):
+def test_a_pause_within_an_episode_levels_the_plate(played):
     env, rig = played()
     env.step(STILL)
     time.sleep(PAUSE_S)  # nothing is raised here
@@ -102,7 +102,7 @@ def test_a_pause_within_an_episode_levels_the_plate_and_is_told_at_the_next_step
 
 
 @pytest.mark.realtime
-def test_at_the_end_of_an_episode_the_plate_goes_level_and_the_rig_waits(played):
+def test_the_plate_is_level_after_an_episode(played):
     env, rig = played()
     rig.inside.seen, ended = False, False
     while not ended:

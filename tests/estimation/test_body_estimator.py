@@ -88,7 +88,7 @@ def before_it_acts(estimator, tmp_path, late_s=0.06, seconds=12.0):
 
 
 @pytest.mark.slow
-def test_the_way_to_a_command_that_acts_late_is_that_of_the_body(tmp_path):
+def test_a_late_command_is_predicted_with_the_body(tmp_path):
     model = bodied()
     stage = StageModel(*(replace(axis, dead_time=0.06) for axis in (model.stage.beta, model.stage.gamma)))
     bead, body = (np.median(before_it_acts(e, tmp_path)) for e in both(replace(model, stage=stage)))
@@ -97,7 +97,7 @@ def test_the_way_to_a_command_that_acts_late_is_that_of_the_body(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_floor_that_is_not_flat_is_part_of_the_way():
+def test_an_uneven_floor_is_predicted():
     settings = make_rig("surprise@ripple", MAZE).settings
     n, crest, size = settings.ripple_waves, math.radians(settings.ripple_deg), settings.ripple_m_s2
     waves = floor_ripple(float(n), -size * math.sin(n * crest), size * math.cos(n * crest))
@@ -191,7 +191,7 @@ def test_a_model_file_holds_it(tmp_path):
         load_model(tmp_path)
 
 
-def test_a_model_file_holds_what_else_acts_on_it_unless_a_run_does_not_know_when(tmp_path):
+def test_a_model_file_holds_the_terms_of_a_body(tmp_path):
     model = bodied()
     warp = floor_warp(0.02, -0.1, 0.0)
     seen = body_of(model)._replace(terms=(warp, table_swing(1.3, 0.01, 0.0, 0.0, 0.0), floor_ripple(6.0)))

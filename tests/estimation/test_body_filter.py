@@ -62,7 +62,7 @@ def near(seen, name, true, least):
 
 
 @pytest.mark.slow
-def test_a_record_of_the_toy_tells_table_friction_camera_and_wall_and_nothing_is_left(seen):
+def test_a_record_of_the_toy_gives_its_parameters(seen):
     """MuJoCo's ball: the rig says what is true, none of which the fit was told."""
     assert near(seen, "noise", 5e-4, 2e-5)
     assert near(seen, "delay", DELAY, LATE)
@@ -149,7 +149,7 @@ def test_from_the_command_line(monkeypatch, capsys, log, seen):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="no records of others' rigs with contact here")
-def test_friction_of_a_rig_of_others_is_found_as_large_as_it_is():
+def test_friction_of_another_rig_is_found():
     table = read_table(DATA / "friction.csv")
     table = Table({name: column[:4500] for name, column in table.columns.items()})
     seen = rig_record(table, MAZE, load_model(DATA / "model"))

@@ -58,7 +58,7 @@ SCALE = {
 @pytest.mark.parametrize(("toy", "lost"), [
     (plainball.Toy(), 0.0), (plainball.Toy(k=2.0 / 3.0, c=0.18, wall=0.4, e=0.3), 0.1),
 ])  # fmt: skip
-def test_the_numbers_of_the_ball_are_found_and_nothing_is_left(toy, lost):
+def test_the_parameters_of_the_ball_are_found(toy, lost):
     body, guess = recorded(toy, lost)
     fit = fit_body(body, guess, FREE)
     true = {

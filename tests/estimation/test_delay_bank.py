@@ -47,7 +47,7 @@ def test_the_delay_is_found_and_kept(frames):
 
 
 @pytest.mark.parametrize("late_ms", [0.0, 33.0, 67.0])
-def test_a_picture_may_be_earlier_than_the_tilt_by_as_much_as_the_dead_time(late_ms):
+def test_a_picture_may_be_earlier_than_the_tilt(late_ms):
     axes = {name: replace(getattr(NOMINAL.stage, name), dead_time=1e-3 * late_ms) for name in ("beta", "gamma")}
     bank = DelayBank(MAZE, replace(NOMINAL, stage=replace(NOMINAL.stage, **axes)))
     believed = driven(bank, StrangeRig(MAZE, {"tilt_late_ms": late_ms}))

@@ -27,7 +27,7 @@ def state(x, y, vx=0.0, vy=0.0):
     return z
 
 
-def test_balls_that_approach_share_their_speed_along_the_line_of_their_centres():
+def test_approaching_balls_exchange_speed_along_their_centres():
     first, second = state(0.0, 0.0, 0.1, 0.03), state(1.9 * R, 0.0, -0.05, 0.0)
     change = collide(first, second, R)
     assert change == pytest.approx([0.15 * SHARE, 0.0])
@@ -95,7 +95,7 @@ def test_balls_far_apart_are_predicted_as_if_each_were_alone():
         assert together == [e.update(s) for e, s in zip(pairs[1], balls, strict=True)]
 
 
-def test_a_ball_at_rest_that_will_be_hit_within_the_delay_is_predicted_to_move():
+def test_a_hit_within_the_delay_is_predicted():
     model = replace(RigModel.nominal(CME), camera_delay=0.1)
     pair = [Estimator(CME, model) for _ in range(2)]
     for k in range(12):  # ball 1 rolls along the disc at 0.1 m/s towards ball 2, which rests

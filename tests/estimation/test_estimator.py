@@ -145,7 +145,7 @@ def test_lost_frames_are_bridged_and_said():
         played.step(wave(played.t))
 
 
-def test_outliers_are_left_out_but_a_ball_that_was_moved_is_followed():
+def test_outliers_are_ignored_but_a_moved_ball_is_followed():
     rig = model(0.0)
     estimator, played = Estimator(MAZE, rig), Played(rig)
     for k in range(40):
@@ -241,7 +241,7 @@ def test_commands_that_have_not_acted_yet_are_predicted_through():
         predict(z, t, t + DT, np.array(moments), np.array(commands), *planar.arrays())
 
 
-def test_before_the_first_command_the_plate_is_expected_to_stay_where_it_is():
+def test_before_the_first_command_the_plate_stays():
     """And a command that acts at once is one that acts: there is nothing to predict through."""
     radius = MAZE.track_radius(1)
     for dead_time in (0.0, 0.05):
@@ -254,7 +254,7 @@ def test_before_the_first_command_the_plate_is_expected_to_stay_where_it_is():
         assert (state.x, state.y, state.vx, state.vy) == pytest.approx((radius, 0.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_a_kick_that_no_model_knows_is_found_by_the_filter():
+def test_an_unknown_kick_is_found():
     rig = model(0.0)
     estimator, played = Estimator(MAZE, rig), Played(rig)
     for k in range(50):

@@ -42,7 +42,7 @@ def test_a_time_that_does_not_go_on_is_passed_over(t):
     assert scrutiny.doubts == [Doubt("clock", 5 * DT)]
 
 
-def test_a_clock_that_stands_still_is_a_failure_of_the_rig():
+def test_a_stopped_clock_fails_the_rig():
     scrutiny = SampleCheck(30.0)
     scrutiny.admit(sample(0))
     for _ in range(14):
@@ -59,7 +59,7 @@ def test_every_second_sample_twice_is_not():
         assert scrutiny.admit(sample(k)) is None
 
 
-def test_a_position_that_is_no_number_is_a_ball_that_is_not_seen():
+def test_a_position_of_nan_is_an_unseen_ball():
     scrutiny = SampleCheck(30.0)
     for x, y in ((math.nan, 0.0), (0.0, math.inf)):
         assert scrutiny.admit(sample(scrutiny._last is not None, x=x, y=y)).seen is False
@@ -78,7 +78,7 @@ def test_a_leap_of_the_clock_is_told_and_taken():
         scrutiny.judge(set(), k * DT)
 
 
-def test_a_doubt_is_told_when_it_begins_and_a_tilt_may_not_be_doubted_for_long():
+def test_a_lasting_doubt_of_the_tilt_fails_the_rig():
     scrutiny = SampleCheck(30.0)
     for k in range(14):
         scrutiny.admit(sample(k))
@@ -89,7 +89,7 @@ def test_a_doubt_is_told_when_it_begins_and_a_tilt_may_not_be_doubted_for_long()
         scrutiny.judge({"tilt"}, 14 * DT)
 
 
-def test_a_ball_or_plate_may_be_doubted_for_as_long_as_it_takes():
+def test_a_ball_or_plate_may_be_doubted_for_long():
     scrutiny = SampleCheck(30.0)
     for k in range(100):
         scrutiny.admit(sample(k))
@@ -111,7 +111,7 @@ def test_a_spike_is_not_believed_and_a_move_is():
     assert check.admit(math.radians(-5.0), math.radians(-4.0))  # as predicted, however far from the last one
 
 
-def test_what_is_said_four_times_in_a_row_is_the_truth():
+def test_a_tilt_repeated_four_times_is_accepted():
     check, off = TiltCheck(), math.radians(10.0)
     assert check.admit(0.0, 0.0)
     assert [check.admit(off, 0.0) for _ in range(5)] == [False, False, False, True, True]
@@ -133,7 +133,7 @@ def estimated(change, ticks=60):
     return np.array(errors), doubts
 
 
-def test_the_estimate_of_the_tilt_goes_on_by_the_commands_where_nothing_is_measured():
+def test_a_missing_tilt_is_predicted_from_the_commands():
     errors, doubts = estimated(lambda k, o: replace(o, beta=math.nan) if 20 <= k < 30 else o)
     assert [bool(d) for d in doubts] == [20 <= k < 30 for k in range(60)]
     assert doubts[20] == {"tilt"}
@@ -162,7 +162,7 @@ def test_a_ball_that_is_left_out_is_told():
 # -- units and rate --------------------------------------------------------------------------------------------------
 
 
-def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ball_not_seen():
+def test_positions_in_millimetres_fail_the_rig():
     scrutiny = SampleCheck(30.0)
     assert scrutiny.admit(sample(0, x=80.0, y=10.0)).seen is False
     assert scrutiny.judge(set(), 0.0) == [Doubt("far", 0.0)]
@@ -177,7 +177,7 @@ def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ba
 
 
 @pytest.mark.parametrize(("times", "told"), [(0.5, True), (0.85, False), (1.0, False), (1.15, False), (2.0, True)])
-def test_samples_that_do_not_come_as_the_rig_says_are_told_once(times, told):
+def test_a_wrong_sampling_rate_is_reported_once(times, told):
     scrutiny, rng = SampleCheck(30.0), np.random.default_rng(0)
     for k in range(200):
         t = times * k * DT + rng.uniform(0.0, 0.2 * DT) + (3.0 * DT if k > 50 else 0.0)  # jitter, and a leap

@@ -68,7 +68,7 @@ def test_the_kind_of_a_servo_is_found_within_a_second(name, rate_hz):
         (np.array([[0.0, 1.0], [1.0, 0.0]]), "exchanged"),
     ],
 )
-def test_a_wrong_sign_and_exchanged_axes_are_named_and_no_stage_is_adopted(wiring, named):
+def test_wrong_signs_and_exchanged_axes_are_named(wiring, named):
     for seed in range(3):
         said, stage = watched(StageAxis(), seed=seed, wiring=wiring)
         assert named in said[-1]

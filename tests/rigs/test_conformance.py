@@ -167,7 +167,7 @@ class Ends(SimulatedRig):
 
 
 @pytest.mark.parametrize("levels", [True, False])
-def test_ctrl_c_in_a_check_leaves_the_plate_level_and_the_rig_closed(monkeypatch, levels):
+def test_ctrl_c_leaves_the_plate_level(monkeypatch, levels):
     rig, samples = Ends(MAZE, {}), itertools.count()
 
     def observe():

@@ -80,7 +80,7 @@ def test_samples_come_when_they_are_due(rig, wall):
     assert wall.slept == pytest.approx([0.07] * 4)
 
 
-def test_who_is_late_a_little_makes_up_for_it_and_who_is_late_for_long_does_not(rig, wall):
+def test_a_late_loop_catches_up_by_one_sample(rig, wall):
     rig.observe()
     wall.busy(0.15)
     rig.observe()  # due at 0.1, is there at 0.15
@@ -106,7 +106,7 @@ def test_the_rigs_time_begins_at_its_reset(rig, wall):
     assert wall.slept == pytest.approx([0.1])
 
 
-def test_level_now_has_its_way_in_the_midst_of_a_wait_and_against_later_commands(rig, wall):
+def test_level_now_acts_during_a_wait(rig, wall):
     rig.observe()
     rig.command(0.05, 0.0)
 
@@ -141,7 +141,7 @@ def test_orders_are_done_between_samples_by_the_loops_thread(rig):
     assert len(done) == 1
 
 
-def test_slow_motion_stretches_the_time_between_samples_and_not_the_rigs(rig, wall):
+def test_slow_motion_does_not_change_the_rigs_time(rig, wall):
     rig.observe()
     rig.speed = 0.25
     wall.slept.clear()
@@ -155,7 +155,7 @@ def test_slow_motion_stretches_the_time_between_samples_and_not_the_rigs(rig, wa
             rig.speed = wrong
 
 
-def test_a_held_rig_gives_no_sample_until_a_step_and_holds_the_next(rig, wall):
+def test_a_held_rig_waits_for_a_step(rig, wall):
     rig.observe()
     rig.hold()
     waits = []

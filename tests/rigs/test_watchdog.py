@@ -80,7 +80,7 @@ def rig(monkeypatch):
     assert signal.getsignal(signal.SIGUSR2) == before
 
 
-def test_everything_passes_through_in_one_thread_that_is_not_the_loops(rig):
+def test_all_calls_are_in_one_other_thread(rig):
     inner, outer = rig
     assert outer.observe() == Observation(1.0 / 30.0, 0.08, 0.0, 0.0, 0.0)
     outer.command(0.01, -0.02)
@@ -97,7 +97,7 @@ def test_everything_passes_through_in_one_thread_that_is_not_the_loops(rig):
     assert outer.t == inner.t  # what else a rig has can be asked for
 
 
-def test_a_loop_that_sleeps_is_woken_and_the_plate_is_level_before(rig):
+def test_a_sleeping_loop_is_woken_after_the_plate_is_level(rig):
     inner, outer = rig
     outer.observe()
     began = time.monotonic()
@@ -133,7 +133,7 @@ def test_a_loop_that_levelled_the_plate_before_is_woken_too(rig):
         time.sleep(5.0)
 
 
-def test_the_code_of_others_is_not_woken_and_begins_again_as_soon_as_the_rig_does(rig):
+def test_another_programs_loop_is_not_woken(rig):
     inner, _ = rig
     outer = WatchedRig(inner, wakes=False)
     outer.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
@@ -150,7 +150,7 @@ def test_the_code_of_others_is_not_woken_and_begins_again_as_soon_as_the_rig_doe
     assert outer.reason is None
 
 
-def test_a_loop_in_another_thread_is_told_when_it_comes_back(rig):
+def test_a_loop_in_another_thread_gets_the_error_later(rig):
     inner, _ = rig
     outer, said = WatchedRig(inner), []
 
@@ -214,7 +214,7 @@ def test_only_the_time_from_sample_to_command_counts(rig):
 
 
 @pytest.mark.parametrize("name", ["observe", "command"])
-def test_a_call_that_hangs_ends_the_loop_with_a_level_plate(rig, name):
+def test_a_hanging_call_ends_with_a_level_plate(rig, name):
     inner, outer = rig
     inner.hang[name] = threading.Event()
     began = time.monotonic()
@@ -241,7 +241,7 @@ def until(condition):
         time.sleep(0.01)
 
 
-def test_the_first_sample_may_take_longer_and_placing_as_long_as_it_likes(rig, monkeypatch):
+def test_the_first_sample_and_placing_may_take_longer(rig, monkeypatch):
     inner, outer = rig
     monkeypatch.setattr(watchdog, "START_S", 1.0)
     inner.hang["reset"] = threading.Event()
@@ -285,7 +285,7 @@ def test_close_that_hangs_is_left(rig):
 
 
 @pytest.mark.parametrize("name", ["observe", "command", "level", "close"])
-def test_what_a_rig_raises_is_a_rig_error_with_its_place(rig, name):
+def test_errors_of_a_rig_become_rig_errors(rig, name):
     inner, outer = rig
     inner.raises[name] = OSError(5, "Input/output error")
     arguments = (0.0, 0.0) if name == "command" else ()
@@ -338,7 +338,7 @@ class Resets(Base):
         ("Resets", r"reset\(\) of the rig raised TypeError: .*reset\(\) got an unexpected keyword argument 'rng'"),
     ],
 )
-def test_what_a_simulation_of_ones_own_raises_is_a_failure_of_the_rig(monkeypatch, capsys, tmp_path, name, said):
+def test_errors_of_a_users_simulation_fail_the_rig(monkeypatch, capsys, tmp_path, name, said):
     (tmp_path / "simulated_ones.py").write_text(SIMULATED)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))

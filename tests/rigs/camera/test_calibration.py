@@ -52,7 +52,7 @@ def test_lens_and_pose_from_rendered_pictures():
     assert apart_mm(done.camera, beta=0.08, gamma=-0.08) < 0.4
 
 
-def test_the_packaged_numbers_are_such_a_calibrations_and_not_the_true_ones():
+def test_the_packaged_camera_is_calibrated_and_not_true():
     assert 0.01 < apart_mm(FOUND) < 0.2
 
 

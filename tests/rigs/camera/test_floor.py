@@ -54,7 +54,7 @@ def test_walls_hide_what_lines_of_sight_meet(tilt):
     assert agree > 0.96 * len(places)  # all but the borders, where a pixel is half hidden
 
 
-def test_a_point_of_the_floor_stays_where_it_is_whatever_the_tilt():
+def test_the_straightened_floor_does_not_depend_on_the_tilt():
     rows, columns = np.mgrid[0:480, 0:640]
     picture = np.dstack([columns * 0.3, rows * 0.4, np.zeros((480, 640))]).astype(np.uint8)
     places = np.array([[0.05, 0.06], [-0.08, 0.01], [0.02, -0.09]])

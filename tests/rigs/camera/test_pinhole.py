@@ -38,7 +38,7 @@ def test_a_camera_straight_above_by_hand():
     assert camera.project(np.array([[0.06, 0.03, 0.1]]))[0] == pytest.approx([320.0 + 120.0, 240.0 - 60.0])
 
 
-def test_positive_beta_lowers_the_plus_x_side_and_positive_gamma_lifts_the_plus_y_side():
+def test_signs_of_beta_and_gamma_in_the_picture():
     camera = straight_down()
     level = camera.project(np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]))
     lowered = camera.project(np.array([[0.1, 0.0, 0.0]]), beta=0.08)[0]

@@ -20,7 +20,7 @@ def rig(seed=0, **settings):
     return machine
 
 
-def test_the_ball_is_found_where_it_was_when_the_picture_was_taken():
+def test_the_ball_is_found_where_the_late_picture_shows_it():
     machine = rig(sense="camera", camera_delay_frames=2)
     true, seen = [], []
     for _ in range(12):

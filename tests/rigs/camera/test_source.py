@@ -62,7 +62,7 @@ def test_a_camera_that_is_not_there_fails_the_rig():
         VideoSource(97)
 
 
-def test_what_does_not_exist_and_what_does_not_answer_are_told_as_what_they_are():
+def test_missing_files_and_silent_cameras_have_their_own_errors():
     with pytest.raises(InputError, match="nosuch: no such file, expected a folder of pictures, a picture or a video"):
         list(pictures("nosuch", 3))
     with pytest.raises(RigError, match="cannot be opened; does that address show pictures in a browser"):

@@ -255,7 +255,7 @@ MACHINE = {
 
 
 @pytest.mark.parametrize("name", MACHINE)
-def test_faults_of_the_machine_are_handed_to_it_when_they_begin(name):
+def test_faults_of_the_machine_are_injected(name):
     rig = outer(drawn(name), inside=Machine())
     for _ in range(30):
         rig.observe()
@@ -280,7 +280,7 @@ def test_a_rig_that_cannot_be_broken_is_refused():
         FaultyRig(Scripted(), MAZE, [drawn("ball_stuck")])
 
 
-def test_openings_are_closed_by_order_and_the_one_that_is_next_is_meant():
+def test_orders_close_the_next_opening():
     closed = []
     orders = DriverHooks(lambda: "2-3@180", closed.append)
     rig = outer(drawn("opening_closed"), orders=orders)
@@ -303,7 +303,7 @@ def test_a_reset_begins_the_schedule_anew():
     assert len(rig.begun) == 2
 
 
-def test_how_level_the_plate_is_afterwards_is_the_rigs_own_word():
+def test_the_final_tilt_comes_from_the_rig():
     rig = outer(drawn("tilt_nan", axes=(0, 1)))
     for _ in range(15):
         rig.observe()
@@ -311,7 +311,7 @@ def test_how_level_the_plate_is_afterwards_is_the_rigs_own_word():
     assert rig.tilt_after(1.0) == pytest.approx(0.048, abs=1.1e-3)
 
 
-def test_every_kind_can_be_drawn_and_another_seed_is_another_fault():
+def test_every_kind_can_be_drawn_by_seed():
     trials = every_kind()
     assert len(trials) >= 30
     for trial in trials:

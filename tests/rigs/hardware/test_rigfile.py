@@ -36,7 +36,7 @@ def test_hardware_is_the_file_in_this_folder_before_the_template(tmp_path, monke
         hardware_file("toy")
 
 
-def test_what_is_measured_goes_beside_the_template_and_not_into_it(tmp_path, monkeypatch):
+def test_calibrations_do_not_change_the_template(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = (PACKAGED / "hardware.yaml").read_text()
     section = {"command_ms": 10.0, "camera_ms": 50.0, "date": "2026-11-22"}
@@ -46,7 +46,7 @@ def test_what_is_measured_goes_beside_the_template_and_not_into_it(tmp_path, mon
     assert hardware_file("hardware").settings.latency.camera_ms == 50.0
 
 
-def test_a_rigs_file_keeps_its_rights_and_its_link_and_stays_if_read_only(tmp_path):
+def test_a_rigs_file_keeps_its_rights_and_its_link(tmp_path):
     mine, link = tmp_path / "mine.yaml", tmp_path / "link.yaml"
     mine.write_text(CLASS)
     mine.chmod(0o640)
@@ -117,7 +117,7 @@ def test_no_servo_moves_where_the_file_has_no_limits(tmp_path, monkeypatch, serv
             reach()
 
 
-def test_a_file_of_a_table_without_its_class_says_that_it_is_missing(tmp_path):
+def test_a_missing_class_is_named(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text("port: /dev/ttyACM0\nservo: {}\n")
     with pytest.raises(SettingsError) as caught:
@@ -156,7 +156,7 @@ def test_a_copy_in_another_folder_finds_what_the_file_names(tmp_path, monkeypatc
     assert read_yaml(Path("second.yaml")).data["camera"]["background"] == "emulated.png"
 
 
-def test_a_background_that_is_not_there_is_told_with_file_line_and_key(tmp_path):
+def test_a_missing_background_is_named_with_its_line(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(EMULATED.read_text())
     rig = make_rig(str(path), MAZE)
@@ -170,7 +170,7 @@ def test_a_background_that_is_not_there_is_told_with_file_line_and_key(tmp_path)
     assert not (tmp_path.parent / "x.yaml").exists()
 
 
-def test_the_template_says_what_is_to_be_calibrated_before_anything_is_opened(tmp_path, monkeypatch):
+def test_the_template_names_the_missing_calibrations(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = make_rig("hardware", MAZE)
     with pytest.raises(SettingsError) as caught:

@@ -36,7 +36,7 @@ def errors(diode, fit):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_tilt_is_true_to_a_tenth_of_a_degree_though_two_readings_are_wrong(seed):
+def test_two_wrong_readings_do_no_harm(seed):
     slips = (3, 40)
     diode, readings = read_off(seed, slips)
     fit = fit_tilt(readings)
@@ -47,7 +47,7 @@ def test_the_tilt_is_true_to_a_tenth_of_a_degree_though_two_readings_are_wrong(s
     assert fit.sensor.beta == pytest.approx(plain.sensor.beta, abs=0.02)  # they took no part
 
 
-def test_a_slip_of_half_a_degree_and_a_handful_of_large_ones_that_lean_on_one_another():
+def test_small_and_grouped_outliers_are_found():
     diode, readings = read_off(5)
     r = readings[24]
     readings[24] = Reading(r.v, r.beta_deg + 0.5, r.gamma_deg, r.line)

@@ -161,7 +161,7 @@ def test_a_lost_port_ends_in_an_error_that_names_it():
     assert time.monotonic() - began < 1.0
 
 
-def test_an_unexpected_error_in_the_thread_that_reads_loses_the_board(monkeypatch):
+def test_an_unexpected_error_while_reading_loses_the_board(monkeypatch):
     def breaks(*given):
         raise RuntimeError("no such thing")
 
@@ -176,7 +176,7 @@ def test_an_unexpected_error_in_the_thread_that_reads_loses_the_board(monkeypatc
         board.close()
 
 
-def test_a_board_that_falls_silent_is_asked_again_and_goes_on():
+def test_a_silent_board_is_opened_again():
     with FakeBoard() as fake, Board(fake.port, LIMITS, SHORT) as board:
         fake.reports = False
         until(lambda: board.counts.lost)

@@ -53,7 +53,7 @@ def test_frames_that_are_shown_are_frames(page):
         assert len(read(text.encode() + b"\n")[0]) == 1, text
 
 
-def test_the_page_tells_of_every_message_and_limit_of_the_firmware():
+def test_the_page_has_every_message_and_limit():
     page = (ROOT / "docs" / "protocol.md").read_text()
     control, main = ((ROOT / "tools" / "firmware" / name).read_text() for name in ("control.h", "main.c"))
     for letter in "ILCZ":

@@ -25,14 +25,14 @@ NO_KIND = dict.fromkeys(
 # -- the table of kinds ----------------------------------------------------------------------------------------------
 
 
-def test_every_effect_of_the_package_is_in_a_kind_or_has_a_reason():
+def test_every_effect_has_a_kind_or_a_reason():
     told = {kind.effect for kind in KINDS.values()}
     assert told.isdisjoint(NO_KIND)
     assert told | NO_KIND.keys() == set(PACKAGED)
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_kind_is_told_in_parameters_of_its_effect_and_within_their_bounds(name):
+def test_true_parameters_are_within_the_bounds_of_the_effect(name):
     for seed in range(5):
         found = drawn_surprise(settings_from({"surprise": name, "surprise_seed": seed}), MAZE)
         assert found is not None
@@ -54,7 +54,7 @@ def test_every_kind_is_told_in_parameters_of_its_effect_and_within_their_bounds(
 
 
 @pytest.mark.parametrize("upright", [0.0, 1.0])
-def test_drag_takes_its_share_of_the_speed_on_the_floor_and_along_a_wall(upright):
+def test_drag_takes_its_share_of_the_speed(upright):
     left = []
     for settings in ({}, {"surprise": "viscous"}):
         rig = started(SimulatedRig(MAZE, {"rolling_friction_m": 0.0, "wall_grip": upright, **settings}))
@@ -100,7 +100,7 @@ def test_nap_slows_the_ball_one_way_round_alone(seed):
     assert mean == pytest.approx(forwards[2]["coefficient"], rel=0.15)
 
 
-def test_nap_holds_a_ball_that_leans_against_it_and_lets_go_of_one_that_does_not():
+def test_nap_holds_a_ball_in_one_direction():
     """0.4 deg are 0.05 m/s^2, the nap is 0.12."""
     u, moved = math.radians(0.4), []
     for settings in ({"nap_m_s2": 0.12}, {"nap_m_s2": -0.12}):
@@ -111,7 +111,7 @@ def test_nap_holds_a_ball_that_leans_against_it_and_lets_go_of_one_that_does_not
     assert moved[1] > 5e-3
 
 
-def test_a_sticky_part_of_a_ring_slows_and_holds_the_ball_there_alone():
+def test_a_sticky_part_slows_and_holds_the_ball():
     for seed in range(10):
         rig, truth = asked("sticky", seed, **BARE)
         if truth["ring"] == 1:
@@ -156,7 +156,7 @@ def test_a_kerb_takes_its_share_once_where_it_is(way):
     assert speeds[0][past] / speeds[1][past] == pytest.approx(1.0 - truth["loss"], abs=0.02)
 
 
-def test_a_wall_slows_a_ball_that_turns_against_it_by_what_presses_it():
+def test_wall_friction_grows_with_the_force_on_the_wall():
     """The faster it goes round, the more: with the square of the speed."""
     for speed in (0.2, 0.3):
         found = []
@@ -169,7 +169,7 @@ def test_a_wall_slows_a_ball_that_turns_against_it_by_what_presses_it():
         assert found[0] - found[1] == pytest.approx(truth * float(np.mean(v[3:] ** 2)) / OUTER, rel=0.15)
 
 
-def test_a_draught_pushes_towards_one_side_of_the_room_as_a_slope_does():
+def test_a_draught_pushes_as_a_slope_does():
     rig, truth = asked("draught", 3, **BARE)
     size = math.hypot(truth["x"], truth["y"])
     where = math.atan2(truth["y"], truth["x"]) - math.pi / 2  # counter-clockwise is with the wind
@@ -213,7 +213,7 @@ def test_a_wavy_floor_pushes_off_its_crests():
 # -- the seven that are drawn: their true values ---------------------------------------------------------------------
 
 
-def test_a_table_off_level_and_a_hollow_ball_are_told_as_they_pull():
+def test_true_values_of_a_leaning_table_and_a_hollow_ball():
     rig, truth = asked("table", 4, **BARE)
     assert rig.surprise.known_before[1] == {"beta": 0.0, "gamma": 0.0}  # pyright: ignore
     for theta in (0.3, 1.8):
@@ -226,7 +226,7 @@ def test_a_table_off_level_and_a_hollow_ball_are_told_as_they_pull():
     assert ratio == pytest.approx(factor["factor"] * 7.0 / 5.0, rel=0.05)
 
 
-def test_rolling_friction_a_magnet_and_a_saddle_are_told_as_they_push():
+def test_true_values_of_friction_magnet_and_saddle():
     rough, told = asked("friction", wall_grip=0.0, rolling_friction_m=1e-4)
     least = gained(SimulatedRig(MAZE, BARE))[0]  # 1e-5 m of MuJoCo's
     assert (least - gained(rough)[0]) / R == pytest.approx(told["coefficient"], rel=0.08)

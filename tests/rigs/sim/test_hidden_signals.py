@@ -24,7 +24,7 @@ def settled(rig, *u, samples=24):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_servos_go_as_far_as_told_and_follow_the_other_axis_as_told(seed):
+def test_true_values_of_servo_gain_and_coupling(seed):
     rig, gain = asked("gain", seed)
     assert settled(rig, 0.05, -0.04)[0] == pytest.approx([gain["beta"] * 0.05, gain["gamma"] * -0.04], abs=3e-4)
     assert sorted(gain.values()) == [0.85, 1.0]
@@ -51,7 +51,7 @@ def test_one_servo_is_slower_and_swings_as_told():
     assert (truth["beta_natural_frequency"], truth["beta_damping"]) == (26.0, 0.9)
 
 
-def test_commands_are_late_and_small_changes_are_passed_over_as_told():
+def test_true_values_of_command_delay_and_deadband():
     rig, truth = asked("late_command")
     started(rig)
     angles = []
@@ -112,7 +112,7 @@ def test_the_camera_is_turned_shifted_and_scaled_as_told(theta):
     assert seen == pytest.approx(1.025 * true, abs=1e-9)
 
 
-def test_the_lens_bends_a_picture_that_was_turned_scaled_and_shifted_and_leaves_its_noise():
+def test_the_lens_bends_the_scaled_and_shifted_picture():
     rig, truth = asked("lens", camera_scale=1.02, camera_offset_mm=(3.0, -1.0), lens_mm=(5.0, 2.0))
     seen, true = pictured(rig, 0.6)
     centre = complex(truth["x"], truth["y"])
@@ -125,6 +125,6 @@ def test_the_lens_bends_a_picture_that_was_turned_scaled_and_shifted_and_leaves_
     assert noisy - quiet == pytest.approx(5.0 * abs(true) ** 2 * true, abs=1e-9)
 
 
-def test_an_older_picture_is_told_with_the_frames_that_it_is_old_anyway():
+def test_the_true_delay_includes_the_usual_frames():
     _, truth = asked("camera", camera_delay_frames=2)
     assert truth["delay"] == pytest.approx(2.0 / 30.0 + 0.08)

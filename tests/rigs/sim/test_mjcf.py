@@ -106,7 +106,7 @@ def test_openings_have_the_width_of_the_map_at_every_radius(name, opening, place
 
 
 @every_opening
-def test_nothing_reaches_into_an_opening_and_nothing_is_hollow_beside_it(name, opening):
+def test_openings_are_free_and_walls_beside_them_are_solid(name, opening):
     maze = MAZES[name]
     opening = maze.opening(opening)
     wall, half = wall_of(maze, opening), 0.5 * opening.width
@@ -164,7 +164,7 @@ def test_openings_that_nearly_touch_have_a_pillar_between_them():
         assert ray(simulation, [0.0, 0.0], direction) == pytest.approx(16.11e-3, abs=1e-4)
 
 
-def test_each_opening_has_a_plug_of_its_own_whatever_signs_are_in_its_name():
+def test_each_opening_has_its_own_plug():
     maze = load_map("cme")
     names = ["gate.1", "gate+1", "gate_1", 'a<"&b', "ä 1"]
     renamed = tuple(replace(o, name=name) for o, name in zip(maze.openings, names, strict=False))

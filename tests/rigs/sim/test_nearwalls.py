@@ -53,7 +53,7 @@ def test_it_goes_the_same_way(ring):
     assert same_way(CME, TOY, ring, 0.4, drawn(CME, 60)) >= 2  # the floor, and a wall
 
 
-def test_it_goes_the_same_way_among_radial_walls_and_with_a_pull():
+def test_it_goes_the_same_way_among_radial_walls():
     maze = load_map("detour")
     settings = SimulatedSettings(magnet_m_s2=0.5, magnet_mm=(40.0, 20.0), contact_damping_ratio=0.5)
     assert same_way(maze, settings, 2, 1.0, drawn(maze, 60, 1)) >= 2

@@ -51,7 +51,7 @@ def test_commands_on_their_way_belong_to_the_moment():
     assert not np.array_equal(follow(rig, 10), once)
 
 
-def test_the_ball_is_where_and_as_it_was_put_though_the_plate_turns():
+def test_the_ball_is_put_while_the_plate_turns():
     rig = turning_rig()
     before = rig.truth()
     assert np.any(np.abs(rig.machine.data.qvel[:2]) > 0.1)

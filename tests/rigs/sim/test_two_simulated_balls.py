@@ -70,7 +70,7 @@ def test_each_goes_as_alone_while_they_do_not_touch():
     assert math.dist(seen[1], (TWO.track_radius(1) * math.cos(0.4 + math.pi), seen[1][1])) > 0.005  # it rolled
 
 
-def test_the_noise_of_the_first_ball_has_the_spread_of_the_other():
+def test_both_balls_have_the_same_noise():
     rig = begun(TWO, SimulatedSettings(camera_noise_mm=0.5))
     off = []
     for _ in range(300):
@@ -82,7 +82,7 @@ def test_the_noise_of_the_first_ball_has_the_spread_of_the_other():
 
 
 @pytest.mark.parametrize("setting", [{"warp_mm": 1.0}, {"drag_per_s": 0.5}, {"kerb_loss": 0.2}])
-def test_what_a_rig_has_for_one_ball_is_refused_with_two(setting):
+def test_forces_on_one_ball_are_refused_with_two(setting):
     with pytest.raises(SettingsError, match="balls: got 2, expected 1"):
         SimulatedRig(TWO, SimulatedSettings(**setting))
     SimulatedRig(CME, SimulatedSettings(**setting))
@@ -140,7 +140,7 @@ def test_one_ball_is_glued_and_the_other_rolls():
     assert math.dist(*[(each.others[0].x, each.others[0].y) for each in (first, last)]) < 1e-3
 
 
-def test_a_fault_of_a_ball_that_is_not_there_is_refused():
+def test_a_fault_of_a_missing_ball_is_refused():
     with pytest.raises(SettingsError, match=r"got 2, expected at most 1 on this map") as told:
         begun(CME, replace_with(faults=(Fault(kind="push", at_s=0.0, ball=2),)))
     assert told.value.key == "faults[0].ball"

@@ -21,7 +21,7 @@ def simulation():
 
 
 @pytest.mark.parametrize("wall", WALLS, ids=lambda wall: wall.name)
-def test_a_wall_is_where_the_map_has_it_all_across_the_ring(simulation, wall):
+def test_radial_walls_are_where_the_map_has_them(simulation, wall):
     ring, c, s = MAZE.ring(wall.ring), math.cos(wall.angle), math.sin(wall.angle)
     for r in np.linspace(ring.inner_radius + 1e-4, ring.outer_radius - 1e-4, 9):
         for side in (-1.0, 1.0):
@@ -41,7 +41,7 @@ def rig():
 
 @pytest.mark.parametrize("index", [0, 2])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_ball_that_is_pushed_against_a_wall_comes_to_rest_there(rig, index, side):
+def test_a_ball_pushed_against_a_wall_rests_there(rig, index, side):
     wall = WALLS[index]
     rig.reset(ring=wall.ring, theta=wall.angle + side * 0.4, rng=np.random.default_rng(1))
     c, s, pull = math.cos(wall.angle), math.sin(wall.angle), -side * MAZE.tilt_limit
@@ -54,7 +54,7 @@ def test_a_ball_that_is_pushed_against_a_wall_comes_to_rest_there(rig, index, si
     assert across == pytest.approx(0.5 * wall.thickness + MAZE.ball.radius, abs=5e-4)
 
 
-def test_a_ball_that_would_be_placed_in_a_wall_lies_beside_it(rig):
+def test_no_ball_is_placed_in_a_wall(rig):
     wall = WALLS[0]
     rig.reset(ring=wall.ring, theta=wall.angle - 0.02, rng=np.random.default_rng(1))
     seen = rig.observe()
