@@ -160,7 +160,8 @@ def _words(effect: Entry) -> str:
         unit = f" {p['unit']}" if p["unit"] not in ("", "1") else ""
         sure = f"{p['value']:.4g} +- {p['stderr']:.2g}{unit}" if p.get("determined", True) else "not determined"
         numbers.append(f"{name} {sure}")
-    return f"{effect['name'].replace('_', ' ')} ({', '.join(numbers)})"
+    where = f" of {effect['on']}" if "on" in effect else ""
+    return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(numbers)})"
 
 
 def _rounded(value: float, digits: int = 6) -> float | None:
@@ -181,7 +182,10 @@ def diagnose_motion(
     tell("scores")
     level = _judged(search, finding)
     base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
-    before, after = (_score(search, trial, fit, level) for trial, fit in ((finding.base, base), (finding.final, final)))
+    places = [system.positions.index(system.on[name]) for name in finding.found if name in system.on]
+    shown = (*places, 0)[0]  # the coordinate of the free run
+    pairs = ((finding.base, base), (finding.final, final))
+    before, after = (_score(search, trial, fit, level, shown) for trial, fit in pairs)
     remaining = finding.final.rms(level)
     without = {
         name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
@@ -243,13 +247,11 @@ def _whole(search: Search, trial: Trial, level: int) -> Fit:
     return windows.fit(one.values, one.free, np.concatenate([one.states, two.states])[order])
 
 
-def _score(search: Search, trial: Trial, fit: Fit, level: int) -> MotionScore:
-    nrmse = _relative(search, trial, level)
-    record = search.model.record
-    unit = search.model.system.units[0]
-    return MotionScore(
-        nrmse, free_run(search.model, fit.values), trial.rms(level), search.levels[level].seconds, record.seconds, unit
-    )
+def _score(search: Search, trial: Trial, fit: Fit, level: int, shown: int) -> MotionScore:
+    nrmse, seconds = _relative(search, trial, level), search.model.record.seconds
+    run = free_run(search.model, fit.values, shown)
+    unit = search.model.system.units[shown]
+    return MotionScore(nrmse, run, trial.rms(level), search.levels[level].seconds, seconds, unit)
 
 
 def _relative(search: Search, trial: Trial, level: int) -> float:
@@ -258,8 +260,8 @@ def _relative(search: Search, trial: Trial, level: int) -> float:
     return math.sqrt(float(np.sum(trial.held[level])) / movement)
 
 
-def free_run(model: Model, values: Values) -> float:
-    """Rms error of the first coordinate over the whole record (each stretch), NaN if the simulation leaves it."""
+def free_run(model: Model, values: Values, coordinate: int = 0) -> float:
+    """Rms error of a coordinate over the whole record (each stretch), NaN if the simulation leaves it."""
     record = model.record
     whole = Windows(model, np.array(record.stretches, dtype=np.int64))
     states = whole.guess
@@ -269,9 +271,9 @@ def free_run(model: Model, values: Values) -> float:
             model, np.array([(a, min(b, c)) for (a, c), (_, b) in zip(parts, record.stretches, strict=True)])
         )
         states, r = windows.settled(values, states)
-    first = windows.coordinate == 0
-    off = float(np.sqrt(np.mean((r[first] * model.noise[0]) ** 2)))
-    y = record.y[:, 0]
+    own = windows.coordinate == coordinate
+    off = float(np.sqrt(np.mean((r[own] * model.noise[coordinate]) ** 2)))
+    y = record.y[:, coordinate]
     return off if off < LOST * float(np.nanstd(y)) else math.nan
 
 
