@@ -97,9 +97,9 @@ def test_passing_at_speed_forgives_the_angle_behind_the_goal():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"theta": -1.0}, "theta: got -1, expected a number >= 0"),
+        ({"theta": -1.0}, "theta: got -1"),
         ({"lean": float("nan")}, "lean"),
-        ({"width_theta": 0.0}, "width_theta: got 0, expected a number > 0"),
+        ({"width_theta": 0.0}, "width_theta: got 0"),
         ({"control": 0.0}, "control"),
     ],
 )
