@@ -13,7 +13,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.user_modules import user_module
-from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
+from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
 from mazeplan.diagnosis.engine.emps import Axis, emps_result, read_drive
 from mazeplan.diagnosis.engine.record import read_record
 from mazeplan.diagnosis.engine.system import System, system_of
@@ -71,6 +71,3 @@ def _declared(declare: Sequence[str], machine: System) -> tuple[Values, list[str
         if name in known:
             raise InputError(f"--declare: got {name} both with and without a value, expected one of the two")
     return known, fitted
-
-
-__all__ = ["MotionDiagnosis", "diagnose_system"]

@@ -21,13 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
+from mazeplan.diagnosis.engine.levels import Level, levels_of, track_of
 from mazeplan.diagnosis.engine.system import Values
-from mazeplan.diagnosis.engine.windows import Fit, Free, Model, Windows, cut, free_of
+from mazeplan.diagnosis.engine.windows import Fit, Free, Model, free_of
 from mazeplan.physics.effect import INPUT
 
-FEWEST_ROWS = 24  # of a window
-LENGTHS = 4  # of windows
-WHOLE = 8  # windows of the greatest length
 CLEAR = 4.0  # standard errors
 BETTER = 2.0  # standard errors of the gain between held-out windows
 WORSE = 0.02  # relative growth of the held-out error that counts as worse
@@ -37,18 +35,7 @@ LOST = 0.5  # error over the movement at which a simulation has left the record
 EQUAL = 0.99  # of the best gain: candidates that the class names first go first
 KEPT = 3  # candidates that are fitted at all lengths
 MOST = 5  # effects
-SURE = 2.0  # standard errors; a smaller effect is not reported
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
-
-
-@dataclass(frozen=True)
-class Level:
-    """Windows of one length. folds: odd and even windows; movement: rms of the movement in each window, noise units"""
-
-    rows: int
-    seconds: float
-    folds: tuple[Windows, Windows]
-    movement: Array
 
 
 @dataclass(frozen=True)
@@ -91,32 +78,6 @@ class Finding:
     gains: dict[str, float]
     valid: tuple[int, ...]
     levels: tuple[Level, ...]
-
-
-def levels_of(model: Model) -> tuple[Level, ...]:
-    """Windows of several lengths, the shortest first."""
-    record, out = model.record, []
-    longest = max(len(record) // WHOLE, FEWEST_ROWS)
-    for rows in dict.fromkeys(np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()):
-        windows = cut(record, rows)
-        if len(windows) < 4:
-            continue
-        folds = (Windows(model, windows[0::2]), Windows(model, windows[1::2]))
-        movement = np.concatenate([_movement(fold) for fold in folds])
-        seconds = float(np.median(record.t[windows[:, 1] - 1] - record.t[windows[:, 0]]))
-        out.append(Level(rows, seconds, folds, movement))
-    return tuple(out)
-
-
-def _movement(windows: Windows) -> Array:
-    """Sum of squares of each window around its mean."""
-    model, out = windows.model, np.zeros(len(windows.windows))
-    for m, (a, b) in enumerate(windows.windows):
-        for i, noise in enumerate(model.noise):
-            seen = np.flatnonzero(np.isfinite(model.record.y[a:b, i]))
-            y = model.record.y[a:b, i][seen]
-            out[m] += float(np.sum((y - y.mean()) ** 2)) / noise**2
-    return out
 
 
 class Search:
@@ -191,7 +152,7 @@ class Search:
                 costs.append(test.cost)
                 counts.append(test.count)
             if len(folds) == 2:
-                track = _track(self.levels[level], pair)
+                track = track_of(self.levels[level], pair)
             order = slice(None, None, -1) if len(folds) == 2 else slice(None)  # held-out windows in the order of folds
             fits.append((pair[0], pair[-1]))
             held.append(np.concatenate(costs[order]))
@@ -408,12 +369,6 @@ class Search:
             if len(group) > 1:
                 groups.append(tuple(group))
         return tuple(groups)
-
-
-def _track(level: Level, fits: Sequence[Fit]) -> Array:
-    """Simulated states along the record (N, 2 C), each window with its own fit; NaN where there is none."""
-    parts = [w.model.simulate(f.values, w.windows, f.states) for w, f in zip(level.folds, fits, strict=True)]
-    return np.where(np.isfinite(parts[0]), parts[0], parts[1])
 
 
 def _gain(before: Array, after: Array, count: Array, k: float) -> Array:

@@ -8,7 +8,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.diagnosis.engine.windows import Model, cut
+from mazeplan.diagnosis.engine.windows import Model, first_states
 from mazeplan.physics.effect import INPUT
 
 CLEAR = 20.0  # times the noise: differences over a lag that show speeds
@@ -85,8 +85,6 @@ def _no_number(name: str, values: Array, y: Array, v: Array) -> InputError:
 
 def divide(model: Model, values: Values, windows: IntArray) -> None:
     """Divide the steps of the integration until its error is small beside the noise."""
-    from mazeplan.diagnosis.engine.windows import first_states
-
     states, c = first_states(model.record, windows), len(model.noise)
     usual = model.record.step
     longer = np.append(np.diff(model.record.t), usual) / usual
@@ -120,6 +118,3 @@ def thinned(record: Record, most: int, held: Array) -> Record:
     mean = np.diff(total[keep], axis=0) / span
     u = np.vstack([mean, mean[-1:]]) if len(mean) else record.u[keep]
     return Record(record.t[keep], record.y[keep], u, record.notes, means=True)
-
-
-__all__ = ["crude", "cut", "divide", "scales", "thinned"]

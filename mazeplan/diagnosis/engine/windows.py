@@ -20,7 +20,7 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.simulation import LEFT, Problem, simulate
 from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.physics.effect import INPUT, Effect
+from mazeplan.physics.effect import Effect
 
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
@@ -188,8 +188,7 @@ class Windows:
         parts = [np.arange(a, b) for a, b in windows]
         rows = np.concatenate(parts)
         which = np.repeat(np.arange(len(windows)), [len(part) for part in parts])
-        # a shared sample belongs to both neighbours, but one simulation has one row for it: the first of a window is
-        # left out, unless it is the only measurement of the begin; the initial state is free anyway
+        # neighbours share a sample: it counts for the first one
         keep = np.concatenate([np.arange(len(part)) > 0 for part in parts])
         rows, which = rows[keep], which[keep]
         seen = np.isfinite(y[rows])
@@ -400,8 +399,3 @@ def free_of(effects: Sequence[Effect], known: Values) -> Free:
     return tuple(
         (e.name, n) for e in effects for n, p in e.parameters.items() if not p.fixed and n not in known.get(e.name, {})
     )
-
-
-def acts_on_input(effect: Effect) -> bool:
-    """Whether an effect changes the inputs."""
-    return effect.acts == INPUT

@@ -1,0 +1,57 @@
+"""Levels: windows of several lengths that cover a record, in two folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.engine.windows import Fit, Model, Windows, cut
+
+FEWEST_ROWS = 24  # of a window
+LENGTHS = 4  # of windows
+WHOLE = 8  # windows of the greatest length
+
+
+@dataclass(frozen=True)
+class Level:
+    """Windows of one length. folds: odd and even windows; movement: rms of the movement in each window, noise units"""
+
+    rows: int
+    seconds: float
+    folds: tuple[Windows, Windows]
+    movement: Array
+
+
+def levels_of(model: Model) -> tuple[Level, ...]:
+    """Windows of several lengths, the shortest first."""
+    record, out = model.record, []
+    longest = max(len(record) // WHOLE, FEWEST_ROWS)
+    for rows in dict.fromkeys(np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()):
+        windows = cut(record, rows)
+        if len(windows) < 4:
+            continue
+        folds = (Windows(model, windows[0::2]), Windows(model, windows[1::2]))
+        movement = np.concatenate([_movement(fold) for fold in folds])
+        seconds = float(np.median(record.t[windows[:, 1] - 1] - record.t[windows[:, 0]]))
+        out.append(Level(rows, seconds, folds, movement))
+    return tuple(out)
+
+
+def _movement(windows: Windows) -> Array:
+    """Sum of squares of each window around its mean."""
+    model, out = windows.model, np.zeros(len(windows.windows))
+    for m, (a, b) in enumerate(windows.windows):
+        for i, noise in enumerate(model.noise):
+            seen = np.flatnonzero(np.isfinite(model.record.y[a:b, i]))
+            y = model.record.y[a:b, i][seen]
+            out[m] += float(np.sum((y - y.mean()) ** 2)) / noise**2
+    return out
+
+
+def track_of(level: Level, fits: Sequence[Fit]) -> Array:
+    """Simulated states along the record (N, 2 C), each window with its own fit; NaN where there is none."""
+    parts = [w.model.simulate(f.values, w.windows, f.states) for w, f in zip(level.folds, fits, strict=True)]
+    return np.where(np.isfinite(parts[0]), parts[0], parts[1])
