@@ -25,7 +25,6 @@ from mazeplan.core.errors import TreeError
 from mazeplan.core.name_hints import nearest
 
 MOST_NAMES = 200  # maximum number of names in a message
-OPERATORS = {"and": "&&", "or": "||", "not": "!"}
 
 
 @dataclass(frozen=True)
@@ -143,8 +142,6 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
         hint = (
             f"did you mean {near if near in enums else Key(near)}?"
             if near
-            else f"the sign for {key} is {OPERATORS[key]}"
-            if key in OPERATORS
             else f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
         )
         inside = f"inside, {use.node.name} reads {Key(use.name)}{use.at}"

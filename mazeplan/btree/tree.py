@@ -87,17 +87,6 @@ class BehaviorTree:
         """Result of the last tick of each node, in the order of `nodes`; see `snapshot`."""
         return [node.last.name for _, node in self._paths]
 
-    def active_path(self) -> list[str]:
-        """Names from the root to the leaf that is running; empty if no node is running."""
-        path, node = [], self.root
-        while node.status is RUNNING:
-            path.append(node.name)
-            running = [child for child in parts_of(node) if child.status is RUNNING]
-            if not running:
-                break
-            node = running[0]
-        return path
-
 
 def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
     path = f"{above}/{node.name}" if above else node.name

@@ -93,7 +93,6 @@ def _with_includes(part: Part, folder: Path, known: set[Path], library: Path | N
         yield from _with_includes(_parse(path, _read(path)), path.parent, known, library)
 
 
-WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # (words of the parser's message, sign, XML)
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
 
 
@@ -124,10 +123,7 @@ def _parse(path: Path, data: bytes) -> Part:
         if "Excessive depth" in str(problem.msg):  # the parser's own limit is far deeper
             raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
-        hint = next((f"; in XML {sign} is written {word}" for start, sign, word in WRITTEN if start in message), "")
-        raise TreeError(
-            f"not XML: {one_line(message)}{hint or f'; expected {EXPECTED}'}", file=path, line=problem.lineno
-        ) from None
+        raise TreeError(f"not XML: {one_line(message)}; expected {EXPECTED}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # a doctype in an encoding that is not like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
     return Part(root, path, tuple(_stray_text(data)))

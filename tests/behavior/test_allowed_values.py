@@ -131,10 +131,3 @@ def test_the_palette_tells_conditions_from_actions(call):
     out = call("behavior", "palette")[1]
     conditions = {name for name in REGISTRY if f'<Condition ID="{name}"' in out}
     assert conditions == {"BallSeen", "BallsStay", "InRing", "FailureIs"}
-
-
-def test_a_folder_is_called_one(call, tmp_path):
-    (tmp_path / "trees").mkdir()
-    code, _, err = call("behavior", "check", "trees")
-    assert code == 2
-    assert err.startswith("mazeplan: trees: got a folder, expected an XML file or one of ")

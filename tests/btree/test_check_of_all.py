@@ -8,8 +8,7 @@ import pytest
 from commands import call as run_command
 from tree_checks import HEAD, Still, found_in, lines_of, main
 
-from mazeplan.behavior.own_nodes import Registry, registry_with
-from mazeplan.behavior.registry import REGISTRY
+from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import check_file, load_tree
 from mazeplan.core.errors import TreeError
 
@@ -93,13 +92,6 @@ def test_both_thresholds_of_a_parallel_are_told_at_once():
         "success_count: got 3, expected at most its number of children, 1; "
         "failure_count: got 2, expected at most its number of children, 1"
     )
-
-
-def test_an_unknown_node_may_be_one_of_ones_own():
-    (error,) = found_in(main("<Qzxwv/>")).errors
-    assert error.problem.startswith("unknown node 'Qzxwv'; one of your own needs --behavior-module; expected one of")
-    (near,) = found_in(main("<Replam/>")).errors
-    assert near.problem == "unknown node 'Replam'; did you mean Replan? One of your own needs --behavior-module"
 
 
 def test_what_is_too_long_is_shortened_everywhere():
@@ -280,19 +272,6 @@ def test_scripts_that_do_something_are_no_mistake():
     assert not found.errors
 
 
-def test_a_word_for_an_operator_is_answered_with_its_sign():
-    (error,) = found_in(main('<ScriptCondition code="goal == 3 and goal == 2"/>')).errors
-    assert error.problem == "code: nothing sets {and}; the sign for and is &&"
-
-
-def test_a_slip_in_the_name_of_an_enum_is_answered_with_the_enum():
-    registry, text = Registry(REGISTRY, {"BLUE": 1}), HEAD + main("{}") + "</root>"
-    (error,) = check_file(text.format('<ScriptCondition code="goal == BLEU"/>'), registry, Still()).errors
-    assert error.problem == "code: nothing sets {BLEU}; did you mean BLUE?"
-    (error,) = check_file(text.format('<InRing ring="{BLEU}"/>'), registry, Still()).errors  # no script
-    assert "BLUE" not in error.problem
-
-
 def test_a_file_of_another_format_has_one_mistake():
     for head in ('<root BTCPP_format="3">', "<root>", "<Main>"):
         text = f'{head}<BehaviorTree ID="Main"><Replan/></BehaviorTree></{head[1:5]}>'
@@ -329,11 +308,3 @@ def test_a_subtree_that_is_not_there_is_answered_with_what_to_do():
     assert "got 'Travel', expected one of Main" in error.problem
     (error,) = found_in(main("<SubTree/>")).errors
     assert error.problem == "SubTree: ID is missing, expected one of Main"
-
-
-@pytest.mark.parametrize(
-    ("code", "hint"), [("a && b", "in XML & is written &amp;"), ("a < 2", "in XML < is written &lt;")]
-)
-def test_a_sign_that_xml_takes_for_its_own_is_answered_with_how_it_is_written(code, hint):
-    with pytest.raises(TreeError, match=f"{hint}$"):
-        found_in(main(f'<ScriptCondition code="{code}"/>'))

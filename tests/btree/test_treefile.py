@@ -261,7 +261,7 @@ def test_packaged_trees_can_be_drawn(tmp_path, name):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_active_path_and_halt(tmp_path):
+def test_halt(tmp_path):
     class Wait(Leaf):
         """Never ends."""
 
@@ -275,9 +275,7 @@ def test_active_path_and_halt(tmp_path):
 
     registry = {**LEAVES, "Wait": Wait}
     tree = load(tmp_path, main('<Sequence name="s"><Say word="a"/><Wait name="w"/></Sequence>'), registry)
-    assert tree.active_path() == []
     assert tree.tick() is Status.RUNNING
-    assert tree.active_path() == ["s", "w"]
     assert ("s/w", "RUNNING") in tree.snapshot()
     tree.halt()
     tree.halt()
