@@ -226,7 +226,7 @@ def _written(use: Use) -> Any:
 def _refused(reads: Iterable[Use], constants: Mapping[Home, list[_Constant]]) -> Iterator[TreeError]:
     """Errors at nodes that give a key nothing but constants with which a node that reads the key cannot be ticked."""
     for use in reads:
-        given = constants.get(use.home, ())
+        given = constants.get(use.home, list[_Constant]())
         if isinstance(use.node.values.get(use.attribute), Key):
             problems = [_problem(use, one) for one in given]
             if problems and all(problems):
