@@ -17,12 +17,16 @@ WHOLE = 8  # windows of the greatest length
 
 @dataclass(frozen=True)
 class Level:
-    """Windows of one length. folds: odd and even windows; movement: rms of the movement in each window, noise units"""
+    """Windows of one length.
+
+    folds: odd and even windows; movement, bend: sum of squares of each window around its mean and around a straight
+    line, over the noise. Free initial states explain a line without any force."""
 
     rows: int
     seconds: float
     folds: tuple[Windows, Windows]
     movement: Array
+    bend: Array
 
 
 def levels_of(model: Model) -> tuple[Level, ...]:
@@ -34,20 +38,21 @@ def levels_of(model: Model) -> tuple[Level, ...]:
         if len(windows) < 4:
             continue
         folds = (Windows(model, windows[0::2]), Windows(model, windows[1::2]))
-        movement = np.concatenate([_movement(fold) for fold in folds])
+        movement, bend = (np.concatenate([_around(fold, degree) for fold in folds]) for degree in (0, 1))
         seconds = float(np.median(record.t[windows[:, 1] - 1] - record.t[windows[:, 0]]))
-        out.append(Level(rows, seconds, folds, movement))
+        out.append(Level(rows, seconds, folds, movement, bend))
     return tuple(out)
 
 
-def _movement(windows: Windows) -> Array:
-    """Sum of squares of each window around its mean."""
+def _around(windows: Windows, degree: int) -> Array:
+    """Sum of squares of each window around a polynomial, over the noise."""
     model, out = windows.model, np.zeros(len(windows.windows))
     for m, (a, b) in enumerate(windows.windows):
         for i, noise in enumerate(model.noise):
             seen = np.flatnonzero(np.isfinite(model.record.y[a:b, i]))
-            y = model.record.y[a:b, i][seen]
-            out[m] += float(np.sum((y - y.mean()) ** 2)) / noise**2
+            t, y = model.record.t[a:b][seen], model.record.y[a:b, i][seen]
+            left = y - np.polynomial.Polynomial.fit(t, y, degree)(t)
+            out[m] += float(np.sum(left**2)) / noise**2
     return out
 
 

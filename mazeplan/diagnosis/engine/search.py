@@ -256,7 +256,8 @@ class Search:
             better |= good
             sure |= good and clear
             worth |= good and clear and self._worth(before, after, i)
-            worse |= after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
+            explains = np.sum(before.held[i]) < LOST**2 * np.sum(self.levels[i].bend)  # else there is nothing to lose
+            worse |= explains and after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
         if self._within_a_sample(after, name, valid):
             return total, "it is shorter than a sample: how inputs are held between samples does the same"
         if not better:
