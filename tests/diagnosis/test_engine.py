@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from machines import Pendulum, Slider, play
+from machine_records import Pendulum, Slider, play
 
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table_checks import Rows

@@ -272,9 +272,9 @@ class Windows:
         fewer = self.sums(s * s) < self.sums(r * r)
         return np.where(fewer[:, None], others, states), np.where(fewer[self.which], s, r)
 
-    def fit(self, values: Values, free: Free, states: Array | None = None, most: int = ITERATIONS) -> Fit:
-        """Fit free parameters and all initial states."""
-        states, r = self.settled(values, states, 1)
+    def fit(self, values: Values, free: Free, near: Array | None = None, most: int = ITERATIONS) -> Fit:
+        """Fit free parameters and all initial states, from initial states near (M, 2 C) or the first guess."""
+        states, r = self.settled(values, near, 1)
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
         weight, cost, p = 1e-3, _sum(r), np.array([values[e][n] for e, n in free])
