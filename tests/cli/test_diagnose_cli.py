@@ -253,7 +253,7 @@ def test_the_result_names_the_ring_and_how_to_separate_two_effects():
     ("arguments", "message"),
     [
         (("--declare", "viscous_friction"), "got 'viscous_friction', expected EFFECT.PARAM=VALUE, such as"),
-        (("--radius", "92.5"), "--radius: got 92.5, expected 0.002 to 2 m; the unit is m: did you mean 0.0925?"),
+        (("--radius", "92.5"), "--radius: got 92.5, expected 0.002 to 2 m"),
         (("--declare", "magic.size=1"), "--declare: got effect 'magic', expected one of rolling_inertia"),
         (("--declare", "viscous_friction.size=1"), "got parameter 'size' of viscous_friction, expected one of coeff"),
         (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),

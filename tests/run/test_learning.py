@@ -175,7 +175,7 @@ def test_worn_is_the_toy_until_it_changes():
 @pytest.mark.parametrize(
     ("change", "said"),
     [("{from_run: 0}", "from_run"), ("{wall_grip: 0.1}", "missing"), ("{from_run: 2, grip: 1}", "wall_grip"),
-     ("{from_run: 2, wall_grip: 9}", "less than or equal to 2"), ("7", "settings as")],
+     ("{from_run: 2, wall_grip: 9}", "less than or equal to 2"), ("7", "got 7, expected a mapping")],
 )  # fmt: skip
 def test_a_change_that_cannot_be_is_refused_at_its_line(monkeypatch, capsys, tmp_path, change, said):
     file = tmp_path / "rig.yaml"

@@ -67,12 +67,14 @@ def draw_mistake(problem: InputError, source: Path, path: Path) -> None:
     """Write a picture with the message and the line of the file that it is about."""
     from matplotlib.figure import Figure
 
+    from mazeplan.core.palette import COLOURS
+
     words = textwrap.fill(str(problem), WIDTH)
     lines = source.read_text(encoding="utf-8", errors="replace").splitlines() if source.is_file() else []
     if problem.line is not None and problem.line <= len(lines):
         words += f"\n\n{problem.line}: {textwrap.shorten(lines[problem.line - 1].strip(), WIDTH)}"
     figure = Figure(figsize=(6.0, 6.0))
-    figure.text(0.05, 0.95, words, va="top", family="monospace", fontsize=8, color="#7A2000", parse_math=False)
+    figure.text(0.05, 0.95, words, va="top", family="monospace", fontsize=8, color=COLOURS["bad"], parse_math=False)
     figure.savefig(path, dpi=300)
 
 

@@ -139,14 +139,13 @@ class ComparedRing(Document):
     nrmse_train: Scores
     nrmse_test: Scores
     rollout: dict[str, Scores]
-    interval95: dict[str, dict[str, Row | None]] = {}
+    interval95: dict[str, dict[str, tuple[Number, Number] | None]] = {}
     bands: dict[str, dict[str, Row]] = {}
     residual: ResidualDocument | None = None
 
     def interval(self, score: str, kind: str) -> tuple[float, float] | None:
         """Ends of the 95 % interval of a score; None if the document has none."""
-        found = self.interval95.get(score, {}).get(kind)
-        return None if found is None else (float(found[0]), float(found[1]))
+        return self.interval95.get(score, {}).get(kind)
 
 
 Comparison = Mapping[int, ComparedRing]  # by ring

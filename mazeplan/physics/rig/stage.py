@@ -75,7 +75,7 @@ class StageAxis:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}")
+                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip())
 
     @classmethod
     def prompt(cls, gain: float = 1.0, dead_time: float = 0.0, offset: float = 0.0) -> StageAxis:
