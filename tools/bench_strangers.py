@@ -88,7 +88,8 @@ def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, fold
         began = time.process_time()
         done = learn([read_table(first)], maze, "pi")
         save_model(done.model, model)
-        save_reference(done.reference, done.model, model)
+        if done.reference is not None:
+            save_reference(done.reference, done.model, model)
         out["learn_s"] = round(time.process_time() - began, 1)
     known = load_model(model)
     table = read_table(record(rig, change, seed, folder, maze))
