@@ -95,6 +95,7 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "On whose data?": (
         Pick("models", 0, ("pi", "np", "sp"), "published rig, {0}: nRMSE, train / test"),
         Pick("models", 1, ("pi", "np", "sp"), "published rig, {0}: rad after 20 / 40 samples"),
+        Pick("machines", 0, ("finding", "right", "CPU s"), "machine of others: {0}"),
         Pick("diagnose", 1, ERRORS, "published rig, {0}: nRMSE with all named effects"),
         Pick("diagnose", 0, ("finding", *ERRORS), "log with one undeclared effect, {0}: rad after 40 samples"),
         Pick("diagnose", 2, ERRORS, "drive axis, force error: {0}"),
