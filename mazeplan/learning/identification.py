@@ -51,6 +51,7 @@ MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
 FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
+LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; correlation with the other axis's command that only exchanged tilts have
 LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
 
@@ -233,6 +234,18 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
 
 
+def _check_axes(table: Table) -> None:
+    """Raise ValueError if each measured tilt follows the command of the other axis, with any lag up to LAG_S."""
+    angles = np.nan_to_num(np.column_stack([table["beta"], table["gamma"]]))
+    commands = np.column_stack([table["u_beta"], table["u_gamma"]])
+    most = np.zeros((2, 2))  # largest correlation of each angle (row) with each command
+    for lag in range(round(LAG_S / table.dt)):
+        both = np.corrcoef(angles[lag:], commands[: len(commands) - lag], rowvar=False)
+        most = np.maximum(most, np.nan_to_num(np.abs(both[:2, 2:])))
+    if min(most[0, 1], most[1, 0]) > EXCHANGED > max(most[0, 0], most[1, 1]):
+        raise ValueError("beta follows u_gamma and gamma follows u_beta: are the two measured tilts exchanged?")
+
+
 def _check_follows(ring: int, factor: float) -> None:
     """Raise ValueError if the ball does not follow the tilt as a ball should."""
     allowed = rolling_inertia.parameters["factor"]
@@ -291,6 +304,7 @@ def fit_rig(
     progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     if stage is None:
+        _check_axes(table)
         beta, gamma = (fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
         stage = StageModel(beta.axis, gamma.axis)
     else:

@@ -148,6 +148,7 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
         (["log.mcap", "--most", "10"], "--most"),
         (["log.mcap", "--map", "none.yaml"], "none.yaml"),
         (["swapped.csv"], "swapped.csv: ring 2: the ball does not follow the tilt: its acceleration is -"),
+        (["exchanged.csv"], "exchanged.csv: beta follows u_gamma and gamma follows u_beta"),
         (["short.csv"], "short.csv: got 20 samples, expected at least 60: record for longer"),
         (["none.mcap"], "none.mcap: no such file"),
         (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
@@ -167,6 +168,8 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
     given = read_table(log)
     swapped = {"x": given["y"], "y": given["x"], **{name: given[name] for name in ("t", "beta", "gamma", *COMMANDS)}}
     write_csv(Table(swapped), log.parent / "swapped.csv")
+    exchanged = {name: given[name] for name in ("t", "x", "y", *COMMANDS)}
+    write_csv(Table(exchanged | {"beta": given["gamma"], "gamma": given["beta"]}), log.parent / "exchanged.csv")
     write_csv(Table({name: column[:20] for name, column in swapped.items()}), log.parent / "short.csv")
     assert said in refused("learn", *arguments, "-o", "model")
     assert not (log.parent / "model").exists()

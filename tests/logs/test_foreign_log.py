@@ -51,6 +51,17 @@ def test_a_foreign_file_is_one_line_that_names_what_was_expected(tmp_path, conte
     assert "\n" not in str(caught.value)
 
 
+def test_a_whole_file_of_another_program_is_not_damaged(tmp_path):
+    path = tmp_path / "robot.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        writer.add_message(writer.register_channel("/odom", "cdr", 0), 0, b"\x00\x01\x00\x00", 0)
+        writer.finish()
+    with pytest.raises(LogError, match="without the header of a run .encoding cdr., expected a run log"):
+        read_log(path)
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [

@@ -147,6 +147,9 @@ class Chunks:
                 found.append(Encoded(topic, ns, data[begin + MESSAGE.size : end]))
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(data[begin:end]))
+            if channel.message_encoding != "json":  # a whole file of another program, such as a bag of ROS 2
+                got = f"an MCAP file without the header of a run (encoding {channel.message_encoding})"
+                raise LogError(f"got {got}, expected {EXPECTED}", file=self.path)
             self._topics[channel.id] = channel.topic
 
 
