@@ -59,7 +59,7 @@ def read_tree(source: str | Path) -> TreeFile:
     if not path.is_file():
         raise TreeError(file_kinds.refused(path, f"an XML file or {one_of(tree_names(), path.name)}"), file=path)
     if file_kinds.got(path) not in ("XML", "HTML", "text"):
-        raise TreeError(file_kinds.refused(path, treefile.EXPECTED), file=path)
+        raise TreeError(file_kinds.refused(path, treefile.EXPECTED), file=path, line=1)
     return treefile.read_tree(path, library)
 
 

@@ -117,7 +117,6 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypat
     assert reference is not None
     assert body is not None
     assert body.ball == reference.body.model.ball
-    assert document["body"]["rolling"]["value"] == body.ball.rolling
     assert document["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
     assert "ring2" in document["scores"]["nrmse_test_sp"]
     for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d? %  left 0:00:\d\d"):

@@ -222,7 +222,9 @@ def test_rich_and_numpy_are_imported_only_when_used():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", [("log", "info"), ("report", "-o", "page.html", "--force"), ("map", "show", "--log")])
+@pytest.mark.parametrize(
+    "words", [("log", "info"), ("report", "-o", "page.html", "--force"), ("map", "show", "--force", "--log")]
+)
 def test_reading_a_log_is_shown_on_a_terminal_only(words, tmp_path, monkeypatch):
     log = tmp_path / "of_half_an_hour.mcap"
     planar(log, start=4)

@@ -60,7 +60,7 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
     for number in numbers:
         assert number in page.replace("\u00a0", " "), number
     for ending in ("svg", "png"):
-        assert len(list((tmp_path / "pictures").glob(f"*.{ending}"))) == 5 + 5 + 4 + 3
+        assert len(list((tmp_path / "pictures").glob(f"*.{ending}"))) == 11
 
 
 def test_the_rounds_of_improve(report, tmp_path):

@@ -58,7 +58,7 @@ def test_a_whole_file_of_another_program_is_not_damaged(tmp_path):
         writer.start(profile="ros2")
         writer.add_message(writer.register_channel("/odom", "cdr", 0), 0, b"\x00\x01\x00\x00", 0)
         writer.finish()
-    with pytest.raises(LogError, match=r"without the header of a run .encoding cdr., expected a run log"):
+    with pytest.raises(LogError, match="without the header of a run, expected a run log"):
         read_log(path)
 
 

@@ -31,6 +31,7 @@ from mazeplan.core.errors import LogError
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_LIMIT = 64 * 2**20  # bytes; the longest record of a run log is an attached model
 EXPECTED = "a run log of mazeplan (MCAP)"
+HEADER, NO_RUN = "/header", "got an MCAP file without the header of a run"
 HEAD = struct.Struct("<BQ")  # of a record: operation code, length
 MESSAGE = struct.Struct("<HIQQ")  # of a message: channel, sequence, log time, publish time
 DAMAGE = (McapError, ValueError, KeyError, RecursionError, struct.error)  # what damaged bytes raise
@@ -86,6 +87,8 @@ class Chunks:
             for topic, _, data in messages:
                 found.append((topic, _document(data)))
         except DAMAGE as problem:
+            if HEADER not in self._topics.values():  # a whole file of another program, such as a bag of ROS 2
+                raise LogError(f"{NO_RUN}, expected {EXPECTED}", file=self.path) from None
             raise self._damaged(_one_line(problem), len(found)) from None
         return found
 
@@ -147,9 +150,6 @@ class Chunks:
                 found.append(Encoded(topic, ns, data[begin + MESSAGE.size : end]))
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(data[begin:end]))
-            if channel.message_encoding != "json":  # a whole file of another program, such as a bag of ROS 2
-                got = f"an MCAP file without the header of a run (encoding {channel.message_encoding})"
-                raise LogError(f"got {got}, expected {EXPECTED}", file=self.path)
             self._topics[channel.id] = channel.topic
 
 

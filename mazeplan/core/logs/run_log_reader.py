@@ -18,7 +18,7 @@ import numpy as np
 from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
-from mazeplan.core.logs.chunks import EXPECTED, Chunks, Document, Encoded
+from mazeplan.core.logs.chunks import EXPECTED, HEADER, NO_RUN, Chunks, Document, Encoded
 from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Array, TreeOutline
 
@@ -157,9 +157,9 @@ def read_header(path: Path) -> dict[str, Any]:
 
 def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
     """The header among the messages of a log. Raises LogError without one, or with one of a newer format."""
-    header = next((document for topic, document in messages if topic == "/header"), {})
+    header = next((document for topic, document in messages if topic == HEADER), {})
     if header.get("program") != PROGRAM:
-        raise LogError(f"got an MCAP file without the header of a run, expected {EXPECTED}", file=path)
+        raise LogError(f"{NO_RUN}, expected {EXPECTED}", file=path)
     _check_format(header, path)
     return header
 

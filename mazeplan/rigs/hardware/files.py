@@ -88,12 +88,12 @@ def is_hardware(spec: str) -> bool:
 
 def _settings_kind(path: Path) -> type[HardwareSettings] | None:
     """What validates the settings of a rig on a table; None for another rig's file."""
-    kind = read_rig_file(path)[0]
+    kind, settings = read_rig_file(path)
     if kind is None or ":" not in kind:
         return None
     if kind == "mazeplan.rigs.hardware:HardwareRig":  # without OpenCV, which the class needs
         return HardwareSettings
-    found = getattr(rig_class(kind, {"file": path}), "settings_kind", None)
+    found = getattr(rig_class(kind, {"file": path, "line": settings.tree.line(("class",))}), "settings_kind", None)
     return found if isinstance(found, type) and issubclass(found, HardwareSettings) else None
 
 

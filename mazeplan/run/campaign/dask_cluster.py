@@ -170,6 +170,7 @@ class Dask:
         self, work: Callable[..., Result], tasks: Sequence[Arguments], which: Sequence[int]
     ) -> Iterator[tuple[int, Result | Lost]]:
         from distributed import wait
+        from distributed.client import FuturesCancelledError
 
         expected, running = dict(program()), dict[Any, int]()
         seen = monotonic()  # when there was a worker last
@@ -178,7 +179,8 @@ class Dask:
                 key = f"run-{index}-{uuid.uuid4().hex}"
                 running[self._client.submit(_do, work, expected, tasks[index], key=key, pure=False)] = index
             while running:
-                with suppress(TimeoutError), self._client.as_current():
+                # the wait ends with cancelled tasks if the scheduler is lost: the check of the workers says so
+                with suppress(TimeoutError, FuturesCancelledError), self._client.as_current():
                     wait(list(running), timeout=POLL_S, return_when="FIRST_COMPLETED")
                 seen = self._checked_workers(seen)
                 for future in [future for future in running if future.status not in ("pending", "lost")]:
