@@ -58,7 +58,7 @@ def learn(
     if device not in DEVICES:
         raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
     if device == "cuda":
-        say("--device cuda: all kinds train on the processor, which is faster for their sizes")
+        say("--device cuda: all kinds train on the processor")
     if kind in NETWORKS:
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
