@@ -247,13 +247,15 @@ class Estimator:
 
     def _acting(self, start: float, end: float) -> list[Piece]:
         """Pieces of the time between start and end, each with the command that acted."""
-        pieces = []
-        commands = list(self._commands)
-        for i, (since, ub, ug) in enumerate(commands):
-            until = commands[i + 1][0] if i + 1 < len(commands) else math.inf
+        pieces, until = list[Piece](), math.inf
+        for since, ub, ug in reversed(self._commands):  # most are older than the start
             a, b = max(since, start), min(until, end)
             if b > a:
                 pieces.append((a, b, (ub, ug)))
+            until = since
+            if since <= start:
+                break
+        pieces.reverse()
         return pieces
 
     # -- ball -----------------------------------------------------------------------------------------------------

@@ -173,6 +173,7 @@ def fit_body(
             new = _stepped(search, x, scores, damping)
             there = search.run(new)
             if there.minus2 < best.minus2:
+                new, there = _further(search, x, new, there)
                 gained, x, best = best.minus2 - there.minus2, new, there
                 damping = max(damping / 10.0, DAMPING[0])
                 break
@@ -188,6 +189,19 @@ def fit_body(
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
     stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
     return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found), search.passes)
+
+
+def _further(search: _Search, x: Array, new: Array, there: Innovations) -> tuple[Array, Innovations]:
+    """The best point on the line from x through `new`, in steps of twice the length.
+
+    Along a bent valley, as of the gains and the friction of a ball at rest, each scoring step is short. A run of the
+    filter costs a fortieth of a gradient."""
+    while True:
+        next_ = np.clip(2.0 * new - x, search.low, search.high)
+        beyond = search.run(next_)
+        if beyond.minus2 >= there.minus2:
+            return new, there
+        new, there = next_, beyond
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:

@@ -34,6 +34,7 @@ FITTED = (  # numbers that are fitted for a reference
 )  # fmt: skip
 REST = tuple(name for name in FITTED if name != "inertia")
 MOST = 18000  # maximum number of pictures: ten minutes
+COARSE = 10.0 * ENOUGH  # of -2 log L; a first fit on half the record ends when a step gains less
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball; its standard error
 SLIDES, FASTEST_ROLLING = 1.2 * LEAST_INERTIA, 0.8  # inertia of a ball that slides; factor of no ball that rolls
@@ -110,14 +111,14 @@ def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyF
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
     change the other numbers, too."""
-    part = alternate(body)
-    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
+    part = alternate(alternate(body))
+    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, enough=COARSE)
     for _ in DELAYS:  # where a plate jumps with its commands, small steps of the delay change nothing
         tried = [with_values(near.model, {"delay": max(near.value("delay") + d, body.soonest)}) for d in DELAYS]
         likeliest = min(tried, key=lambda model: part.innovations(model).minus2)
         if part.innovations(likeliest).minus2 > near.minus2 - ENOUGH:
             break
-        near = fit_body(part, likeliest, REST, enough=ENOUGH)
+        near = fit_body(part, likeliest, REST, enough=COARSE)
     solid = fit_body(body, near.model, REST, enough=ENOUGH)
     free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
     if solid.minus2 - free.minus2 > NEEDED:
