@@ -173,7 +173,7 @@ def fit_body(
             new = _stepped(search, x, scores, damping)
             there = search.run(new)
             if there.minus2 < best.minus2:
-                new, there = _further(search, x, new, there)
+                new, there = _further(search, x, new, there, enough)
                 gained, x, best = best.minus2 - there.minus2, new, there
                 damping = max(damping / 10.0, DAMPING[0])
                 break
@@ -191,17 +191,17 @@ def fit_body(
     return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found), search.passes)
 
 
-def _further(search: _Search, x: Array, new: Array, there: Innovations) -> tuple[Array, Innovations]:
-    """The best point on the line from x through `new`, in steps of twice the length.
+def _further(search: _Search, x: Array, new: Array, there: Innovations, enough: float) -> tuple[Array, Innovations]:
+    """The best point on the line from x through `new`, in steps of twice the length that gain `enough`.
 
     Along a bent valley, as of the gains and the friction of a ball at rest, each scoring step is short. A run of the
     filter costs a fortieth of a gradient."""
     while True:
-        next_ = np.clip(2.0 * new - x, search.low, search.high)
-        beyond = search.run(next_)
-        if beyond.minus2 >= there.minus2:
+        beyond = np.clip(2.0 * new - x, search.low, search.high)
+        innovations = search.run(beyond)
+        if not there.minus2 - innovations.minus2 > enough:  # also where it is not finite
             return new, there
-        new, there = next_, beyond
+        new, there = beyond, innovations
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:
