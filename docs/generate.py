@@ -18,7 +18,6 @@ def pages(folder: Path) -> None:
         "made/figures.md": figures(folder / "history.json"),
         "made/effects.md": effects(),
         "made/faults.md": faults(),
-        "made/surprises.md": surprises(),
         "made/nodes.md": nodes(),
     }
     for name, lines in texts.items():
@@ -106,22 +105,6 @@ def faults() -> Iterator[str]:
             for name, kind in KINDS.items()
         ),
     )  # fmt: skip
-
-
-def surprises() -> Iterator[str]:
-    """Effects that a simulated rig can have, with the keys of its file."""
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.sim.settings import settings_from
-    from mazeplan.rigs.sim.surprise import KINDS, drawn_surprise
-
-    def keys(name: str) -> str:
-        drawn = drawn_surprise(settings_from({"surprise": name}), load_map("cme"))
-        return ", ".join(f"`{key}`" for key in (drawn.changes if drawn else ()))
-
-    how = "`--rig surprise@KIND` has one of them. `mazeplan rig list` explains the keys of a rig's file."
-    yield from ("# What a simulated rig can have", "", how, "")
-    rows = ((f"`{name}`", f"`{kind.effect}`", kind.text, keys(name)) for name, kind in KINDS.items())
-    yield from table(("kind", "effect", "what", "keys"), rows)
 
 
 def nodes() -> Iterator[str]:

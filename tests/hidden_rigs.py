@@ -1,13 +1,14 @@
-"""Rigs with surprises, and balls that are thrown in them, for tests of what a rig may have."""
+"""Rigs with a hidden effect, and balls that are thrown in them, for tests of what a rig may have."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from hidden_effects import hidden_effect
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
@@ -16,15 +17,19 @@ OUTER = MAZE.ring(1).outer_radius - BALL  # where the ball touches the wall
 BARE = {"rolling_friction_m": 0.0, "wall_grip": 0.0}
 
 
+def change_of(kind, seed=0, **settings):
+    return hidden_effect(kind, settings_from(settings), MAZE, seed)
+
+
 def asked(kind, seed=0, **settings):
-    """A rig with a surprise, and its true parameters in ring 1 or where it has its place."""
-    rig = SimulatedRig(MAZE, {"surprise": kind, "surprise_seed": seed, **settings})
-    return rig, rig.surprise.parameters  # pyright: ignore[reportOptionalMemberAccess]
+    """A rig with a hidden effect, and its true parameters in ring 1 or where it has its place."""
+    hidden = change_of(kind, seed, **settings)
+    return SimulatedRig(MAZE, {**settings, **hidden.changes}), hidden.parameters
 
 
-def plain(rig):
-    """The same rig without what its surprise changed."""
-    before = {name: SimulatedSettings.model_fields[name].default for name in rig.surprise.changes}
+def plain(rig, kind):
+    """The same rig without what this kind changed."""
+    before = {name: SimulatedSettings.model_fields[name].default for name in change_of(kind).changes}
     return SimulatedRig(MAZE, rig.settings.model_copy(update=before))
 
 
@@ -63,7 +68,7 @@ def gained(rig, speed=0.1, samples=6, theta=0.1, u=(0.0, 0.0)):
 
 
 def gained_by(kind, speed=0.1, seed=0, **where):
-    """Acceleration that a surprise makes, m/s^2, its mean speed, and its truth."""
+    """Acceleration that a hidden effect makes, m/s^2, its mean speed, and its truth."""
     rig, truth = asked(kind, seed, **BARE)
     with_it, at = gained(rig, speed, **where)
-    return with_it - gained(plain(rig), speed, **where)[0], at, truth
+    return with_it - gained(plain(rig, kind), speed, **where)[0], at, truth

@@ -26,7 +26,6 @@ from bench_drive import drive_section
 from bench_effects import effects_section
 from bench_faults import faults_section
 from bench_growth import growth_section
-from bench_gym import gym_section
 from bench_kit import ROOT, Section
 from bench_logged_runs import loggedruns_section
 from bench_measured import machines_section
@@ -40,7 +39,7 @@ from bench_trees import trees_section
 
 SECTIONS: dict[str, Callable[[bool], Section]] = {
     "drive": drive_section, "realtime": realtime_section, "faults": faults_section,
-    "balls": balls_section, "policy": policy_section, "gym": gym_section, "campaign": campaign_section,
+    "balls": balls_section, "policy": policy_section, "campaign": campaign_section,
     "trees": trees_section, "models": models_section, "strange": strange_section, "drawn": drawn_section,
     "diagnose": diagnose_section, "loggedruns": loggedruns_section, "effects": effects_section,
     "contact": contact_section, "contactplant": contactplant_section, "plant": plant_section,
@@ -103,7 +102,6 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "How fast is the program?": (
         Pick("drive", 1, ("p99 ms (worst run)", "longest ms"), "a tick on {0}"),
         Pick("policy", 1, TOTAL, "learned policy: {0}"),
-        Pick("gym", 0, ("one thread", "two threads"), "samples a second, environments: {0}"),
         Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
     ),
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from bench_kit import BUILD, Section, Table, resumed
+from hidden_effects import KINDS, write_hidden_rig
 
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.surprise import KINDS, SurpriseTruth
 from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.campaign.improve import Options, improve
 
@@ -28,10 +27,10 @@ NEAR = 1.1  # times the healthy rig's time, within which navigation is as good a
 def outcome(kind: str, runs: int, seconds: float) -> dict[str, Any]:
     """What became of one kind of effect."""
     options = Options(runs=runs, seconds=seconds)
-    rig = f"surprise@{kind}"
-    truth: SurpriseTruth = make_rig(rig, load_map(options.map)).surprise  # pyright: ignore[reportAttributeAccessIssue]
     with tempfile.TemporaryDirectory() as folder:
-        (entry,) = improve(rig, Path(folder), options)
+        rig = Path(folder) / "rig.yaml"
+        truth = write_hidden_rig(rig, kind, load_map(options.map))
+        (entry,) = improve(str(rig), Path(folder) / "improved", options)
         done, navigation = entry["diagnosis"], entry["navigation"]
         model = load_model(done["model"]) if done["model"] else None
     names = list(dict.fromkeys(e["name"] for e in done["effects"]))
@@ -112,7 +111,7 @@ def effects_section(quick: bool) -> Section:
         can = "yes" if row["planned"] else "no"
         table.add(row["kind"], row["effect"], can, row["true"], row["found"], error, row["before"], row["after"])
     notes = (
-        f"`mazeplan improve --rig surprise@KIND --seconds {seconds:g} --runs {runs}`: the toy with one hidden change.",
+        f"`mazeplan improve --rig FILE --seconds {seconds:g} --runs {runs}`: the toy with one hidden change.",
         "One record, one round, the same starts before and after, seed 0. Better: more arrive, or as many and sooner.",
         f"As good: all arrive, in at most {NEAR:g} times the time. Errors: each half by what the other half tells.",
     )

@@ -68,7 +68,7 @@ def by_keys(data: Any) -> str:
         return "a model (model.yaml)"
     if {"rings", "openings"} <= keys or {"rings", "ball"} <= keys:
         return "a map"
-    if "class" in keys or {"camera_noise_mm", "tilt_noise_deg", "surprise"} & keys:
+    if "class" in keys or {"camera_noise_mm", "tilt_noise_deg"} & keys:
         return "the file of a rig"
     return "a schedule of faults" if keys - {"format"} == {"faults"} else ""
 

@@ -23,7 +23,6 @@ def register(gymnasium: Any) -> None:
         gymnasium.register(
             ID,
             entry_point="mazeplan.apps.environment.single:CircularMazeEnv",
-            vector_entry_point="mazeplan.apps.environment.vector:CircularMazeVectorEnv",
             max_episode_steps=STEPS,
         )
 

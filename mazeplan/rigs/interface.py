@@ -55,12 +55,10 @@ class RigTraits:
     out_s: a run ends after so many seconds with the ball out of the maze; None: the value of `Setup`.
     balls: number of balls; `reset` places the first, and `Observation.others` has the others.
     ready(): raises SettingsError if the rig cannot be driven yet.
-    begin_run(n): announces run n of a campaign, from 1 on.
     stop(): levels the plate until the next reset; any thread may call it.
     inject(fault): makes the machine fail.
     cannot: kinds of faults that `inject` refuses.
-    truth(), pictured(): true state, and the scene in the last picture, of a simulation.
-    surprise: the effect that a simulated rig hides from the planner."""
+    truth(), pictured(): true state, and the scene in the last picture, of a simulation."""
 
     realtime: bool = True
     latency: Latency | None = None
@@ -68,13 +66,11 @@ class RigTraits:
     out_s: float | None = None
     balls: int = 1
     ready: Callable[[], None] | None = None
-    begin_run: Callable[[int], None] | None = None
     stop: Callable[[], None] | None = None
     inject: Callable[[Any], None] | None = None
     cannot: tuple[str, ...] = ()
     truth: Callable[[], Array] | None = None
     pictured: Callable[[], Array] | None = None
-    surprise: Any = None
 
 
 def traits(rig: object) -> RigTraits:

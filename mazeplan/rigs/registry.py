@@ -1,7 +1,7 @@
 """Makes the rig that `--rig` names: a packaged rig, a YAML file, module:Class, or a rig of an installed package.
 
 An installed package offers a rig by the entry point `mazeplan.rigs`. The entry point names a class or the path of a
-YAML file. The name of a rig with a surprise may end with a seed or a kind: surprise@3, surprise@gain.
+YAML file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 import traceback
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
@@ -23,7 +23,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import FileSettings, placed, read_rig_file
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.sim.settings import SurpriseName, settings_from
+from mazeplan.rigs.sim.settings import settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
@@ -75,7 +75,6 @@ def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec names, or None for a class.
 
     Raises SettingsError for an unknown rig, InputError for an installed rig that is broken."""
-    spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
     if spec == HARDWARE and Path(packaged.name).is_file():  # the user's hardware.yaml comes before the packaged one
         return Path(packaged.name)
@@ -97,44 +96,12 @@ def rig_file(spec: str) -> Path | None:
     raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
 
 
-def seeded(spec: str) -> tuple[str, str | None]:
-    """The spec as its name or file, and the seed or kind of its surprise (None without one)."""
-    found = re.fullmatch(r"(.+)@([0-9]{1,9}|[a-z_]+)", spec)
-    if found is None or (Path(spec).is_file() and found[1] not in rig_names()):
-        return spec, None
-    return found[1], found[2]
-
-
-def with_seed(spec: str, seed: int) -> str:
-    """The spec with a seed for its surprise, if it has a surprise and no seed yet."""
-    path = rig_file(spec)
-    if path is None or seeded(spec)[1] is not None:
-        return spec
-    kind, data = read_rig_file(path)
-    return f"{spec}@{seed}" if kind is None and data.get("surprise") is not None else spec
-
-
 def rig_label(spec: str) -> str:
     """Name in reports: the packaged name, the file's stem, or the class."""
-    path, (name, seed) = rig_file(spec), seeded(spec)
-    if path is None:
-        return spec
-    label = path.stem if Path(name).suffix in (".yaml", ".yml") or Path(name).is_file() else name
-    return label if seed is None else f"{label}@{seed}"
-
-
-def runs_of_change(spec: str) -> list[int]:
-    """Numbers of the runs of a campaign at which the settings of a simulated rig change (`changes`), ascending.
-
-    Empty for other rigs. Raises SettingsError for a file that cannot be used."""
-
     path = rig_file(spec)
     if path is None:
-        return []
-    kind, data = read_rig_file(path)
-    if kind is not None or not data.get("changes"):
-        return []
-    return sorted({change.from_run for change in settings_from(data).changes})
+        return spec
+    return path.stem if Path(spec).suffix in (".yaml", ".yml") or Path(spec).is_file() else spec
 
 
 def rig_model_hint(spec: str) -> str | None:
@@ -179,15 +146,7 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     if TABLE_KEYS & data.keys():
         what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
         raise SettingsError(what, file=path, line=1, key="class")
-    settings, (name, seed) = settings_from(data), seeded(spec)
-    if seed is not None:
-        if settings.surprise is None:
-            raise SettingsError(f"got rig {spec!r}, but {name} has no surprise; expected {name}")
-        if not seed.isdecimal() and seed not in get_args(SurpriseName):
-            ways = one_of(get_args(SurpriseName), seed)
-            raise SettingsError(f"got rig {spec!r}, expected {name}@N with a seed, or {name}@KIND with {ways}")
-        data.update({"surprise_seed": int(seed)} if seed.isdecimal() else {"surprise": seed})
-        settings = settings_from(data)
+    settings = settings_from(data)
     if sense is not None:
         settings = settings.model_copy(update={"sense": sense})
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)

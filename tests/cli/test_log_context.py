@@ -84,7 +84,6 @@ def test_all_logs_of_a_diagnosis_are_of_one_map(tmp_path, option):
     [
         ({"rig": "toy", "map": CME}, None, ["--rig", "toy"], ""),
         ({"rig": "toy", "map": CME}, "x.yaml", ["--rig", "toy", "--map", "x.yaml"], ""),
-        ({"rig": "surprise@4", "map": CME}, None, ["--rig", "surprise@4"], ""),
         ({"rig": "leaning", "rig_given": "runs/leaning.yaml", "map": CME}, None, ["--rig", "runs/leaning.yaml"], ""),
         ({"rig": "leaning", "map": CME}, None, ["--rig", "YOUR_RIG"], "which the log calls leaning"),
         ({"rig": "toy", "map": dump_map(load_map(OTHER))}, None, ["--rig", "toy", "--map", OTHER], ""),

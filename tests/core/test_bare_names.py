@@ -12,7 +12,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.resources import BothWarning
 from mazeplan.learning.modelfile import is_packaged_model, load_model, model_stamp
 from mazeplan.maze.mapfile import find_map, load_map
-from mazeplan.rigs.registry import make_rig, rig_label, seeded
+from mazeplan.rigs.registry import make_rig
 from mazeplan.run.resolve import model_from, model_source, resolve_model
 
 MAZE = load_map("cme")
@@ -48,12 +48,9 @@ def test_folders_of_the_same_names_hide_nothing():
 
 def test_so_do_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("cme", "surprise@3"):
-        (tmp_path / name).write_text("name: other\n")
+    (tmp_path / "cme").write_text("name: other\n")
     with pytest.warns(BothWarning, match=r"the file .* is \./cme"):
         assert find_map("cme").is_relative_to(resources.share("maps"))
-    assert seeded("surprise@3") == ("surprise", "3")
-    assert rig_label("surprise@3") == "surprise@3"
 
 
 @pytest.mark.usefixtures("littered")

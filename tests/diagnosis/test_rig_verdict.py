@@ -12,6 +12,7 @@ import pytest
 from commands import call
 from contacteffects import EFFECTS, changed, truth
 from contactrig import Rig, record
+from hidden_effects import write_hidden_rig
 from planar_rig import PATIENT
 
 import mazeplan
@@ -129,9 +130,10 @@ def test_what_predicts_the_ball_no_better_is_not_called_found(monkeypatch):
 
 @pytest.mark.parametrize(("kind", "effect", "gamma"), [("gain", "servo_gain", 0.85), ("tilt_scale", "tilt_gain", 1.15)])
 def test_runs_show_whether_the_gain_of_servo_or_sensor_has_changed(kind, effect, gamma, tmp_path, monkeypatch, capsys):
-    logs = [str(tmp_path / f"{seed}.mcap") for seed in range(14)]
+    logs, rig = [str(tmp_path / f"{seed}.mcap") for seed in range(14)], tmp_path / "rig.yaml"
+    write_hidden_rig(rig, kind, MAZE)
     for seed, log in enumerate(logs):
-        mazeplan.navigate(1, rig=f"surprise@{kind}", model="toy", seed=seed, log=log, settings=PATIENT)
+        mazeplan.navigate(1, rig=str(rig), model="toy", seed=seed, log=log, settings=PATIENT)
 
     def effects():
         code, out, err = call(monkeypatch, capsys, "diagnose", *logs, "--model", "toy", "--json")
@@ -147,10 +149,11 @@ def test_runs_show_whether_the_gain_of_servo_or_sensor_has_changed(kind, effect,
 
 
 def verdict_on_runs(folder, kind):
-    tables = []
+    tables, rig = [], folder / "rig.yaml"
+    write_hidden_rig(rig, kind, MAZE)
     for seed in range(20):
         log = folder / f"{seed}.mcap"
-        mazeplan.navigate(1, rig=f"surprise@{kind}", model="toy", seed=seed, log=log, settings=PATIENT)
+        mazeplan.navigate(1, rig=str(rig), model="toy", seed=seed, log=log, settings=PATIENT)
         tables.append(read_table(log))
     return verdict_on(join(tables), MAZE, known_reference("toy", load_model("toy"), MAZE))
 

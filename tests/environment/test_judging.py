@@ -8,11 +8,11 @@ import pytest
 from mazeplan.apps.environment.judging import HOLD, LOST, Judge, expected_times
 from mazeplan.apps.environment.senses import HIGH, LOW, NAMES, RATE, Senses
 from mazeplan.apps.environment.task import Task
+from mazeplan.apps.environment.worlds import Samples
 from mazeplan.control.estimation.rim_watch import SAMPLES
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.fleet import Samples
 
 MAZE = load_map("cme")
 ROW = np.array([0])

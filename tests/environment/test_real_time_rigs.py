@@ -63,12 +63,8 @@ def played():
     """Makes an environment that is reset, and the rig in it."""
     made = []
 
-    def make(**options):
-        rig = f"{__name__}:Table"
-        if options:
-            made.append(gymnasium.make_vec(room.ID, num_envs=1, rig=rig, **options))
-        else:
-            made.append(gymnasium.make(room.ID, rig=rig))
+    def make():
+        made.append(gymnasium.make(room.ID, rig=f"{__name__}:Table"))
         made[-1].reset(seed=0)
         return made[-1], made[-1].unwrapped.episodes.world._rigs[0]
 
@@ -110,11 +106,3 @@ def test_the_plate_is_level_after_an_episode(played):
     assert rig.told[-1] == "level"
     time.sleep(PAUSE_S)
     assert rig.reason is None
-
-
-def test_the_plate_goes_level_when_one_of_many_is_truncated(played):
-    many, rig = played(max_episode_steps=2)
-    many.step(STILL[None])
-    assert rig.told[-1] == "command"
-    many.step(STILL[None])
-    assert rig.told[-1] == "level"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden_effects import write_hidden_rig
 
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
@@ -97,13 +99,15 @@ def test_a_late_command_is_predicted_with_the_body(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_uneven_floor_is_predicted():
-    settings = make_rig("surprise@ripple", MAZE).settings
+def test_an_uneven_floor_is_predicted(tmp_path):
+    rig = str(tmp_path / "rig.yaml")
+    write_hidden_rig(Path(rig), "ripple", MAZE)
+    settings = make_rig(rig, MAZE).settings
     n, crest, size = settings.ripple_waves, math.radians(settings.ripple_deg), settings.ripple_m_s2
     waves = floor_ripple(float(n), -size * math.sin(n * crest), size * math.cos(n * crest))
     flat = bodied()
     uneven = replace(flat, body=replace(flat.body, terms=(waves,)))
-    errors = played([estimator_for(MAZE, flat), estimator_for(MAZE, uneven)], rig="surprise@ripple")[30:]
+    errors = played([estimator_for(MAZE, flat), estimator_for(MAZE, uneven)], rig=rig)[30:]
     (blind, slow), (seeing, fast) = np.median(errors, axis=0)
     assert seeing < 0.85 * blind
     assert fast < 0.7 * slow

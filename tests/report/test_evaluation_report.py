@@ -88,11 +88,3 @@ def test_published_times_stand_beside_runs_in_that_maze_only():
     upper, lower = drawn(parts, "arrivals").axes
     assert not upper.texts
     assert [label.get_text() for label in lower.get_yticklabels()] == ["toy"]
-
-
-def test_an_evaluation_has_the_changes_of_its_rig(tmp_path):
-    file = tmp_path / "rig.yaml"
-    file.write_text("model: toy\nchanges:\n- {from_run: 7, wall_grip: 0.1}\n- {from_run: 4, wall_grip: 0.2}\n")
-    assert setup_document(Campaign(2, "worn"))["changes"] == [11]
-    assert setup_document(Campaign(2, str(file)))["changes"] == [4, 7]
-    assert "changes" not in setup_document(Campaign(2, "toy"))

@@ -21,8 +21,8 @@ MAPS = Path(__file__).resolve().parents[2] / "maps"
 
 
 def test_packaged_rigs_are_as_documented():
-    assert rig_names() == ("hardware", "ideal", "rough", "surprise", "toy", "worn")
-    ideal, rough, _, toy, _ = (make_rig(name, MAZE).settings for name in rig_names()[1:])  # pyright: ignore
+    assert rig_names() == ("hardware", "ideal", "rough", "toy")
+    ideal, rough, toy = (make_rig(name, MAZE).settings for name in rig_names()[1:])  # pyright: ignore
     for name in ("camera_noise_mm", "camera_delay_frames", "tilt_noise_deg", "table_x_deg", "ball_lost_probability"):
         assert getattr(ideal, name) == 0
     assert (toy.camera_noise_mm, toy.camera_delay_frames, toy.tilt_noise_deg) == (0.5, 2, 0.05)
@@ -89,7 +89,7 @@ def test_labels_and_model_hints(tmp_path):
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "expected one of hardware, ideal, rough, surprise, toy"),
+        ("nowhere", "expected one of hardware, ideal, rough, toy"),
         ("nowhere.yaml", "no such file"),
         ("no_such_module:Rig", "cannot be imported"),
         ("mazeplan.core.records:Nothing", "has no 'Nothing'"),

@@ -70,7 +70,7 @@ def test_a_table_that_leans_leans_in_all_rings_of_the_new_model():
 
 
 @pytest.mark.slow
-def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
+def test_a_leaning_rig_from_beginning_to_end(tmp_path):
     rig = tmp_path / "rig.yaml"
     rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
     told, doing, far = [], [], []

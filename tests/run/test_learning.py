@@ -18,9 +18,6 @@ from mazeplan.core.records import Doubt, Failure, FailureKind
 from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.learning.online_rig import Lesson, OnlineOptions
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.settings import settings_from
-from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.run.campaign.evaluate import Campaign, run_one
 from mazeplan.run.campaign.online_learning import (
     Learner,
@@ -130,60 +127,6 @@ def test_the_second_run_is_driven_with_what_the_first_taught(small, monkeypatch)
     assert [lesson.run for lesson in lessons] == [1, 2]
     np.testing.assert_array_equal(driven[0].processes[4].alpha, load_model(small).processes[4].alpha)
     assert len(driven[1].processes[4]) > len(driven[0].processes[4])
-
-
-# -- rigs that change ----------------------------------------------------------------------------------------------
-
-
-def test_a_rig_changes_from_a_run_on():
-    settings = settings_from({
-        "rolling_friction_m": 1e-5,
-        "changes": [{"from_run": 5, "rolling_friction_m": 3e-4}, {"from_run": 3, "rolling_friction_m": 2e-4,
-                                                                 "table_x_deg": 1.0}],
-    })  # fmt: skip
-    rig = SimulatedRig(MAZE, settings)
-    seen = {}
-    for run in (1, 2, 3, 4, 5, 9, 1):
-        rig.begin_run(run)
-        rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-        # MuJoCo's own number: the third kind of friction of the floor
-        model = rig.machine.data.model
-        seen[run] = float(model.geom("floor").friction[2]), rig.settings.table_x_deg
-        rig.close()
-    assert [seen[run] for run in (1, 2, 3, 4, 5, 9)] == [
-        (1e-5, 0.0), (1e-5, 0.0), (2e-4, 1.0), (2e-4, 1.0), (3e-4, 1.0), (3e-4, 1.0)
-    ]  # fmt: skip
-
-
-def test_a_campaign_tells_the_rig_the_number_of_its_run(monkeypatch):
-    told = []
-    monkeypatch.setattr(SimulatedRig, "begin_run", lambda self, number: told.append(number))
-    for index in (0, 7):
-        run_one(Campaign(8, "ideal", start=5, goal=5, time_limit=0.2), index)
-    assert told == [1, 8]
-
-
-def test_worn_is_the_toy_until_it_changes():
-    worn, toy = make_rig("worn", MAZE), make_rig("toy", MAZE)
-    assert worn.settings.model_copy(update={"changes": ()}) == toy.settings  # pyright: ignore
-    worn.begin_run(10)  # pyright: ignore
-    assert worn.settings.rolling_friction_m == 5e-5  # pyright: ignore
-    worn.begin_run(11)  # pyright: ignore
-    assert worn.settings.rolling_friction_m == 1.5e-4  # pyright: ignore
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [("{from_run: 0}", "from_run"), ("{wall_grip: 0.1}", "missing"), ("{from_run: 2, grip: 1}", "wall_grip"),
-     ("{from_run: 2, wall_grip: 9}", "less than or equal to 2"), ("7", "got 7, expected a mapping")],
-)  # fmt: skip
-def test_a_change_that_cannot_be_is_refused_at_its_line(monkeypatch, capsys, tmp_path, change, said):
-    file = tmp_path / "rig.yaml"
-    file.write_text(f"wall_grip: 0.3\nchanges:\n- {change}\n")
-    code, _, err = call(monkeypatch, capsys, "evaluate", "--rig", file, "--runs", 1)
-    assert (code, len(err.splitlines())) == (2, 1)
-    assert f"{file}:3: changes[0]" in err
-    assert said in err
 
 
 # -- from the command line -----------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
     ),
     "improve": (
         "Collect, diagnose, update the model, and navigate.",
-        "mazeplan improve --rig surprise --rounds 2 -o runs/improved",
+        "mazeplan improve --rig runs/leaning.yaml --rounds 2 -o runs/improved",
     ),
     "report": (
         "Draw runs, models and diagnoses into one HTML file.",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_json
 
 
 def improve(
@@ -35,27 +35,23 @@ def improve(
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.core.logs.table import read_table
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.interface import traits
-    from mazeplan.rigs.registry import make_rig, with_seed
+    from mazeplan.rigs.registry import make_rig
     from mazeplan.run.campaign import improve as campaign
 
-    maze, spec = load_map(map_), with_seed(rig, seed)
+    maze = load_map(map_)
     own = added_effects(effects).effects
-    make_rig(spec, maze)
-    note_missing_model(spec, model)
+    make_rig(rig, maze)
+    note_missing_model(rig, model)
     options = campaign.Options(rounds, runs, seconds, seed, workers, map_, True, effects)
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
         bar = stack.enter_context(ProgressBar("improving"))
         known = [read_table(log) for log in reference or []]
         shown: dict[str, Any] = {"tell": bar.note, "working": bar.show, "advance": bar.advance}
-        done = campaign.improve(spec, folder, options, model=model, reference=known, own=own, **shown)
+        done = campaign.improve(rig, folder, options, model=model, reference=known, own=own, **shown)
     if output is None:
         for entry in done:
             entry["diagnosis"]["model"] = None
-    answer = traits(make_rig(spec, maze)).surprise
-    if answer is not None:
-        say(f"the answer: {answer.kind} ({answer.effect})")
     if as_json:
         print_json({"rounds": done})
     else:

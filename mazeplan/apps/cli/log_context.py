@@ -127,12 +127,12 @@ def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
 
     map_: the map given with the log. The map cme is the default of `collect` and needs no option."""
     from mazeplan.core.logs.run_log_reader import read_header
-    from mazeplan.rigs.registry import installed_rigs, rig_names, seeded
+    from mazeplan.rigs.registry import installed_rigs, rig_names
 
     header = read_header(log) if file_kinds.got(log) == file_kinds.LOG else {}
     label = str(header.get("rig") or "")
     rig = str(header.get("rig_given") or "")
-    if not rig and (":" in label or seeded(label)[0] in (*rig_names(), *installed_rigs())):
+    if not rig and (":" in label or label in (*rig_names(), *installed_rigs())):
         rig = label
     notes = []
     if not rig:

@@ -3,12 +3,11 @@
 `import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")` (`mazeplan.core.gymnasium_names` registers it).
 
 task.py       the options of an environment
-worlds.py     the rigs of an environment: a fleet of simulated rigs, or any rigs
+worlds.py     the rigs of an environment
 senses.py     memory of measurements, and the observation "state" made from them
 judging.py    rewards, and when an episode ends
 episodes.py   episodes of N rigs, from these parts; also the observation "pixels"
 single.py     the Gymnasium environment with one rig
-vector.py     the Gymnasium environment with many rigs
 expert.py     the planner as a policy
 
 Only this package imports Gymnasium. A program that has not imported mazeplan can name the module instead:

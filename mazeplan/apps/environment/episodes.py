@@ -12,14 +12,13 @@ from gymnasium import spaces
 from mazeplan.apps.environment.judging import Judge, Verdict
 from mazeplan.apps.environment.senses import HIGH, LOW, Senses
 from mazeplan.apps.environment.task import Task
-from mazeplan.apps.environment.worlds import world_of
+from mazeplan.apps.environment.worlds import Samples, rigs_of
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array, IntArray, Observation
 from mazeplan.core.resources import to_install
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.fleet import Samples
 
 OPTIONS = ("start_ring", "start_angle_deg")  # options of reset()
 
@@ -67,12 +66,12 @@ def commands_of(actions: Any, number: int, limit: float) -> Array:
 class Episodes:
     """N rigs with the same task. Calls reset or step some of them, `rows`; the results have one entry for each row."""
 
-    def __init__(self, task: Task, number: int, threads: int | None = None) -> None:
+    def __init__(self, task: Task, number: int) -> None:
         self.task, self.maze = task, load_map(task.map)
         if self.maze.balls > 1:
             raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
         task.starts(self.maze)
-        self.world = world_of(task.rig, self.maze, number, threads)
+        self.world = rigs_of(task.rig, self.maze, number)
         self.rate_hz = self.world.rate_hz
         self._senses = Senses(self.maze, self.rate_hz, number)
         self._judge = Judge(task, self._senses, number)

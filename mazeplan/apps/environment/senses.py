@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mazeplan.apps.environment.worlds import Samples
 from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.sim.fleet import Samples
 
 NAMES = (
     "radius", "cos_theta", "sin_theta", "radial_speed", "tangential_speed", "beta", "gamma", "beta_rate",

@@ -27,7 +27,7 @@ class CircularMazeEnv(gymnasium.Env):
             modes = ", ".join(self.metadata["render_modes"])
             raise SettingsError(f"got {render_mode!r}, expected one of {modes}", key="render_mode")
         self.render_mode = render_mode
-        self.episodes = Episodes(Task.of(options), 1, threads=1)
+        self.episodes = Episodes(Task.of(options), 1)
         self.action_space, self.observation_space = self.episodes.action_space, self.episodes.observation_space
 
     def reset(

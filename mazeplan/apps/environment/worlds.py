@@ -1,11 +1,11 @@
-"""The rigs of environments: a fleet of simulated rigs if it supports them, else rigs that run one after another."""
+"""The rigs of environments. They run one after another."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,41 +14,26 @@ from mazeplan.core.records import Array, IntArray, Observation
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.interface import Rig, check_ready, traits
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.fleet import Fleet, Samples, fits
-from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 
 
-class World(Protocol):
-    """N rigs. Each call resets or steps some of them, `rows`. See `rigs.sim.fleet.Fleet`."""
+@dataclass(frozen=True)
+class Samples:
+    """Samples of N rigs; each field has shape (N,).
 
-    rate_hz: float
+    t: s.
+    x, y: m; NaN for a ball that is not seen.
+    beta, gamma: rad."""
 
-    def reset(
-        self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
-    ) -> Samples:
-        """Place the balls of the rigs `rows`, and return their first samples."""
-        ...
-
-    def step(self, rows: IntArray, commands: Array) -> Samples:
-        """Command tilts (len(rows), 2), rad, to the rigs `rows`, and return their next samples."""
-        ...
-
-    def rest(self, rows: IntArray) -> None:
-        """Level the real rigs of `rows`, whose episodes have ended. They may then wait for any time."""
-        ...
-
-    def pictured(self, row: int) -> Array:
-        """The scene in the picture of the last sample, (5,): see `SimulatedRig.pictured`."""
-        ...
-
-    def close(self) -> None:
-        """Release all rigs."""
-        ...
+    t: Array
+    x: Array
+    y: Array
+    beta: Array
+    gamma: Array
 
 
 class RigRow:
-    """Rigs that run one after another."""
+    """N rigs that run one after another. Each call resets or steps some of them, `rows`."""
 
     def __init__(self, rigs: Sequence[Rig]) -> None:
         self._rigs = list(rigs)
@@ -57,7 +42,7 @@ class RigRow:
     def reset(
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Samples:
-        """See `World`."""
+        """Place the balls of the rigs `rows`, and return their first samples."""
         seen = []
         for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
             self._rigs[row].reset(ring=ring, theta=theta, rng=rng)
@@ -67,7 +52,7 @@ class RigRow:
         return _samples(seen)
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
-        """See `World`. Raises RigError before `reset`."""
+        """Command tilts (len(rows), 2), rad, and return the next samples. Raises RigError before `reset`."""
         seen = []
         if not self._placed.issuperset(rows.tolist()):
             raise RigError("reset() comes first")
@@ -77,7 +62,7 @@ class RigRow:
         return _samples(seen)
 
     def rest(self, rows: IntArray) -> None:
-        """See `World`. Raises RigError if a plate cannot be levelled."""
+        """Level the real rigs of `rows`, whose episodes have ended. Raises RigError if a plate cannot be levelled."""
         for row in rows.tolist():
             self._rest(row)
 
@@ -87,7 +72,7 @@ class RigRow:
             self._rigs[row].level()
 
     def pictured(self, row: int) -> Array:
-        """See `World`. Raises SettingsError for a rig without `pictured`."""
+        """See `SimulatedRig.pictured`. Raises SettingsError for a rig without it."""
         look = traits(self._rigs[row]).pictured
         if look is None:
             raise SettingsError("got pixels, but this rig tells positions only; expected state", key="observation")
@@ -112,13 +97,10 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> World:
+def rigs_of(spec: str, maze: Maze, number: int) -> RigRow:
     """N rigs that a name, file or class describes, with watchdogs. Raises SettingsError or RigError for a rig that
     cannot be used."""
-    rig = make_rig(spec, maze)
-    if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
-        return Fleet(rig.maze, rig.settings, number, threads)
-    guarded = [watched(one, wakes=False) for one in (rig, *(make_rig(spec, maze) for _ in range(number - 1)))]
+    guarded = [watched(make_rig(spec, maze), wakes=False) for _ in range(number)]
     for one in guarded:  # the loop is another program's code
         check_ready(one)
     return RigRow(guarded)

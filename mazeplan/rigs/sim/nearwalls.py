@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from mazeplan.core.constants import GRAVITY
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.records import IntArray
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.mjcf import PLUG_ON, bare_mjcf, mjcf, plug_name
 from mazeplan.rigs.sim.settings import SimulatedSettings
@@ -30,9 +30,9 @@ CELL = 0.004  # m, side of a cell
 FREE = 0.003  # m, minimum distance that the ball may go before a new model is chosen
 FASTEST = 2.0  # m/s, largest speed of a ball; gravity alone gives 0.6
 TILT = 1.5  # the plate swings to at most this many times the tilt limit
-# maximum number of kept models, for one rig and for a fleet. A model has 0.23 MB and takes 0.8 ms to make. The maze cme
-# has 2,800 cells; a run needs about 60
-MOST_MODELS, MOST_OF_FLEET = 128, 4000
+# maximum number of kept models; the newest are kept. A model has 0.23 MB and takes 0.8 ms to make. The maze cme has
+# 2,800 cells; a run needs about 60
+MOST_MODELS = 128
 ARENA = 1 << 21  # bytes of MuJoCo's memory for contacts; the default of MuJoCo would be 14 MB a ball
 BOX = mujoco.mjtGeom.mjGEOM_BOX
 OPEN: frozenset[str] = frozenset()  # no opening has a plug
@@ -43,8 +43,7 @@ class NearWalls:
     """Models of one plate, one for each cell of the floor.
 
     any: a model without walls, whose MjData fit all models.
-    slots: largest number of boxes in a model.
-    most: maximum number of kept models; the newest are kept."""
+    slots: largest number of boxes in a model."""
 
     def __init__(self, text: str, bare: str, maze: Maze) -> None:
         """text: MJCF with all walls. bare: MJCF without walls. See `mjcf`."""
@@ -67,7 +66,6 @@ class NearWalls:
             if name.startswith("geom_") and name not in SEEN_WITH and len(getattr(self.any, name)) == self.any.ngeom
         ]
         self._models: dict[tuple[Any, frozenset[str]], mujoco.MjModel] = {}
-        self.most = MOST_MODELS
 
     def at(self, x: float, y: float, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
         """The model for a ball at x, y, m, in the frame of the room, and for places up to `_free` m away.
@@ -85,19 +83,9 @@ class NearWalls:
         """The model for the present place of the ball."""
         return self.at(data.qpos.item(2), data.qpos.item(3), blocked)
 
-    def at_all(self, places: Array) -> list[mujoco.MjModel]:
-        """The models for balls at places (N, 2), m, in the frame of the room, without plugs."""
-        column, row = np.clip((places + self._half) / CELL, 0.0, self._side - 1.0).astype(np.int64).T
-        return [self._of_cell(cell) for cell in (row * self._side + column).tolist()]
-
     def _of_cell(self, cell: int, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
         model = self._models.get((cell, blocked))
         return self._make(cell, blocked) if model is None else model
-
-    def slow(self, velocities: Array, steps: int) -> np.ndarray:
-        """Whether each ball, with velocities (N, 2), m/s, can use one model for `steps` steps, (N,) bool."""
-        most = steps * self._timestep
-        return np.hypot(velocities[:, 0], velocities[:, 1]) * most + GRAVITY * most * most <= self._free
 
     def step(self, data: mujoco.MjData, steps: int, blocked: frozenset[str] = OPEN) -> None:
         """Simulate `steps` of MuJoCo's steps. For a fast ball, choose the model anew in each step."""
@@ -127,11 +115,11 @@ class NearWalls:
         return model
 
     def _blank(self) -> mujoco.MjModel:
-        """A model without boxes: a new model until `most` are kept, then the oldest one again if nothing else uses it.
+        """A model without boxes: a new one until MOST_MODELS are kept, then the oldest if nothing else uses it.
 
         Reuse avoids holes in the memory of the process, which new models in place of old ones would leave."""
         model = None
-        while len(self._models) >= self.most:
+        while len(self._models) >= MOST_MODELS:
             with suppress(KeyError, RuntimeError, StopIteration):  # another thread was faster
                 model = self._models.pop(next(iter(self._models)))
         if model is None or sys.getrefcount(model) > _ALONE:

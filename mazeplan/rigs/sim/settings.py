@@ -13,12 +13,6 @@ from pydantic import Field
 from mazeplan.maze.sections import Section
 from mazeplan.rigs.files import validated
 
-SurpriseName = Literal[
-    "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
-    "viscous", "air", "push", "drift", "nap", "sticky", "kerb", "draught", "rocking", "unbalanced", "ripple", "wall",
-    "gain", "slow_servo", "coupling", "late_command", "deadband",
-    "tilt_scale", "turned_camera", "shifted_camera", "scaled_camera", "lens",
-]  # fmt: skip
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Scale = Annotated[float, Field(ge=0.3, le=3.0)]
 Share = Annotated[float, Field(ge=-0.5, le=0.5)]
@@ -58,18 +52,6 @@ class Fault(Section):
     direction_deg: float = 0.0
     slew_deg_s: float = Field(default=10.0, ge=0.1, le=2000.0)
     offset_deg: float = Field(default=1.0, ge=-5.0, le=5.0)
-
-
-class Change(Section):
-    """Settings that change in a campaign, from the run `from_run` on; the first run is 1."""
-
-    from_run: int = Field(ge=1)
-    rolling_friction_m: float | None = Field(default=None, ge=0.0, le=1e-3)
-    floor_friction: float | None = Field(default=None, ge=0.0, le=2.0)
-    wall_grip: float | None = Field(default=None, ge=0.0, le=2.0)
-    contact_damping_ratio: float | None = Field(default=None, ge=0.02, le=5.0)
-    table_x_deg: Lean | None = None
-    table_y_deg: Lean | None = None
 
 
 class RigSetup(Section):
@@ -208,17 +190,6 @@ class SimulatedSettings(
     """All keys of a simulated rig's file. The defaults describe an ideal machine."""
 
     faults: tuple[Fault, ...] = ()
-    changes: tuple[Change, ...] = Field(default=(), description="settings that change from some run of a campaign on")
-    surprise: SurpriseName | None = Field(
-        default=None, description="one undeclared effect, by its name; drawn: one of the first seven"
-    )
-    surprise_seed: int = Field(default=0, ge=0, description="seed of the surprise's kind, size and place")
-
-    def in_run(self, number: int) -> SimulatedSettings:
-        """The settings in run `number` of a campaign; the first run is 1."""
-        due = sorted((c for c in self.changes if c.from_run <= number), key=lambda change: change.from_run)
-        changed = {k: v for c in due for k, v in c.model_dump(exclude={"from_run"}).items() if v is not None}
-        return self.model_copy(update=changed) if changed else self
 
 
 def settings_from(data: Mapping[str, Any]) -> SimulatedSettings:

@@ -19,7 +19,6 @@ from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForce
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
-from mazeplan.rigs.sim.surprise import drawn_surprise, surprised
 
 if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
@@ -52,9 +51,7 @@ class SimulatedRig:
         build: Callable[[], Gimbal] | None = None,
     ) -> None:
         self.maze = maze
-        given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
-        self.surprise = drawn_surprise(given, maze)
-        self.settings = self._at_first = surprised(given, maze)
+        self.settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
         self.rate_hz, self.balls = self.settings.rate_hz, maze.balls
         if maze.balls > 1:
             _check_several(self.settings, maze, build)
@@ -62,13 +59,6 @@ class SimulatedRig:
         self._samples = 0
         self._rng = np.random.default_rng(0)
         self._sense: CameraSense | None = None
-
-    def begin_run(self, number: int) -> None:
-        """Use the settings of a run of a campaign (`changes`) from the next `reset` on; the first run is 1."""
-        settings = self._at_first.in_run(number)
-        if settings != self.settings:
-            self.machine.close()
-            self.settings, self.machine = settings, Machine(self.maze, settings)
 
     # -- life -------------------------------------------------------------------------------------------------------
 

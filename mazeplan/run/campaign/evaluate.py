@@ -18,7 +18,7 @@ from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import RigError
 from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
-from mazeplan.rigs.registry import rig_label, runs_of_change
+from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
 from mazeplan.run.campaign.one_run import (
     FIXED_STARTS,
@@ -129,8 +129,7 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
 def setup_document(campaign: Campaign) -> dict[str, Any]:
     """The setup of a campaign, for readers of its document: program, rig, text of the map, and names of the rest.
 
-    Three keys are there only if they apply:
-    changes: numbers of the runs from which on the rig's settings change
+    Two keys are there only if they apply:
     effects: MODULE:FUNCTION of the user
     policy: folder of the policy
     """
@@ -138,8 +137,7 @@ def setup_document(campaign: Campaign) -> dict[str, Any]:
     job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
     header = log_header(setup, job, 0.0)
     names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
-    changes = runs_of_change(campaign.rig)
-    more = {"changes": changes, "effects": campaign.effects, "policy": campaign.policy}
+    more = {"effects": campaign.effects, "policy": campaign.policy}
     return {**{name: header[name] for name in (*names, "time_limit_s")}, **{k: v for k, v in more.items() if v}}
 
 

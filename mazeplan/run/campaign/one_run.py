@@ -23,7 +23,7 @@ from mazeplan.learning.modelfile import RigModel, model_stamp
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import own_effects
-from mazeplan.rigs.interface import Rig, traits
+from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.balls import check_balls, tree_of, with_balls
@@ -159,12 +159,9 @@ def collect_garbage() -> None:
 
 
 def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
-    """The rig for run `index`. A rig with `begin_run` gets the number of the run, from 1 on."""
+    """The rig for run `index`."""
     rig = make_rig(campaign.rig, maze, campaign.sense)
     check_balls(maze, rig, job_of(campaign, index, maze), campaign.policy is not None)
-    begin = traits(rig).begin_run
-    if begin is not None:
-        begin(index + 1)
     return rig
 
 

@@ -27,7 +27,7 @@ from mazeplan.core.user_modules import user_module, user_module_folders
 from mazeplan.learning.modelfile import is_packaged_model
 from mazeplan.maze.mapfile import find_map
 from mazeplan.rigs.files import read_rig_file
-from mazeplan.rigs.registry import rig_file, rig_names, seeded
+from mazeplan.rigs.registry import rig_file, rig_names
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.resolve import model_source
 
@@ -66,16 +66,15 @@ def effect_modules(campaign: Campaign) -> list[str]:
 
 def installed_rig(rig: str) -> Plugin | None:
     """The plug-in of an installed package with the name of this rig; None for any other rig."""
-    name = seeded(rig)[0]
-    if ":" in name or name in rig_names() or Path(name).suffix in (".yaml", ".yml") or Path(name).is_file():
+    if ":" in rig or rig in rig_names() or Path(rig).suffix in (".yaml", ".yml") or Path(rig).is_file():
         return None
-    return plugin(RIGS, name)
+    return plugin(RIGS, rig)
 
 
 def rig_modules(rig: str) -> list[str]:
     """The user's module with the class of a rig; none for a rig of an installed package."""
     path = rig_file(rig)
-    kind = seeded(rig)[0] if path is None else read_rig_file(path)[0]
+    kind = rig if path is None else read_rig_file(path)[0]
     return [kind.partition(":")[0]] if kind is not None and ":" in kind else []
 
 

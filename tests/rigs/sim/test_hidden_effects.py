@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from hidden_rigs import BALL, BARE, MAZE, OUTER, R, asked, gained, gained_by, plain, rolled, started, thrown
+from hidden_effects import KINDS
+from hidden_rigs import BALL, BARE, MAZE, OUTER, R, asked, change_of, gained, gained_by, plain, rolled, started, thrown
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.rigs.sim.fleet import fits
 from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
-from mazeplan.rigs.sim.surprise import KINDS, drawn_surprise
 
 NO_KIND = dict.fromkeys(
     ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
@@ -34,20 +33,13 @@ def test_every_effect_has_a_kind_or_a_reason():
 @pytest.mark.parametrize("name", KINDS)
 def test_true_parameters_are_within_the_bounds_of_the_effect(name):
     for seed in range(5):
-        found = drawn_surprise(settings_from({"surprise": name, "surprise_seed": seed}), MAZE)
-        assert found is not None
-        assert (found.kind, found.effect) == (name, KINDS[name].effect)
+        found = change_of(name, seed)
         assert found.by_ring
         assert found.by_ring.keys() >= found.known_before.keys()
         for values in found.by_ring.values():
             PACKAGED[found.effect](**values)  # raises for unknown names and beyond the bounds
         assert found.by_ring != found.known_before, "something is otherwise"
-        after = SimulatedRig(MAZE, {"surprise": name, "surprise_seed": seed}).settings.model_dump()
-        settings_from({k: v for k, v in after.items() if v is not None})  # within the bounds of the settings
-    assert found.told() == {"effect": found.effect, "parameters": found.parameters}
-
-
-# -- without any -----------------------------------------------------------------------------------------------------
+        settings_from(found.changes)  # within the bounds of the settings
 
 
 # -- what slows and pushes the ball ----------------------------------------------------------------------------------
@@ -56,13 +48,13 @@ def test_true_parameters_are_within_the_bounds_of_the_effect(name):
 @pytest.mark.parametrize("upright", [0.0, 1.0])
 def test_drag_takes_its_share_of_the_speed(upright):
     left = []
-    for settings in ({}, {"surprise": "viscous"}):
+    for settings in ({}, change_of("viscous").changes):
         rig = started(SimulatedRig(MAZE, {"rolling_friction_m": 0.0, "wall_grip": upright, **settings}))
         thrown(rig, 0.15, at=OUTER, upright=upright)
         _, v = rolled(rig, 12)
         left.append(v[-1])
     assert math.log(left[0] / left[1]) / 0.4 == pytest.approx(0.3, rel=0.1)
-    assert rig.surprise.parameters == {"coefficient": 0.3}  # pyright: ignore
+    assert change_of("viscous").parameters == {"coefficient": 0.3}
 
 
 def test_drag_of_air_grows_with_the_square_of_the_speed():
@@ -73,7 +65,7 @@ def test_drag_of_air_grows_with_the_square_of_the_speed():
 
 def test_drag_that_grows_is_larger_later():
     rig, truth = asked("drift", **BARE)
-    other = plain(rig)
+    other = plain(rig, "drift")
     for machine in (rig, other):
         started(machine)
         machine.machine.data.time = 100.0
@@ -145,7 +137,7 @@ def test_a_kerb_takes_its_share_once_where_it_is(way):
             break
     there = truth["angle"] - way * 0.1
     speeds = []
-    for machine in (rig, plain(rig)):
+    for machine in (rig, plain(rig, "kerb")):
         thrown(started(machine, there), way * 0.12, there)
         angle, v = rolled(machine, 6)
         speeds.append(v)
@@ -160,12 +152,12 @@ def test_wall_friction_grows_with_the_force_on_the_wall():
     """The faster it goes round, the more: with the square of the speed."""
     for speed in (0.2, 0.3):
         found = []
-        for settings in ({}, {"surprise": "wall"}):
+        for settings in ({}, change_of("wall").changes):
             rig = started(SimulatedRig(MAZE, {"rolling_friction_m": 0.0, "wall_grip": 1.0, **settings}))
             thrown(rig, speed, at=OUTER, upright=1.0)
             _, v = rolled(rig, 20)
             found.append((v[-1] - v[3]) * 30.0 / 17.0)
-        truth = rig.surprise.parameters["coefficient"]  # pyright: ignore
+        truth = change_of("wall").parameters["coefficient"]
         assert found[0] - found[1] == pytest.approx(truth * float(np.mean(v[3:] ** 2)) / OUTER, rel=0.15)
 
 
@@ -215,14 +207,14 @@ def test_a_wavy_floor_pushes_off_its_crests():
 
 def test_true_values_of_a_leaning_table_and_a_hollow_ball():
     rig, truth = asked("table", 4, **BARE)
-    assert rig.surprise.known_before[1] == {"beta": 0.0, "gamma": 0.0}  # pyright: ignore
+    assert change_of("table", 4).known_before[1] == {"beta": 0.0, "gamma": 0.0}
     for theta in (0.3, 1.8):
         faster = gained(rig, 0.05, theta=theta)[0] - gained(SimulatedRig(MAZE, BARE), 0.05, theta=theta)[0]
         pull = 9.81 * 5.0 / 7.0 * (-truth["beta"] * math.sin(theta + 0.05) - truth["gamma"] * math.cos(theta + 0.05))
         assert faster == pytest.approx(pull, abs=0.01)
     hollow, factor = asked("hollow", **BARE)
     down = {"theta": math.pi / 2, "u": (-0.05, 0.0), "samples": 9}
-    ratio = gained(hollow, 0.0, **down)[0] / gained(plain(hollow), 0.0, **down)[0]
+    ratio = gained(hollow, 0.0, **down)[0] / gained(plain(hollow, "hollow"), 0.0, **down)[0]
     assert ratio == pytest.approx(factor["factor"] * 7.0 / 5.0, rel=0.05)
 
 
@@ -231,8 +223,8 @@ def test_true_values_of_friction_magnet_and_saddle():
     least = gained(SimulatedRig(MAZE, BARE))[0]  # 1e-5 m of MuJoCo's
     assert (least - gained(rough)[0]) / R == pytest.approx(told["coefficient"], rel=0.08)
     for seed in range(20):
-        magnet, bump = asked("magnet", seed, **BARE)
-        if 1 in magnet.surprise.by_ring:  # pyright: ignore
+        _, bump = asked("magnet", seed, **BARE)
+        if 1 in change_of("magnet", seed).by_ring:
             break
     for side in (-1.0, 1.0):
         theta = bump["centre"] + side * bump["width"]
@@ -244,16 +236,3 @@ def test_true_values_of_friction_magnet_and_saddle():
         there = theta + 0.5 * 0.1 * 0.03 / R
         pushed = wave["cos2"] * math.cos(2.0 * there) + wave["sin2"] * math.sin(2.0 * there)
         assert faster / R == pytest.approx(pushed, abs=0.06)
-
-
-# -- who else has them -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_a_fleet_takes_only_what_it_has_itself(name):
-    """Those that are in MuJoCo's model, or that it works out beforehand."""
-    own = {
-        "table", "friction", "hollow", "camera", "backlash", "wall", "slow_servo", "late_command", "deadband",
-        "turned_camera", "shifted_camera",
-    }  # fmt: skip
-    assert fits(settings_from({"surprise": name}), MAZE) == (name in own)

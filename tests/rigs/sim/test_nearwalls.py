@@ -6,7 +6,6 @@ import pytest
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.fleet import Fleet
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS
 from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
@@ -80,14 +79,3 @@ def test_a_plug_holds_the_ball_and_is_taken_out_again():
         rig.observe()
         rig.command(*push)
     assert np.hypot(*rig.truth()[:2]) > inner  # a run that begins anew has its plug again
-
-
-def test_a_fleet_puts_no_ball_into_a_radial_wall():
-    maze, settings = load_map("detour"), SimulatedSettings()
-    wall = maze.radial_walls[0]
-    fleet, alone = Fleet(maze, settings, 1, threads=1), SimulatedRig(maze, settings)
-    got = fleet.reset(np.array([0]), [wall.ring], [wall.angle], [np.random.default_rng(0)])
-    alone.reset(ring=wall.ring, theta=wall.angle, rng=np.random.default_rng(0))
-    seen = alone.observe()
-    np.testing.assert_allclose([got.x[0], got.y[0]], [seen.x, seen.y], atol=1e-14)
-    assert abs(np.arctan2(got.y[0], got.x[0]) - wall.angle) * maze.track_radius(wall.ring) > maze.ball.radius
