@@ -14,15 +14,6 @@ class Handle(SimpleNamespace):
         object.__setattr__(self, "sets", self.sets + 1)
         object.__setattr__(self, name, value)
 
-    def on_click(self, call):
-        self.__dict__["click"] = call
-
-    def on_drag(self, call):
-        self.__dict__["drag"] = call
-
-    def remove(self):
-        self.__dict__["removed"] = True
-
 
 class FakeServer:
     """Of viser's scene: every add_ gives a handle under its name."""

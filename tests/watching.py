@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import shutil
@@ -12,10 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
-
-from mazeplan.apps.view.camera import FOV, fitted
 
 CHROMIUM = shutil.which("chromium")
 NEEDED = os.environ.get("MAZEPLAN_BROWSER") == "needed"  # set where the browser is: nothing is skipped there
@@ -72,15 +68,3 @@ def page(opened, url: str, complaints: list[str]) -> Iterator:
     shown.goto(url)
     yield shown
     shown.close()
-
-
-def pixel(shown, place, layout) -> tuple[float, float]:
-    """Where a place of the scene is on the screen, while the camera is where the page put it for a layout."""
-    box = shown.locator("canvas").first.bounding_box()
-    view = fitted(layout, box["width"] / box["height"])
-    eye, look_at = np.array(view.position), np.array(view.look_at)
-    forth = (look_at - eye) / np.linalg.norm(look_at - eye)
-    right = np.cross(forth, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forth, [0.0, 0.0, 1.0]))
-    off, scale = np.array(place) - eye, 0.5 * box["height"] / math.tan(0.5 * FOV)
-    x, y = scale * (off @ right) / (off @ forth), scale * (off @ np.cross(right, forth)) / (off @ forth)
-    return box["x"] + 0.5 * box["width"] + x, box["y"] + 0.5 * box["height"] - y

@@ -1,8 +1,7 @@
 """A simulated rig at the pace of the wall clock, so that a person can watch it.
 
 Samples come at least 1 / rate_hz apart. A late program delays them; the rig catches up by one sample at most.
-`speed` changes the time between samples, `hold` stops the samples, and `step` lets one sample pass. None of these
-changes the simulation itself. Any thread may call `level_now`. It acts within one sample, also while the loop computes.
+Any thread may call `level_now`. It acts within one sample, also while the loop computes.
 """
 
 from __future__ import annotations
@@ -14,11 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
-
-LOOK_S = 0.2  # s; while the rig is held, it checks so often whether it may go on
 
 
 class Waiting(Protocol):
@@ -49,7 +45,6 @@ class PacedRig(RigWrapper):
     """A rig around a simulated rig, see `interface.Rig`."""
 
     realtime = False  # still a simulation: no watchdog
-    _speed = 1.0
 
     def __init__(self, rig: Rig, wall: Waiting | None = None) -> None:
         super().__init__(rig)
@@ -57,16 +52,15 @@ class PacedRig(RigWrapper):
         self._due: float | None = None  # wall time of the next sample
         self._woken = threading.Event()  # another thread wants the loop to act now
         self._levelled = False
-        self._held, self._let = False, 0  # _let: samples that may pass while the rig is held
         self._orders: list[Callable[[], object]] = []
         self._lock = threading.Lock()
 
     # -- calls of the loop ------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Reset the rig inside; forget hold, order to level, and waiting orders."""
+        """Reset the rig inside; forget the order to level, and waiting orders."""
         super().reset(ring=ring, theta=theta, rng=rng)
-        self._due, self._levelled, self._held, self._let = None, False, False, 0
+        self._due, self._levelled = None, False
         self._woken.clear()
         with self._lock:
             self._orders.clear()
@@ -75,12 +69,11 @@ class PacedRig(RigWrapper):
         """The next sample, when it is due."""
         self._obey()
         sample = super().observe()
-        period, due = 1.0 / (self.rate_hz * self._speed), self._wall.now() if self._due is None else self._due
-        while (left := due - self._wall.now()) > 0.0 or (self._held and not self._let):
-            self._wall.wait(self._woken, left if left > 0.0 else LOOK_S)
+        period, due = 1.0 / self.rate_hz, self._wall.now() if self._due is None else self._due
+        while (left := due - self._wall.now()) > 0.0:
+            self._wall.wait(self._woken, left)
             if self._woken.is_set():
                 self._obey()
-        self._let = max(0, self._let - 1)
         # a program that is late by more than one sample does not hurry afterwards
         self._due = period + max(due, self._wall.now() - period)
         return sample
@@ -106,41 +99,9 @@ class PacedRig(RigWrapper):
 
     # -- calls of other threads -------------------------------------------------------------------------------------
 
-    @property
-    def held(self) -> bool:
-        """Whether the next sample waits for `step` or `go_on`."""
-        return self._held
-
-    @property
-    def speed(self) -> float:
-        """Seconds of rig time in one second of wall time; 1: as fast as a real rig. Any thread may set it.
-
-        Raises SettingsError for a number that is not 0.01 to 10."""
-        return self._speed
-
-    @speed.setter
-    def speed(self, speed: float) -> None:
-        if not 0.01 <= speed <= 10.0:
-            raise SettingsError(f"got {speed}, expected 0.01 to 10", key="speed")
-        self._speed = speed
-
-    def hold(self) -> None:
-        """Let no sample pass until `go_on`, `step` or `level_now`. Any thread may call."""
-        self._held = True
-
-    def step(self) -> None:
-        """Let one sample pass and hold the next one. Any thread may call."""
-        self._let, self._held = 1, True
-        self._woken.set()
-
-    def go_on(self) -> None:
-        """End `hold`. Any thread may call."""
-        self._held = False
-        self._woken.set()
-
     def level_now(self) -> None:
         """Level the plate until the next reset, and ignore commands. Any thread may call."""
-        self._levelled, self._held = True, False
+        self._levelled = True
         self._woken.set()
 
     def between_samples(self, order: Callable[[], object]) -> None:

@@ -7,12 +7,12 @@ import re
 from functools import partial
 
 import pytest
+from mazeplan.apps.view.filmed_plate import DrawnPlate
 from report_documents import EVIL, MAZE, a_log, comparison, diagnosis, drawn, evaluation, evidence
 from standalone_page import alone
 
 from mazeplan.apps.report.run import _left_of, run_section
 from mazeplan.apps.view.film import frames
-from mazeplan.apps.view.filmed_plate import DrawnPlate
 from mazeplan.apps.view.story import moments
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
 from mazeplan.core.logs.run_log_reader import read_messages

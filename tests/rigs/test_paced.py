@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import threading
 
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.rigs.paced import PacedRig
 
@@ -139,54 +137,3 @@ def test_orders_are_done_between_samples_by_the_loops_thread(rig):
     assert done == [threading.get_ident()]
     rig.observe()
     assert len(done) == 1
-
-
-def test_slow_motion_does_not_change_the_rigs_time(rig, wall):
-    rig.observe()
-    rig.speed = 0.25
-    wall.slept.clear()
-    samples = [rig.observe() for _ in range(4)]
-    assert wall.time - 100.0 == pytest.approx(
-        0.1 + 3 * 0.4
-    )  # the one that was due already, then each four times as late
-    assert samples[-1].t == pytest.approx(0.4)
-    for wrong in (0.0, -1.0, math.nan):
-        with pytest.raises(SettingsError, match=r"speed: got .*, expected 0\.01 to 10"):
-            rig.speed = wrong
-
-
-def test_a_held_rig_waits_for_a_step(rig, wall):
-    rig.observe()
-    rig.hold()
-    waits = []
-
-    def on_wait(woken):
-        waits.append(wall.time)
-        if len(waits) == 20:
-            rig.step()
-
-    wall.on_wait = on_wait
-    assert rig.observe().t == pytest.approx(0.1)
-    assert len(waits) == 20
-    assert rig.held
-    waits.clear()
-    rig.observe()
-    assert len(waits) == 20
-    rig.go_on()
-    waits.clear()
-    rig.observe()
-    assert len(waits) <= 2  # woken once, and until it is due
-
-
-def test_the_emergency_stop_ends_a_pause(rig, wall):
-    rig.observe()
-    rig.hold()
-
-    def on_wait(woken):
-        wall.on_wait = lambda woken: None
-        rig.level_now()
-
-    wall.on_wait = on_wait
-    rig.observe()
-    assert rig.inside.told == ["level"]
-    assert not rig.held

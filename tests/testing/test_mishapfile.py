@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from mazeplan.apps.testing.mishapfile import (
-    FROM_FAULTS,
     AxisDead,
     BallPushed,
     BallStuck,
@@ -45,31 +44,6 @@ def test_text_file_and_list_say_the_same(tmp_path):
     assert read_mishaps([*READ[:1], {"opening_blocked": {"opening": "2-3@90"}}, *READ[2:]], MAZE) == READ
 
 
-def test_faults_of_a_simulated_rig_are_taken_too():
-    text = """\
-- {kind: stuck, at_s: 1.0, duration_s: 0.5}
-- {kind: blackout, at_s: 2.0}
-- {kind: blocked, at_s: 0.0, duration_s: 9.0, opening: 1-2@45}
-- {kind: dead_axis, at_s: 1.0, axis: gamma}
-- {kind: push, at_s: 3.0, speed_m_s: 0.4, direction_deg: -90}
-"""
-    assert read_mishaps(text, MAZE) == (
-        BallStuck(from_s=1.0, to_s=1.5),
-        CameraBlind(from_s=2.0, to_s=3.0),
-        OpeningBlocked(opening="1-2@45", from_s=0.0, to_s=9.0),
-        AxisDead(axis="gamma", from_s=1.0, to_s=2.0),
-        BallPushed(at_s=3.0, speed_m_s=0.4, direction_deg=-90),
-    )
-
-
-def test_a_fault_that_is_no_mishap_is_refused(monkeypatch):
-    monkeypatch.delitem(FROM_FAULTS, "push")
-    with pytest.raises(
-        SettingsError, match=r"^mishaps:1: \[0\]\.kind: got 'push', expected here one of stuck, blackout"
-    ):
-        read_mishaps("- {kind: push, at_s: 1}", MAZE)
-
-
 @pytest.mark.parametrize(
     ("text", "error"),
     [
@@ -90,8 +64,6 @@ def test_a_fault_that_is_no_mishap_is_refused(monkeypatch):
         ("- ball_teleported: {ring: 6}\n", "1: [0].ball_teleported.ring: got 6, expected 1 to 5"),
         ("- ball_pushed: {in_ring: 9}\n", "1: [0].ball_pushed.in_ring: got 9, expected 1 to 5"),
         ("- axis_dead: {axis: x}\n", "1: [0].axis_dead.axis: got 'x', expected 'beta', 'gamma' or 'both'"),
-        ("- {kind: blocked, at_s: 1, opening: 2b}\n", "1: [0].opening: got '2b', expected one of 1-2@45"),
-        ("- {kind: glued, at_s: 1}\n", "1: [0].kind: got 'glued', expected 'stuck', 'blackout'"),
         ("- {ball_stuck: {}, camera_blind: {}}\n", "1: [0]: got 2 keys, expected one of ball_stuck"),
         ("- ball_stuck\n", "1: [0]: got 'ball_stuck', expected one of ball_stuck, opening_blocked"),
         ("ball_stuck: {}\nmore: 1\n", "1: got a mapping, expected a list such as `- camera_blind"),

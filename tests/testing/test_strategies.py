@@ -19,14 +19,9 @@ from mazeplan.apps.testing import (
     Rest,
     Roll,
     ball_behaviours,
-    leaf_scripts,
-    mishaps,
     run_tree,
-    script,
-    tick_tree,
 )
 from mazeplan.apps.testing.balls import DT, states
-from mazeplan.apps.testing.mishapfile import read_mishaps
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import FailureKind
 from mazeplan.core.resources import to_install
@@ -120,26 +115,6 @@ def test_whatever_a_ball_does_the_main_tree_ends_by_name_and_within_the_limits(b
     assert record.reason in REASONS
     if record.success:
         assert record.ticks[-1].ring == goal
-
-
-@pytest.mark.slow
-@settings(FEW, max_examples=15)
-@given(script=mishaps(MAZE))
-def test_whatever_goes_wrong_the_main_tree_ends_by_name_and_within_the_limits(script):
-    assert read_mishaps(list(script), MAZE) == script
-    record = run_tree(mishaps=script, time_limit=6.0).never("outside limits").within(6.1)
-    assert record.reason in REASONS
-
-
-@settings(FEW, max_examples=40)
-@given(st.fixed_dictionaries({name: leaf_scripts(skipped=True) for name in ("BallSeen", "Travel", "Dither", "Replan")}))
-def test_whatever_leaves_do_the_recoveries_end(scripts):
-    for text in scripts.values():
-        assert script(text).acts
-    chosen = {name: scripts[name] for name in ("Dither", "Replan")}
-    record = tick_tree("navigate", {**chosen, "LevelPlate": scripts["BallSeen"]}, main="Recover", failures=["stuck"])
-    assert record.reason in ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")
-    assert "HALTED" not in record.statuses("FailureIs")
 
 
 @pytest.mark.slow

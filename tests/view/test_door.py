@@ -12,9 +12,9 @@ import pytest
 from soon import soon
 
 from mazeplan.apps.view import server as server_module
-from mazeplan.apps.view.clientfix import SCRIPT
 from mazeplan.apps.view.door import Door, is_loopback, listen
 from mazeplan.apps.view.server import check_installed
+from mazeplan.apps.view.stop_bar import ARROWS
 from mazeplan.core.errors import InputError
 from mazeplan.core.resources import to_install
 
@@ -170,8 +170,7 @@ def test_nothing_leads_through_a_computer_of_others(served):
     assert served.server.request_share_url() is None
 
 
-def test_the_page_begins_with_what_mends_it_packed_or_not(served):
-    """Before the client of viser; see `mazeplan.apps.view.clientfix`."""
+def test_the_page_begins_with_the_script_packed_or_not(served):
     pages = []
     for packing in ("identity", "gzip"):
         request = urllib.request.Request(served.door.url, headers={"Accept-Encoding": packing})
@@ -180,7 +179,7 @@ def test_the_page_begins_with_what_mends_it_packed_or_not(served):
             assert int(answer.headers["Content-Length"]) == len(body)
         pages.append(gzip.decompress(body) if packing == "gzip" else body)
     assert pages[0] == pages[1]
-    assert pages[0].index(SCRIPT.encode()) < pages[0].index(b"<meta")
+    assert pages[0].index(ARROWS.encode()) < pages[0].index(b"<meta")
     assert pages[0].count(b"<script>") == 1
     with urllib.request.urlopen(served.door.url, timeout=10) as answer:  # once more, as another browser does
         assert answer.read() == pages[0]

@@ -20,7 +20,7 @@ from page_client import HungClient, Viewer
 MAZE = load_map("cme")
 HEADER = {"map": dump_map(MAZE), "goal_ring": 5, "replay": {"rate_hz": 30.0}}
 TREE = {"t": 0.0, "paths": ["a"], "kinds": ["Sequence"], "names": ["a first node"], "parents": [-1]}
-BALL = "/maze/plate/ball"
+BALL = "/plate/ball"
 
 
 def tick(k):

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
+from mazeplan.apps.view.meshes import gap_box, ring_floor, sector, wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
-from mazeplan.apps.view.run_statistics import bounds
-from mazeplan.apps.view.scene import (
-    FLOORS,
-    GOAL_FLOOR,
-    PUSH_PER_S,
-    UNIT,
-    Scene,
-    _push,
-    attitude,
-    opening_colour,
-    resampled,
-)
+from mazeplan.apps.view.scene import FLOORS, GOAL_FLOOR, UNIT, Scene, attitude, opening_colour, resampled
 from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
@@ -41,19 +28,17 @@ def moment(**more):
 
 
 def opening(name, **more):
-    given = {"closed": False, "next": False, "successes": 0.0, "failures": 0.0, "chance": 0.9, "low": 0.6, "high": 1.0}
-    return OpeningShown(name, **{**given, **more})
+    return OpeningShown(name, **{"closed": False, "next": False, **more})
 
 
 @pytest.fixture
 def drawn():
-    server, clicked = FakeServer(), []
-    scene = Scene(server, MAZE, on_ring=clicked.append, on_opening=clicked.append)
-    return scene, server.nodes, clicked
+    server = FakeServer()
+    return Scene(server, MAZE), server.nodes
 
 
 def node(nodes, name):
-    return nodes[f"/maze/plate/{name}"]
+    return nodes[f"/plate/{name}"]
 
 
 def test_the_plate_tilts_as_the_rig_means_it():
@@ -71,9 +56,9 @@ def test_the_plate_tilts_as_the_rig_means_it():
 
 
 def test_ball_trail_and_plan_lie_where_they_are(drawn):
-    scene, nodes, _ = drawn
+    scene, nodes = drawn
     places = np.array([[0.09, 0.0], [0.0, 0.09]])
-    plan = PlanShown(0.2, 1 / 30, 1, np.array([0.0, 1.0]), places, np.array([0.001, math.nan]))
+    plan = PlanShown(0.2, 1 / 30, np.array([0.0, math.pi / 2]), 0.09)
     scene.show(moment(plan=plan))
     ball = node(nodes, "ball")
     assert ball.visible
@@ -90,7 +75,7 @@ def test_ball_trail_and_plan_lie_where_they_are(drawn):
 
 
 def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
-    scene, nodes, _ = drawn
+    scene, nodes = drawn
     scene.show(moment(ball=BallShown(0.09, 0.0, False)))
     assert node(nodes, "ball").color == rgb("neutral")
     before = {name: handle.sets for name, handle in nodes.items()}
@@ -99,46 +84,28 @@ def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
 
 
 def test_tilt_is_drawn_larger_by_a_factor(drawn):
-    scene, nodes, _ = drawn
+    scene, nodes = drawn
     scene.tilt_shown = 2.0
     scene.show(moment(tilt=(0.05, -0.02)))
-    assert nodes["/maze/plate"].wxyz == pytest.approx(attitude(0.1, -0.04))
+    assert nodes["/plate"].wxyz == pytest.approx(attitude(0.1, -0.04))
 
 
 def test_openings_show_what_is_known_of_them(drawn):
-    scene, nodes, _ = drawn
+    scene, nodes = drawn
     name = MAZE.openings[0].name
     scene.show(moment(openings=(opening(name),)))
     assert node(nodes, f"opening/{name}/floor").color == rgb("skipped")
-    tried = opening(name, successes=1.0, failures=3.0, chance=0.5, low=0.2, high=0.8, next=True)
+    tried = opening(name, chance=0.5)
     scene.show(moment(tick=4, openings=(tried,)))
     assert node(nodes, f"opening/{name}/floor").color == rgb("unsure")
-    assert node(nodes, f"opening/{name}/frame").visible
-    label = node(nodes, f"opening/{name}/label")
-    assert label.values == ("50 % (20–80)",)
-    first, (x, y, z) = MAZE.openings[0], label.position
-    assert math.atan2(y, x) == pytest.approx(first.angle)
-    assert math.hypot(x, y) == pytest.approx(UNIT * MAZE.threshold_radius(first))
-    assert 0.0 < z < UNIT * MAZE.wall_height
-    scene.show(moment(tick=5, openings=(replace(tried, closed=True),)))
+    scene.show(moment(tick=5, openings=(replace(tried, closed=True, next=True),)))
     assert node(nodes, f"opening/{name}/plug").visible
-    assert not node(nodes, f"opening/{name}/frame").visible
-    assert label.text == "closed"
-    scene.show(moment(tick=6, openings=(opening(name),)))
-    assert label.removed
+    assert node(nodes, f"opening/{name}/floor").color == rgb("planned")
 
 
-def test_colours_go_from_bad_to_good():
-    assert opening_colour(opening("a", failures=1.0, chance=0.0)) == rgb("bad")
-    assert opening_colour(opening("a", successes=1.0, chance=1.0)) == rgb("good")
-
-
-def test_a_click_says_what_was_clicked(drawn):
-    _, nodes, clicked = drawn
-    name = MAZE.openings[0].name
-    node(nodes, "ring3").click(None)
-    node(nodes, f"opening/{name}/floor").click(None)
-    assert clicked == [3, name]
+@pytest.mark.parametrize(("chance", "colour"), [(0.0, "bad"), (0.5, "unsure"), (1.0, "good")])
+def test_colours_go_from_bad_to_good(chance, colour):
+    assert opening_colour(opening("a", chance=chance)) == rgb(colour)
 
 
 @pytest.mark.parametrize("wall", MAZE.walls, ids=lambda wall: f"wall{wall.outer_ring}")
@@ -176,62 +143,17 @@ def test_floors_and_marks_fill_their_places():
     assert math.atan2(middle[1], middle[0]) == pytest.approx(opening.angle)
 
 
-def test_the_band_is_as_wide_as_the_doubt_and_not_there_without():
-    places = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros(5)])
-    vertices, _ = ribbon(places, np.array([0.0, 0.1, 0.2, math.nan, math.nan]), 0.5)
-    left, right = vertices[:5], vertices[5:]
-    np.testing.assert_allclose(left[:, 1] - right[:, 1], [0.0, 0.2, 0.4, 0.0, 0.0])
-    np.testing.assert_allclose(vertices[:, 2], 0.5)
-
-
-def test_the_band_stays_in_its_ring_when_an_estimate_was_lost(drawn):
-    scene, nodes, _ = drawn
-    plan = PlanShown(0.0, 0.1, 1, np.linspace(0, 1, 5), np.column_stack([np.full(5, 0.08), np.zeros(5)]), np.ones(5))
-    scene.show(moment(plan=plan))
-    assert np.abs(node(nodes, "errors").vertices[:, :2]).max() < UNIT * (0.08 + 0.016)
-
-
-def test_before_a_run_its_route_its_start_and_its_goal_are_drawn(drawn):
-    scene, nodes, _ = drawn
-    plan = {"start": 1, "goal": 5, "ball": [0.09, 0.0], "points": [[0.09, 0.0], [0.0, 0.05], [0.0, 0.0]]}
-    scene.show_planned(plan)
-    scene.show_goal(5)
-    route, start = node(nodes, "route"), node(nodes, "start")
-    assert route.visible
-    assert start.visible
-    assert route.points[0, 0, :2] == pytest.approx((0.9, 0.0))
-    assert route.points[-1, 1, :2] == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert start.position[:2] == pytest.approx((0.9, 0.0))
-    assert tuple(node(nodes, "ring5").color) == GOAL_FLOOR
-    scene.show_planned(None)
-    scene.show_goal(4)
-    assert not route.visible
-    assert tuple(node(nodes, "ring5").color) == FLOORS[1]
-    assert tuple(node(nodes, "ring4").color) == GOAL_FLOOR
-
-
-def test_a_drag_of_the_ball_is_a_push_along_it_and_comes_at_its_end():
-    pushes = []
-    camera = SimpleNamespace(position=(0.0, 0.0, 5.0))
-    for phase in ("start", "update", "end"):
-        event = SimpleNamespace(
-            phase=phase, start_position=(0.8, 0.0, 0.1), end_position=(0.8, 0.5, 0.1),
-            client=SimpleNamespace(camera=camera),
-        )  # fmt: skip
-        asyncio.run(_push(lambda x, y: pushes.append((x, y)), event))
-    assert pushes == [pytest.approx((0.0, PUSH_PER_S * 0.05))]
+def test_the_floor_of_the_goal_is_green(drawn):
+    scene, nodes = drawn
+    for ring, before, floor in ((5, 4, FLOORS[0]), (4, 5, FLOORS[1])):
+        scene.show(moment(task=TaskShown(goal=ring)))
+        assert tuple(node(nodes, f"ring{ring}").color) == GOAL_FLOOR
+        assert tuple(node(nodes, f"ring{before}").color) == floor
 
 
 def test_resampled_keeps_the_ends():
     rows = np.array([[0.0, 5.0], [1.0, 6.0], [4.0, 7.0]])
     np.testing.assert_allclose(resampled(rows, 5), [[0, 5], [0.5, 5.5], [1, 6], [2.5, 6.5], [4, 7]])
-
-
-def test_bounds_of_a_posterior_hold_nine_tenths():
-    from scipy.stats import beta
-
-    low, high = bounds(4.0, 1.3)
-    assert beta.cdf(high, 4.0, 1.3) - beta.cdf(low, 4.0, 1.3) == pytest.approx(0.9)
 
 
 def test_names_out_of_files_are_no_html():
@@ -267,7 +189,7 @@ def test_radial_walls_are_solid_and_in_their_places():
     server, maze = FakeServer(), load_map("detour")
     Scene(server, maze)
     for i, wall in enumerate(maze.radial_walls):
-        vertices, faces = server.nodes[f"/maze/plate/radial{i}"].values
+        vertices, faces = server.nodes[f"/plate/radial{i}"].values
         a, b, c = (vertices[faces[:, k]] for k in range(3))
         ring, height = maze.ring(wall.ring), vertices[:, 2].max()
         volume = UNIT**2 * wall.thickness * (ring.outer_radius - ring.inner_radius) * height
@@ -275,4 +197,4 @@ def test_radial_walls_are_solid_and_in_their_places():
         x, y = vertices[np.abs(vertices[:, 2]) < 1e-12].mean(axis=0)[:2]
         assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
     assert len([name for name in server.nodes if "/radial" in name]) == len(maze.radial_walls)
-    assert f"/maze/plate/ring{len(maze.rings)}" in server.nodes
+    assert f"/plate/ring{len(maze.rings)}" in server.nodes

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,17 +15,14 @@ from soon import soon
 
 from mazeplan.apps.cli import live
 from mazeplan.apps.cli.live import LOADING, READING, LiveSession, exit_status, navigate_live, numbered
-from mazeplan.apps.cli.preview import preview
 from mazeplan.apps.cli.progress import NavigationProgress
 from mazeplan.apps.view.door import listen
-from mazeplan.apps.view.livetab import Offer, fault_html, head_html
+from mazeplan.apps.view.livetab import Offer, head_html
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, StopRequested
-from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import NavigationResult
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.navigate import navigate
 from mazeplan.run.request import NavigationRequest
 
 MAZE = load_map("cme")
@@ -36,7 +32,7 @@ class FakePage:
     """Of `PageLink` what a session uses; `press` sends an order."""
 
     def __init__(self, offer, door, listening, on_order):
-        self.told, self.taken, self.plans, self.viewers = [], [], [], 1
+        self.told, self.taken, self.viewers = [], [], 1
         self.opened, self.ended = threading.Event(), threading.Event()
         self.opened.set()
         self._on_order = on_order
@@ -49,9 +45,6 @@ class FakePage:
 
     def tell(self, phase, note=""):
         self.told.append((phase, note))
-
-    def show_planned(self, plan):
-        self.plans.append(plan)
 
     def take(self, topic, t, document):
         self.taken.append((topic, document))
@@ -106,12 +99,6 @@ class HeldRun:
             assert self.end.wait(60.0)
             self.orders += goals.take(0.0)
         return outcome(self.result)
-
-
-@pytest.fixture
-def prepared():
-    """A request as the commands make it: the first run of the page is of seed 7."""
-    return NavigationRequest("ring1", "centre", MAZE, seed=7)
 
 
 @pytest.fixture
@@ -171,80 +158,6 @@ def test_a_fault_begins_between_two_samples_and_knows_the_next_opening(running, 
     machine.close()
 
 
-def test_faults_that_are_prepared_begin_with_the_run(monkeypatch):
-    run = HeldRun()
-    with served(run, monkeypatch) as (_, page):
-        assert page.press("fault", kind="frames_lost") == ("idle", "begins with the run: frames_lost")
-        assert page.press("fault", kind="tilt_nan") == ("idle", "begins with the run: frames_lost, tilt_nan")
-        assert page.press("fault", kind="tilt_nan") == ("idle", "begins with the run: frames_lost")
-        page.press("start")
-        assert run.ready.wait(60.0)
-        assert [fault.kind.name for fault in run.rig.inside._faults] == ["frames_lost"]
-        run.end.set()
-        assert soon(lambda: page.told[-1][0] == "idle")
-        run.ready.clear()
-        page.press("start")  # they were for one run
-        assert run.ready.wait(60.0)
-        assert not run.rig.inside._faults
-
-
-def test_a_run_is_paused_stepped_slowed_down_and_goes_on(running):
-    page, run = running
-    assert page.press("pause")[0] == "paused"
-    assert run.rig.held
-    assert page.press("step")[0] == "paused"
-    assert page.press("go on")[0] == "running"
-    assert not run.rig.held
-    page.press("speed", factor=0.25)
-    assert run.rig.speed == 0.25
-    page.press("pause")
-    page.press("goal", ring=3)
-    page.press("stop")  # a paused run has to go on to end
-    assert not run.rig.held
-    assert after(page, run) == [GoalChanged(3), StopRequested()]
-    run.ready.clear()
-    page.press("start")
-    assert run.ready.wait(60.0)
-    assert run.rig.speed == 0.25  # it stays
-
-
-def test_a_push_goes_where_the_ball_was_dragged_and_no_faster_than_allowed(running):
-    page, run = running
-    machine = run.rig
-    machine.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-    before = machine.observe()
-    assert page.press("push", x=0.0, y=9.0) == ("running", "pushed: 0.50 m/s")
-    samples = [machine.observe() for _ in range(8)]
-    assert max(s.y for s in samples if s.y is not None) - before.y > 0.02
-    machine.close()
-
-
-def test_before_start_the_page_shows_where_the_ball_will_be_and_its_route(monkeypatch, prepared):
-    run = HeldRun()
-    with served(run, monkeypatch, planned=lambda *more: preview(prepared, *more)) as (_, page):
-        assert page.told[-1] == ("idle", "Start places the ball in ring 1, then runs to ring\N{NO-BREAK SPACE}5")
-        first = page.plans[-1]
-        radius = MAZE.track_radius(1)
-        assert np.hypot(*first["ball"]) == pytest.approx(radius)
-        assert np.hypot(*np.array(first["points"])[-1]) == pytest.approx(MAZE.track_radius(5), abs=1e-9)
-        page.press("goal", ring=2)
-        assert page.plans[-1]["goal"] == 2
-        assert len(page.plans[-1]["points"]) < len(first["points"])
-        for opening in MAZE.openings_between(1, 2):
-            page.press("close", opening=opening.name)
-        assert page.plans[-1]["points"] == []
-        page.press("open", opening=MAZE.openings_between(1, 2)[0].name)
-        assert page.plans[-1]["points"]
-
-
-def test_the_ball_is_placed_where_the_page_says(prepared, tmp_path):
-    log = tmp_path / "run.mcap"
-    navigate(1, 2, map=MAZE, rig="ideal", seed=9, log=log, time_limit=0.2)
-    said = preview(replace(prepared, goal=2), number=2)["ball"]
-    seen = read_log(log).ticks
-    assert (seen["x"][0], seen["y"][0]) == pytest.approx(said, abs=2e-3)
-
-
 def test_a_closed_stderr_ends_nothing(running, monkeypatch):
     class Gone:
         def write(self, text):
@@ -281,6 +194,7 @@ def test_orders_before_a_run_wait_for_it(monkeypatch):
     run = HeldRun()
     with served(run, monkeypatch) as (_, page):
         assert page.press("level") == ("idle", "no run in progress: the plate is level")
+        assert page.press("fault", kind="frames_lost") == ("idle", "a fault needs a run that goes on")
         for ring in (1, 4, 2):
             assert page.press("goal", ring=ring) == ("idle", f"the next run goes to ring {ring}")
         page.press("start")
@@ -380,14 +294,10 @@ def test_a_taken_port_is_told_before_anything_begins():
     ("wanted", "unwanted"),
     [
         ("mazeplan.apps.cli.app, mazeplan.run.navigate", ("mazeplan.apps.view", "mazeplan.apps.cli.live", "viser")),
-        ("mazeplan.apps.view.link, mazeplan.apps.view.serving", ("viser",)),
+        ("mazeplan.apps.view.link, mazeplan.apps.view.replay", ("viser",)),
     ],
 )
 def test_optional_parts_are_imported_by_their_users_alone(wanted, unwanted):
     code = f"import sys, {wanted}\nassert not [name for name in sys.modules if name.startswith({unwanted!r})]"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
-
-
-def test_a_fault_has_its_description_below_its_name():
-    assert "no picture shows it" in fault_html(Offer(MAZE, "toy", {"lost": "no picture shows it"}), "lost")

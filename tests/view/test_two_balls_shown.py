@@ -14,8 +14,6 @@ from matplotlib.figure import Figure
 import mazeplan
 from mazeplan.apps.report.run import lead, run_section
 from mazeplan.apps.report.run_record import followed_plans, second_trail
-from mazeplan.apps.view.film import frames
-from mazeplan.apps.view.filmed_plate import DrawnPlate
 from mazeplan.apps.view.moment import BallShown, Moment
 from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import moments
@@ -51,20 +49,12 @@ def test_the_scene_shows_it_beside_the_first():
     server = FakeServer()
     scene = Scene(server, MAZE)
     scene.show(Moment(run=1, tick=1, ball=BallShown(0.09, 0.0, True), second=BallShown(0.0, -0.07, True)))
-    first, second = (server.nodes[f"/maze/plate/{name}"] for name in ("ball", "ball2"))
+    first, second = (server.nodes[f"/plate/{name}"] for name in ("ball", "ball2"))
     assert second.visible
     assert second.position == pytest.approx((0.0, -0.07 * UNIT, UNIT * MAZE.ball.radius))
     assert (first.color, second.color) == (rgb("real"), rgb("second"))
     scene.show(Moment(run=1, tick=2, ball=BallShown(0.09, 0.0, True)))
     assert (first.visible, second.visible) == (True, False)
-
-
-def test_a_film_shows_it_in_its_colour():
-    here = Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True), second=BallShown(-0.05, 0.0, True))
-    both, one = frames([here, Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True))], MAZE, 100, DrawnPlate)
-    inside = [(abs(picture[..., :3].astype(int) - rgb("second")) < 12).all(axis=-1) for picture in (both, one)]
-    assert inside[0].sum() > 200 > inside[1].sum() + 150
-    assert np.nonzero(inside[0])[1].mean() / both.shape[1] < 0.27  # left of the maze's middle
 
 
 def test_the_report_draws_its_path(told):

@@ -4,20 +4,17 @@ An order acts on the present run through `Goals` and `PacedRig.level_now`, which
 
 from __future__ import annotations
 
-import math
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.emergency import stop_key
 from mazeplan.apps.cli.output import free_name, print_json, say
-from mazeplan.apps.cli.preview import preview
 from mazeplan.apps.cli.runs import navigate_once
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.records import NavigationResult
@@ -28,7 +25,6 @@ from mazeplan.rigs.faults.schedule import at_once
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.rigs.sim.settings import Fault
 from mazeplan.run.goals import Goals
 from mazeplan.run.request import Company, NavigationRequest
 
@@ -42,8 +38,6 @@ READING = "reading map, model and tree; making the rig"
 LOADING = (
     "rig and model are ready; loading the compiled planner: seconds, the first time on this machine up to two minutes"
 )
-HARD = "\N{NO-BREAK SPACE}"
-FASTEST_PUSH = 0.5  # m/s
 NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
 
 
@@ -52,23 +46,15 @@ class LiveSession:
 
     once: does one run; gets its number and further arguments of `mazeplan.navigate`
     begin: whether to start the first run at once
-    stay: whether the page stays open without a viewer when a run is over
-    closed: closed openings, in addition to those of the map
-    planned: gives the preview of a run, from its number, the ring that was pressed (or None) and the closed openings"""
+    stay: whether the page stays open without a viewer when a run is over"""
 
     def __init__(
         self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
-        sense: str | None = None, closed: Sequence[str] = (),
-        planned: Callable[..., dict[str, Any]] | None = None,
+        sense: str | None = None,
     ) -> None:  # fmt: skip
-        self._planned, self._speed = planned, 1.0
-        self._prepared: list[str] = []  # faults that begin with the next run
-        self._closed = {*closed, *(opening.name for opening in maze.openings if opening.closed)}
-        self._shut = self._closed
         self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
         machine = make_rig(rig, maze, sense)
         self._injectable, self._impossible = traits(machine).inject is not None, unsupported_faults(machine)
-        self._simulated = not traits(machine).realtime
         self._goals = Goals(maze)
         self._started = threading.Event()
         self._machine: Any = None
@@ -93,7 +79,7 @@ class LiveSession:
         listening = listen(host, port)
         door = Door.at(host, listening.getsockname()[1])
         kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in {*NOT_OFFERED, *self._impossible}}
-        offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {}, self._simulated)
+        offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
         with PageLink(offer, door, listening, self._order) as self._page:
             listening.close()
             try:
@@ -115,7 +101,7 @@ class LiveSession:
 
     def _asked(self, page: PageLink) -> bool:
         """Wait for an order to start a run; returns False when the page closes."""
-        self._tell("failed" if self.problem is not None else "idle", self._waiting or self._show_planned())
+        self._tell("failed" if self.problem is not None else "idle", self._waiting or "Start begins a run")
         left_at = monotonic()
         while not self._started.wait(LOOK_S):
             if page.ended.is_set():
@@ -144,18 +130,6 @@ class LiveSession:
         finally:
             self._machine = self._faulty = self._aimed = None
             self._goals = Goals(self._maze)
-            self._shut = self._closed
-
-    def _show_planned(self) -> str:
-        """Show the route of the next run. Returns what Start will do, in words."""
-        if self._planned is None:
-            return "Start begins a run"
-        plan = self._planned(self._count, self._aimed, self._shut)
-        if self._page is not None:
-            self._page.show_planned(plan)
-        place = "places the ball" if self._simulated else "waits until you have placed the ball"
-        way = f"runs to ring{HARD}{plan['goal']}" if plan["points"] else f"finds no way to ring {plan['goal']}"
-        return f"Start {place} in ring {plan['start']}, then {way}"
 
     def _tell(self, phase: str, note: str = "") -> None:
         self._phase = phase
@@ -170,9 +144,6 @@ class LiveSession:
             self._opening = document.get("opening")
             if self._phase == "starting":
                 self._tell("running")
-                prepared, self._prepared = self._prepared, []
-                for kind in prepared:
-                    self._add_fault(kind)
         if self._page is not None:
             self._page.take(topic, t, document)
 
@@ -184,9 +155,7 @@ class LiveSession:
         if own.inject is not None:
             orders = DriverHooks(aimed_at=lambda: self._opening, close=self._goals.close)
             rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
-        paced = PacedRig(rig)
-        paced.speed = self._speed
-        return paced
+        return PacedRig(rig)
 
     @contextmanager
     def _guard(self, machine: Rig) -> Iterator[None]:
@@ -211,7 +180,7 @@ class LiveSession:
     @property
     def _resting(self) -> bool:
         """Whether no run is in progress or starting."""
-        return self._phase not in ("starting", "running", "paused")
+        return self._phase not in ("starting", "running")
 
     def _do(self, what: str, order: dict[str, Any]) -> str:
         machine = self._machine
@@ -222,28 +191,18 @@ class LiveSession:
             self._started.set()
         elif what == "stop" and not self._resting:
             self._goals.stop()
-            self._pace("go on")
-        elif what in ("pause", "go on", "step", "speed"):
-            return self._pace(what, float(order.get("factor", self._speed)))
-        elif what == "push":
-            return self._push(float(order["x"]), float(order["y"]))
         elif what == "goal":
             self._goals.aim(int(order["ring"]))
-            if self._phase in ("running", "paused"):
+            if self._phase == "running":
                 return ""
             self._aimed = int(order["ring"])
             if self._resting:
-                self._show_planned()
                 return f"the next run goes to ring {self._aimed}"
             self._tell("starting", self._step)
         elif what in ("close", "open"):
             (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
             is_ = "closed" if what == "close" else "open"
-            self._shut = self._shut | {order["opening"]} if what == "close" else self._shut - {order["opening"]}
-            if not self._resting:
-                return ""
-            self._show_planned()
-            return f"in the next run {order['opening']} is {is_}"
+            return f"in the next run {order['opening']} is {is_}" if self._resting else ""
         elif what == "fault":
             return self._inject(str(order["kind"]))
         return ""
@@ -268,46 +227,17 @@ class LiveSession:
         machine, faulty = self._machine, self._faulty
         if not self._injectable or kind not in KINDS or kind in {*NOT_OFFERED, *self._impossible}:
             return "a fault needs a simulated rig that can have it"
-        if machine is not None and faulty is not None and self._phase in ("running", "paused"):
-            machine.between_samples(lambda: self._add_fault(kind))
-            say(f"{faulty.now:7.2f} s  injected: {kind}")
-            return f"injected: {kind}"
-        self._prepared = [*self._prepared, kind] if kind not in self._prepared else [
-            other for other in self._prepared if other != kind
-        ]  # fmt: skip
-        return f"begins with the run: {', '.join(self._prepared) or 'no fault'}"
+        if machine is None or faulty is None or self._phase != "running":
+            return "a fault needs a run that goes on"
+        machine.between_samples(lambda: self._add_fault(kind))
+        say(f"{faulty.now:7.2f} s  injected: {kind}")
+        return f"injected: {kind}"
 
     def _add_fault(self, kind: str) -> None:
         """Let a fault begin now. Called in the thread of the run."""
         if self._faulty is not None:
             self._injected += 1
             self._faulty.add(at_once(kind, self._faulty.now, self._injected))
-
-    def _push(self, x: float, y: float) -> str:
-        """Add to the velocity of the ball, m/s in the frame of the plate."""
-        faulty, speed = self._faulty, min(math.hypot(x, y), FASTEST_PUSH)
-        if faulty is None or self._phase not in ("running", "paused"):
-            return "a push needs a run on a simulated rig"
-        kick = Fault(
-            kind="push", at_s=0.0, duration_s=0.0, speed_m_s=speed, direction_deg=math.degrees(math.atan2(y, x))
-        )
-        self._machine.between_samples(lambda: faulty.inject(kick))
-        say(f"{faulty.now:7.2f} s  pushed: {speed:.2f} m/s")
-        return f"pushed: {speed:.2f} m/s"
-
-    def _pace(self, what: str, factor: float = 1.0) -> str:
-        """Pause a simulated run, let it make one sample, let it go on, or change its speed."""
-        if what == "speed":
-            self._speed = factor
-        rig = self._machine
-        if not isinstance(rig, PacedRig) or self._phase not in ("running", "paused"):
-            return ""
-        if what == "speed":
-            rig.speed = factor
-        else:
-            {"pause": rig.hold, "step": rig.step, "go on": rig.go_on}[what]()
-            self._tell("paused" if rig.held else "running")
-        return ""
 
 
 def navigate_live(
@@ -326,16 +256,7 @@ def navigate_live(
         return navigate_once(once, Company(**more))
 
     stay = not begin or at_terminal()
-    session = LiveSession(
-        request.maze,
-        str(request.rig),
-        once,
-        begin=begin,
-        stay=stay,
-        sense=request.sense,
-        closed=request.closed,
-        planned=partial(preview, request),
-    )
+    session = LiveSession(request.maze, str(request.rig), once, begin=begin, stay=stay, sense=request.sense)
     try:
         session.serve(host, port)
     finally:

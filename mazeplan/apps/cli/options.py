@@ -11,7 +11,7 @@ from typer import Argument, Option
 from mazeplan.apps.cli import names
 from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, ring
 
-PICTURES, FILMS = (".png", ".svg", ".pdf"), (".mp4", ".gif")
+PICTURES, FILMS = (".png", ".svg", ".pdf"), (".gif",)
 YAML, RUN_LOG, TREE = (".yaml", ".yml"), ".mcap", ".xml"
 
 # -- several commands ---------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ Video = Annotated[
     Path | None,
     Option(
         "--video", parser=file(*FILMS, chosen=True), callback=new_file, metavar="FILE",
-        help="Write a film of the run: FILE.mp4 (OpenCV) or FILE.gif.",
+        help="Write a film of the run; needs OpenCV.",
     ),
 ]  # fmt: skip
 RunLog = Annotated[

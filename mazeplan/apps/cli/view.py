@@ -10,14 +10,11 @@ from typer import Argument
 
 from mazeplan.apps.cli import options as opt
 
-ViewLogs = Annotated[
-    list[Path] | None,
-    Argument(metavar="LOG [OTHER]", help="Show a run log, or two side by side."),
-]
+ViewedLog = Annotated[Path | None, Argument(metavar="LOG", help="Run log to show.")]
 
 
 def view(
-    logs: ViewLogs = None,
+    log: ViewedLog = None,
     start: opt.StartRing = "ring1",
     goal: opt.GoalRing = "centre",
     map_: opt.Map = "cme",
@@ -32,14 +29,15 @@ def view(
     host: opt.Host = opt.HOST,
     port: opt.PagePort = opt.PORT,
 ) -> None:
-    """Open the page in the browser: operate a rig, or show recorded runs. Ctrl-C closes it."""
-    if logs:
+    """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it."""
+    if log is not None:
         from mazeplan.apps.cli.progress import ProgressBar
-        from mazeplan.apps.view.serving import open_logs, show_logs
+        from mazeplan.apps.view.replay import open_recording, show_log
 
         with ProgressBar("reading") as bar:
-            runs = open_logs(logs, bar.show)
-        show_logs(runs, host, port)
+            bar.show(log.name)
+            recording = open_recording(log)
+        show_log(recording, host, port)
         return
     from mazeplan.apps.cli.live import navigate_live
     from mazeplan.run.request import NavigationRequest

@@ -8,13 +8,12 @@
     - ball_out: {from_s: 1.0, to_s: 3.0, ring: 2}
     - axis_dead: {axis: beta, from_s: 1.0, to_s: 2.0}
 
-The list may also hold faults as the file of a simulated rig has them: `{kind: blackout, at_s: 1.0, duration_s: 0.4}`.
 An error names file, line and key.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,7 +24,6 @@ from mazeplan.core.name_hints import one_of, unknown_keys_first
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
-from mazeplan.rigs.sim.settings import Fault
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -141,12 +139,6 @@ class _Reader:
             return self._checked(entry, key)
         if not isinstance(entry, Mapping):
             raise self.error(f"got {shown(entry)}, expected one of {', '.join(KINDS)} with its keys", key)
-        if "kind" in entry:
-            fault = self._section(Fault, entry, key)
-            if fault.kind not in FROM_FAULTS:
-                kinds = f"here one of {', '.join(FROM_FAULTS)}, or one of {', '.join(KINDS)}"
-                raise self.error(f"got {shown(fault.kind)}, expected {kinds}", (*key, "kind"))
-            return self._checked(FROM_FAULTS[fault.kind](fault), key)
         if len(entry) != 1:
             raise self.error(f"got {len(entry)} keys, expected one of {', '.join(KINDS)}", key)
         (name, values), *_ = entry.items()
@@ -182,19 +174,6 @@ class _Reader:
             if ring is not None and ring > len(self._maze.rings):
                 raise self.error(f"got {ring}, expected 1 to {len(self._maze.rings)}", (*key, name))
         return mishap
-
-
-def _end(fault: Fault) -> float:
-    return fault.at_s + fault.duration_s
-
-
-FROM_FAULTS: dict[str, Callable[[Fault], Mishap]] = {
-    "stuck": lambda fault: BallStuck(from_s=fault.at_s, to_s=_end(fault)),
-    "blackout": lambda fault: CameraBlind(from_s=fault.at_s, to_s=_end(fault)),
-    "dead_axis": lambda fault: AxisDead(axis=fault.axis, from_s=fault.at_s, to_s=_end(fault)),
-    "blocked": lambda fault: OpeningBlocked(opening=fault.opening or "", from_s=fault.at_s, to_s=_end(fault)),
-    "push": lambda fault: BallPushed(at_s=fault.at_s, speed_m_s=fault.speed_m_s, direction_deg=fault.direction_deg),
-}
 
 
 def read_mishaps(given: Given, maze: Maze) -> tuple[Mishap, ...]:

@@ -86,7 +86,7 @@ class Record:
 
         name: name, kind or path of the node"""
         known = self._nodes(name)
-        return [step.what for step in self.steps if step.node in known and not step.what.startswith("_")]
+        return [step.what for step in self.steps if step.node in known]
 
     def timeline(self) -> str:
         """All rows of the timeline, as text."""

@@ -1,4 +1,4 @@
-"""Hypothesis strategies: ball behaviours that a map allows, mishaps of a rig, scripts of leaves.
+"""A Hypothesis strategy: ball behaviours that a map allows.
 
 This is the only module that imports hypothesis, which comes with the extra `testing`.
 """
@@ -9,16 +9,6 @@ import math
 from pathlib import Path
 
 from mazeplan.apps.testing.balls import BallBehaviour, Jump, Move, Pass, Rest, Roll
-from mazeplan.apps.testing.mishapfile import (
-    AxisDead,
-    BallPushed,
-    BallStuck,
-    BallTeleported,
-    CameraBlind,
-    Mishap,
-    OpeningBlocked,
-)
-from mazeplan.core.records import FailureKind
 from mazeplan.core.resources import to_install
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -79,37 +69,3 @@ def _ball_behaviours(draw: st.DrawFn, maze: Maze, most_moves: int, jumps: bool) 
                 moves.append(Jump(ring, float(draw(st.integers(-180, 180)))))
     unseen = draw(st.lists(st.tuples(_tenths(0.0, 5.0), _tenths(0.1, 1.5)), max_size=2))
     return BallBehaviour(start, float(theta), tuple(moves), tuple((a, round(a + b, 1)) for a, b in unseen))
-
-
-def mishaps(maze: Maze | str | Path = "cme", *, most: int = 3) -> st.SearchStrategy[tuple[Mishap, ...]]:
-    """Scripts of a rig: up to `most` mishaps that begin within the first five seconds."""
-    maze = _maze(maze)
-    rings, angles = st.integers(1, len(maze.rings)), st.integers(-180, 180).map(float)
-    span = st.tuples(_tenths(0.0, 5.0), _tenths(0.1, 1.5)).map(
-        lambda s: {"from_s": s[0], "to_s": round(s[0] + s[1], 1)}
-    )
-    at = _tenths(0.0, 5.0)
-    kinds: list[st.SearchStrategy[Mishap]] = [
-        st.builds(lambda s, theta: BallStuck(theta_deg=theta, **s), span, st.none() | angles),
-        st.builds(lambda s: CameraBlind(**s), span),
-        st.builds(lambda s, axis: AxisDead(axis=axis, **s), span, st.sampled_from(("beta", "gamma"))),
-        st.builds(lambda t, v, a: BallPushed(at_s=t, speed_m_s=v, direction_deg=a), at, _tenths(0.1, 0.5), angles),
-        st.builds(lambda t, ring, a: BallTeleported(at_s=t, ring=ring, theta_deg=a), at, rings, angles),
-    ]
-    if maze.openings:
-        names = st.sampled_from([opening.name for opening in maze.openings])
-        kinds.append(st.builds(lambda name: OpeningBlocked(opening=name), names))
-    return st.lists(st.one_of(kinds), max_size=most).map(tuple)
-
-
-def leaf_scripts(*, skipped: bool = False, most_acts: int = 4) -> st.SearchStrategy[str]:
-    """Scripts of leaves as text, such as `RUNNING x2 then FAILURE(stuck)`.
-
-    skipped: whether SKIPPED may be among the statuses
-    most_acts: maximum number of acts"""
-    failures = [f"FAILURE({kind})" for kind in FailureKind]
-    names = ["SUCCESS", "RUNNING", "FAILURE", *failures, *(["SKIPPED"] if skipped else [])]
-    status: st.SearchStrategy[str] = st.sampled_from(names)
-    act = st.builds(lambda status, n: status if n == 1 else f"{status} x{n}", status, st.integers(1, 5))
-    acts = st.lists(act, min_size=1, max_size=most_acts)
-    return st.builds(lambda acts, again: " then ".join(acts) + again, acts, st.sampled_from(("", " again")))

@@ -69,10 +69,5 @@ def described(event: TimedEvent) -> str:
 def excerpt(lines: Sequence[Row], around: float | None = None) -> str:
     """The rows around a moment, s, or the last rows."""
     middle = len(lines) if around is None else sum(row.t < around - 1e-9 for row in lines)
-    first = middle - ROWS // 2
-    first = max(0, min(first, len(lines) - ROWS))
-    shown = lines[first : first + ROWS]
-    before = [f"  ... {first} rows before"] if first else []
-    behind = len(lines) - first - len(shown)
-    more = [f"  ... {behind} rows after"] if behind else []
-    return "\n".join([HEAD, *before, *map(str, shown), *more])
+    first = max(0, min(middle - ROWS // 2, len(lines) - ROWS))
+    return "\n".join([HEAD, *map(str, lines[first : first + ROWS])])

@@ -12,7 +12,7 @@ from mazeplan.apps.testing.leafscript import Script
 from mazeplan.apps.testing.lightrig import LightRig, identified
 from mazeplan.apps.testing.mishapfile import Given, read_mishaps
 from mazeplan.apps.testing.record import Record
-from mazeplan.apps.testing.scriptedrig import ScriptedRig, ScriptedSimulation
+from mazeplan.apps.testing.scriptedrig import ScriptedRig
 from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.own_nodes import registry_with
@@ -31,7 +31,6 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.run.execution import run_job
 from mazeplan.run.resolve import resolve_model, ring_number
 from mazeplan.run.settings import Settings, load_settings
@@ -42,22 +41,13 @@ OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_O
 PATIENCE_MS = 1e6  # ms of wall time for a plan; a short deadline would make a run depend on the load of the machine
 
 
-def scripted_rig(
-    mishaps: Given, map: str | Path | Maze = "cme", rig: str = "light"
-) -> ScriptedRig | ScriptedSimulation:
-    """A rig on which a script of mishaps happens. Raises InputError with file and line.
+def scripted_rig(mishaps: Given, map: str | Path | Maze = "cme") -> ScriptedRig:
+    """The light rig, on which a script of mishaps happens. Raises InputError with file and line.
 
     mishaps: YAML file, YAML text, or a list (see `mishapfile`)
-    map: a Maze, or name or file of a map
-    rig: `light`, or name or file of a rig simulated in MuJoCo"""
+    map: a Maze, or name or file of a map"""
     maze = map if isinstance(map, Maze) else load_map(map)
-    script = read_mishaps(mishaps, maze)
-    if rig == "light":
-        return ScriptedRig(maze, mishaps=script)
-    made = make_rig(rig, maze)
-    if not isinstance(made, SimulatedRig):
-        raise InputError(f"got {rig!r}, expected light, or a rig that is simulated in MuJoCo", key="rig")
-    return ScriptedSimulation(made.maze, made.settings, mishaps=script)
+    return ScriptedRig(maze, mishaps=read_mishaps(mishaps, maze))
 
 
 def run_tree(
@@ -83,7 +73,7 @@ def run_tree(
 
     tree: packaged name, file, or XML text
     leaves: {name, kind or path of leaves: script that replaces their work}
-    mishaps: what goes wrong, as YAML file, YAML text or list
+    mishaps: what goes wrong on the light rig, as YAML file, YAML text or list
     ball: where the ball is, whatever the plate does
     rig: "light", name or file of a simulated rig, or a rig
     goal: goal ring; by default the last ring
@@ -134,17 +124,15 @@ def _machine(rig: str | Rig, ball: BallBehaviour | None, mishaps: Given, maze: M
         if given or rig != "light":
             raise InputError("a ball behaviour leaves neither room for mishaps nor for another rig", key="ball")
         return PlayedRig(maze, ball=ball)
-    if isinstance(rig, str):
-        return scripted_rig(mishaps, maze, rig)
+    if rig == "light":
+        return scripted_rig(mishaps, maze)
     if given:
-        raise InputError(
-            "mishaps happen on the rig that is named; give its name, or make it by scripted_rig", key="rig"
-        )
-    return rig
+        raise InputError("mishaps happen on the light rig; a simulated rig has `faults` in its file", key="rig")
+    return make_rig(rig, maze) if isinstance(rig, str) else rig
 
 
 def _truth(rig: Rig) -> Callable[[], tuple[int, float] | None]:
-    if isinstance(rig, LightRig | PlayedRig | ScriptedSimulation):
+    if isinstance(rig, LightRig | PlayedRig):
         return lambda: (rig.ring, rig.theta)
     return lambda: None
 

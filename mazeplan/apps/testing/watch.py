@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import count
 
 from mazeplan.apps.testing.leafscript import Player, Script, script
 from mazeplan.behavior.context import RunContext
-from mazeplan.btree.conditions import DECISIONS, WHILE, Conditions
-from mazeplan.btree.controls import Fallback, ReactiveFallback
-from mazeplan.btree.decorators import SubTree
+from mazeplan.btree.conditions import Conditions
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.node import Node, TreeNode
 from mazeplan.btree.ports import shown
-from mazeplan.btree.status import RUNNING, Result
+from mazeplan.btree.status import Result
 from mazeplan.btree.tree import BehaviorTree, parts_of
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import RunEvent, TimedEvent
 from mazeplan.core.records import Command, Plan
 
-Key = tuple[str | int, ...]
 HALTED, RAISED = "HALTED", "RAISED"
 
 
@@ -29,30 +26,13 @@ class NodeInfo:
     """A node of the tree that ran.
 
     index: number of the node, in the order of `BehaviorTree.nodes()`
-    path: names from the root of the main tree to the node
-    short: names from its <BehaviorTree> to the node; the first is the name of that tree
-    element: key of the element in the file; nodes have the same key if a subtree is used twice
-    parent: index of the node above; None for the root
-    chooses: whether it is a Fallback or ReactiveFallback, which tries one child after the other
-    conditions: names of its preconditions"""
+    path: names from the root of the main tree to the node"""
 
     index: int
     path: str
-    short: str
     name: str
     kind: str
-    file: Path | None
-    line: int
-    element: tuple[str | int, ...]
-    parent: int | None
     is_leaf: bool
-    chooses: bool
-    conditions: tuple[str, ...]
-
-    @property
-    def place(self) -> str:
-        """file:line."""
-        return f"{self.file}:{self.line}"
 
 
 TICKED = ("RUNNING", "SUCCESS", "FAILURE")
@@ -65,7 +45,7 @@ class Step:
     tick: number of the tick
     t: rig time, s
     node: index of the node
-    what: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED or RAISED; or an evaluated precondition, such as `_skipIf`
+    what: RUNNING, SUCCESS, FAILURE, SKIPPED, HALTED or RAISED
     decided: whether a precondition decided in place of the node"""
 
     tick: int
@@ -130,13 +110,10 @@ class Watch:
         """Watch a tree from now on. A second tree of the same file belongs to the next goal of the same run."""
         self.tree_name, self._context, nodes = tree.name, context, list(tree.nodes())
         if not self.nodes:
-            self.nodes = list(_described(tree.root, tree.name))
+            self.nodes = list(_described(tree.root))
         self.players = {}
         unused = set(self._scripts)
         for info, node in zip(self.nodes, nodes, strict=True):
-            if node.conditions is not None:
-                # the type checker expects Conditions; _Conditions has the same methods
-                node.conditions = _Conditions(node.conditions, info.index, self._note)  # type: ignore[assignment]
             name = self._script_for(info)
             if name is not None and isinstance(node, Leaf):
                 unused.discard(name)
@@ -166,19 +143,21 @@ class Watch:
 
     # -- what is recorded -------------------------------------------------------------------------------------------
 
-    def _note(self, node: int, what: str, decided: bool = False) -> None:
-        self._steps.append(Step(len(self.ticks), self.now, node, what, decided))
+    def _note(self, node: int, what: str) -> None:
+        self._steps.append(Step(len(self.ticks), self.now, node, what))
 
     def _watch_node(self, index: int, node: TreeNode) -> None:
-        execute = node.execute
+        execute, conditions = node.execute, None
+        if node.conditions is not None:
+            conditions = _Conditions(node.conditions)
+            node.conditions = conditions  # pyright: ignore[reportAttributeAccessIssue]  # has the same methods
 
         def watched_execute() -> Result:
             at = len(self._steps)
             self._note(index, RAISED)  # keeps the place before the children; stays only if the tick raises
             result = execute()
-            first = self._steps[at]
-            passed = isinstance(node.conditions, _Conditions) and node.conditions.decided
-            self._steps[at] = Step(first.tick, first.t, index, result.name, passed)
+            first, decided = self._steps[at], conditions is not None and conditions.decided
+            self._steps[at] = Step(first.tick, first.t, index, result.name, decided)
             return result
 
         def watched_halt() -> None:
@@ -219,45 +198,27 @@ class Watch:
 
 
 class _Conditions:
-    """Pre- and postconditions that report each evaluated precondition.
+    """Pre- and postconditions of a node. decided: whether a precondition decided at the last tick"""
 
-    decided: whether a precondition decided at the last tick"""
-
-    def __init__(self, conditions: Conditions, node: int, note: Callable[[int, str, bool], None]) -> None:
-        self._conditions, self._node, self._note, self.decided = conditions, node, note, False
-        self.given, self.scope = conditions.given, conditions.scope
-        self.after, self.halted = conditions.after, conditions.halted
+    def __init__(self, conditions: Conditions) -> None:
+        self._decide, self.decided = conditions.decide, False
+        self.given, self.after, self.halted = conditions.given, conditions.after, conditions.halted
 
     def decide(self, status: Result) -> Result | None:
-        """The same as `Conditions.decide`, with the preconditions evaluated one by one."""
-        self.decided = False
-        for name in DECISIONS:
-            if name in self.given and (status is not RUNNING or name == WHILE):
-                result = Conditions({name: self.given[name]}, self.scope).decide(status)
-                self._note(self._node, name, result is not None)
-                if result is not None:
-                    self.decided = True
-                    return result
-        return None
+        """The same as `Conditions.decide`."""
+        result = self._decide(status)
+        self.decided = result is not None
+        return result
 
 
-def _described(root: TreeNode, tree: str) -> Iterator[NodeInfo]:
+def _described(root: TreeNode) -> Iterator[NodeInfo]:
     """All nodes, parents first, in the order of `BehaviorTree.nodes()`."""
-    count = 0
+    numbers = count()
 
-    def walk(node: TreeNode, parent: int | None, above: str, tree: str, element: Key) -> Iterator[NodeInfo]:
-        nonlocal count
-        index, count = count, count + 1
-        path, short = f"{above}/{node.name}".lstrip("/"), f"{tree}/{node.name}"
-        file, line = (None, 0) if node.place is None else (node.place.file, node.place.line)
-        given = () if node.conditions is None else tuple(name for name in DECISIONS if name in node.conditions.given)
-        leaf, chooses = not isinstance(node, Node), isinstance(node, Fallback | ReactiveFallback)
-        kind = type(node).__name__
-        yield NodeInfo(index, path, short, node.name, kind, file, line, element, parent, leaf, chooses, given)
-        if isinstance(node, SubTree):  # its tree is the same element wherever it is used
-            short = str(node._values.get("ID", node.name))
-            element = (short,)
-        for i, child in enumerate(parts_of(node)):
-            yield from walk(child, index, path, short, (*element, i))
+    def walk(node: TreeNode, above: str) -> Iterator[NodeInfo]:
+        path = f"{above}/{node.name}".lstrip("/")
+        yield NodeInfo(next(numbers), path, node.name, type(node).__name__, not isinstance(node, Node))
+        for child in parts_of(node):
+            yield from walk(child, path)
 
-    yield from walk(root, None, "", tree, (tree, 0))
+    yield from walk(root, "")

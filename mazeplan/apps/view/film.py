@@ -1,32 +1,36 @@
-"""A film of a run, .mp4 or .gif: the plate with ball, trail and plan, and the behaviour tree beside the plate.
+"""A film of a run (.gif): the plate as a camera above it would see it, and the behaviour tree beside the plate.
 
-    messages of a run -> story -> moments at even times -> matplotlib -> OpenCV (.mp4) or Pillow (.gif)
+    messages of a run -> story -> moments at even times -> OpenCV and Matplotlib -> Pillow
 
 The background is drawn once; a frame draws only what changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.apps.view.filmed_plate import Plate, plate_of
 from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import SIGNS
 from mazeplan.apps.view.story import maze_of, moments
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, INKS
+from mazeplan.core.records import Array
 from mazeplan.core.resources import to_install
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
 
-SUFFIXES = (".mp4", ".gif")
-INCHES, DPI = (9.6, 5.4), {".mp4": 100, ".gif": 75}  # 960 x 540 and 720 x 405 pixels
-HZ = {".mp4": 30.0, ".gif": 12.5}  # frames a second; browsers show a gif at steps of 10 ms
+INCHES, DPI = (9.6, 5.4), 75  # 720 x 405 pixels
+HZ = 12.5  # frames a second; browsers show a gif at steps of 10 ms
+HIGH = 0.62  # m, height of the camera
+WALL = (158, 152, 146)  # blue, green, red of the walls; differs from ball and lines
+PIXELS = 520  # side of the picture of the plate
+MARGIN = 1.12  # half the side of this picture, in radii of the rim
 END_S = 1.5  # s that the last frame stays
 COLOURS_GIF = 64
 ROWS = 30  # of the tree
@@ -39,32 +43,32 @@ Frame = NDArray[np.uint8]  # (height, width, 3), RGB
 def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> None:
     """Write the film of a run. messages: (topic, document) of its log
 
-    Raises InputError for another ending of the name, a run without ticks or map, a file that cannot be written, and
-    for .mp4 without OpenCV."""
-    suffix = path.suffix.lower()
+    Raises InputError for a run without ticks or map, a file that cannot be written, and without OpenCV."""
+    from PIL import Image
+
     check_film(path)
     shown = moments(messages)
     maze = maze_of(shown[0].header) if shown else None
     if maze is None:
         raise InputError("the run has no tick, or no map: there is nothing to film", file=path)
-    pictures = frames(at_even_times(shown, HZ[suffix]), maze, DPI[suffix])
+    images = list[Any]()
+    for picture in frames(at_even_times(shown, HZ), maze):
+        image, first = Image.fromarray(picture), images[0] if images else None
+        # with the colours of the first picture, so that unchanged parts cost nothing
+        images.append(image.quantize(COLOURS_GIF, palette=first, dither=Image.Dither.NONE))
+    more: Any = {"format": "GIF", "duration": round(1000.0 / HZ), "loop": 0, "optimize": True}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
-            (_write_mp4 if suffix == ".mp4" else _write_gif)(beside, pictures)
+            images[0].save(beside, save_all=True, append_images=images[1:], **more)
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
 
 
 def check_film(path: Path) -> None:
-    """Raises InputError if the name does not end like a film, or if an .mp4 lacks OpenCV."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"got {path.name}, expected a name that ends in {' or '.join(SUFFIXES)}")
-    if path.suffix.lower() == ".mp4":
-        try:
-            import cv2  # noqa: F401  only to see whether it loads
-        except ImportError:
-            raise InputError(f"an .mp4 needs OpenCV: {to_install('hardware')}; a .gif does not", file=path) from None
+    """Raises InputError without OpenCV, which draws the plate."""
+    if find_spec("cv2") is None:
+        raise InputError(f"a film needs OpenCV: {to_install('hardware')}", file=path)
 
 
 def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
@@ -75,25 +79,64 @@ def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
     return [shown[i] for i in places] + [shown[-1]] * max(1, round(END_S * hz))
 
 
-def frames(
-    shown: Sequence[Moment], maze: Maze, dpi: int, plate: Callable[[Any, Maze], Plate] = plate_of
-) -> Iterator[Frame]:
-    """A picture of each moment. plate: makes the part that shows the maze, from axes and maze"""
-    picture = _Picture(maze, shown[0].header, dpi, plate)
+def frames(shown: Sequence[Moment], maze: Maze) -> Iterator[Frame]:
+    """A picture of each moment."""
+    picture = _Picture(maze, shown[0].header)
     return (picture.frame(moment) for moment in shown)
+
+
+class Plate:
+    """The plate as a camera above it would see it, tilted, with shadows.
+
+    The picture leaves out a ball that the camera did not see. A second ball has a circle around it.
+    moving: artists that change"""
+
+    def __init__(self, axes: Any, maze: Maze) -> None:
+        from mazeplan.rigs.camera.look import Look
+        from mazeplan.rigs.camera.markers import Markers
+        from mazeplan.rigs.camera.pinhole import CameraModel
+        from mazeplan.rigs.camera.render import Overhead
+
+        self._maze, reach = maze, maze.walls[0].outer_radius * MARGIN
+        focal, middle = 0.5 * PIXELS / reach * HIGH, 0.5 * (PIXELS - 1)
+        matrix = np.array([[focal, 0.0, middle], [0.0, focal, middle], [0.0, 0.0, 1.0]])
+        above = np.array([0.0, 0.0, HIGH])
+        self._camera = CameraModel(matrix, np.zeros(5), np.diag([1.0, -1.0, -1.0]), above, (PIXELS, PIXELS))
+        look = Look(ball="blue", noise=0.0, flicker=0.0, blur=0.3, gloss=0.2, wall=WALL)
+        self._eye, self._rng = Overhead(maze, self._camera, look, Markers({}, 0.0)), np.random.default_rng(0)
+        axes.set_axis_off()
+        self._image = axes.imshow(np.zeros((PIXELS, PIXELS, 3), np.uint8), interpolation="nearest", zorder=0)
+        (self._second,) = axes.plot([], [], "o", color=COLOURS["second"], fillstyle="none", markersize=18, zorder=8)
+        self._second.set_markeredgewidth(3.0)
+        self.moving = (self._image, self._second)
+
+    def show(self, moment: Moment) -> None:
+        """Show balls and tilt of a moment."""
+        seen = [ball for ball in (moment.ball, moment.second) if ball is not None and ball.seen]
+        balls = tuple(np.array([ball.x, ball.y, self._maze.ball.radius]) for ball in seen)
+        picture = self._eye.render(None, *moment.tilt, self._rng, others=balls)
+        self._image.set_data(picture[..., ::-1])
+        second = moment.second
+        place = np.empty((0, 2)) if second is None else self.at(np.array([[second.x, second.y]]), moment)
+        self._second.set_data(place[:, 0], place[:, 1])
+
+    def at(self, points: Array, moment: Moment) -> Array:
+        """Places in the axes, pixels (N, 2), of points (N, 2) at the height of the ball's centre, m."""
+        on = np.column_stack([points, np.full(len(points), self._maze.ball.radius)])
+        return self._camera.project(on, *moment.tilt)
 
 
 class _Picture:
     """The parts of a frame that change, over a background that does not."""
 
-    def __init__(self, maze: Maze, header: dict[str, Any], dpi: int, plate: Callable[[Any, Maze], Plate]) -> None:
+    def __init__(self, maze: Maze, header: dict[str, Any]) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=INCHES, dpi=dpi)
+        figure = Figure(figsize=INCHES, dpi=DPI)
         self._canvas, self._maze = FigureCanvasAgg(figure), maze
         plan = figure.add_axes((0.0, 0.02, 0.54, 0.96))
-        self._plate = plate(plan, maze)
+        self._plate = Plate(plan, maze)
         side = figure.add_axes((0.55, 0.0, 0.45, 1.0))
         side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         side.set_axis_off()
@@ -178,30 +221,3 @@ def tree_rows(moment: Moment) -> list[tuple[str, str, bool]]:
         found.append((f"{'   ' * node.depth}{sign} {node.name}", style, active))
     first = max(0, min(last + 4, len(found)) - ROWS)
     return found[first : first + ROWS]
-
-
-def _write_mp4(path: Path, pictures: Iterable[Frame]) -> None:
-    import cv2
-
-    writer: Any = None
-    for picture in pictures:
-        if writer is None:
-            height, width = picture.shape[:2]
-            code = cv2.VideoWriter.fourcc(*"mp4v")
-            writer = cv2.VideoWriter(str(path), code, HZ[".mp4"], (width, height))
-            if not writer.isOpened():
-                raise OSError("OpenCV cannot write it")
-        writer.write(picture[..., ::-1])
-    writer.release()
-
-
-def _write_gif(path: Path, pictures: Iterable[Frame]) -> None:
-    from PIL import Image
-
-    images = list[Any]()
-    for picture in pictures:  # with the colours of the first picture, so that unchanged parts cost nothing
-        image, first = Image.fromarray(picture), images[0] if images else None
-        images.append(image.quantize(COLOURS_GIF, palette=first, dither=Image.Dither.NONE))
-    images[0].save(
-        path, save_all=True, append_images=images[1:], duration=round(1000.0 / HZ[".gif"]), loop=0, optimize=True
-    )

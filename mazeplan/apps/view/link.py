@@ -22,7 +22,7 @@ from time import sleep
 from typing import Any
 
 from mazeplan.apps.view.door import Door
-from mazeplan.apps.view.livetab import PLANNED, STATE, LiveTab, Offer, Order
+from mazeplan.apps.view.livetab import STATE, LiveTab, Offer, Order
 
 FREQUENT = frozenset({"/tick", "/plan", "/status"})
 WAITING, MOST = 300, 5000  # with this many messages in the queue, frequent messages (WAITING) or all (MOST) are dropped
@@ -63,10 +63,6 @@ class PageLink:
     def tell(self, phase: str, note: str = "") -> None:
         """Tell the page the phase of the session: idle, failed (the last run could not begin), starting or running."""
         self.take(STATE, 0.0, {"phase": phase, "note": note})
-
-    def show_planned(self, plan: dict[str, Any]) -> None:
-        """Show what the next run will do; plan: ring of start and goal, place of the ball, and points of the route."""
-        self.take(PLANNED, 0.0, plan)
 
     def _send(self) -> None:
         while not self.ended.is_set():
@@ -127,8 +123,8 @@ def live_page(offer: Offer, door: Door, listening: socket.socket, pipe: Connecti
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
-    from mazeplan.apps.view.clientfix import STOP_BAR
     from mazeplan.apps.view.page import Page
+    from mazeplan.apps.view.stop_bar import STOP_BAR
 
     line = _PageEnd(pipe)
     page = Page(door, listening, [LiveTab(offer, line.drain, line.order)], bar=STOP_BAR)

@@ -92,18 +92,13 @@ def _half(opening: Opening, radius: float) -> float:
     return math.asin(0.5 * opening.width / radius)
 
 
-def floor_mesh(inner: float, outer: float, z: float) -> Mesh:
-    """A ring of floor; a disc if `inner` is 0."""
-    around = np.linspace(0.0, 2.0 * math.pi, 121)
-    return strip(arc(inner, around, z), arc(outer, around, z))
-
-
 def ring_floor(maze: Maze, ring: int) -> Mesh:
     """The floor of a ring. It reaches to the middle of the walls on both sides."""
     walls = maze.walls
     outer = 0.5 * (walls[ring - 1].inner_radius + walls[ring - 1].outer_radius)
     inner = 0.5 * (walls[ring].inner_radius + walls[ring].outer_radius) if ring < len(maze.rings) else 0.0
-    return floor_mesh(inner, outer, 0.0)
+    around = np.linspace(0.0, 2.0 * math.pi, 121)
+    return strip(arc(inner, around, 0.0), arc(outer, around, 0.0))
 
 
 def prism(feet: Array, height: float) -> Mesh:
@@ -113,33 +108,11 @@ def prism(feet: Array, height: float) -> Mesh:
     return joined([strip(heads[[0, 1]], heads[[3, 2]]), *sides])
 
 
-def across_wall(maze: Maze, opening: Opening, left: float, right: float, low: float) -> Array:
-    """Corners (4, 3) of a strip across the wall of an opening, from `left` to `right` of its middle, m, at z = low."""
-    inner, outer = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
-    along = np.array([math.cos(opening.angle), math.sin(opening.angle), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
-    corners = [(inner, left), (outer, left), (outer, right), (inner, right)]
-    return np.array([radius * along + side * across for radius, side in corners]) + np.array([0.0, 0.0, low])
-
-
 def gap_box(maze: Maze, opening: Opening, low: float, high: float) -> Mesh:
     """A block that fills an opening from z = low to high, such as a mark on its floor or a plug."""
-    half = 0.5 * opening.width
-    return prism(across_wall(maze, opening, -half, half, low), high - low)
-
-
-def posts(maze: Maze, opening: Opening, thickness: float, height: float) -> Mesh:
-    """Two posts beside an opening."""
-    half = 0.5 * opening.width
-    sides = ((-half, -half - thickness), (half, half + thickness))
-    return joined([prism(across_wall(maze, opening, near, far, 0.0), height) for near, far in sides])
-
-
-def ribbon(places: Array, half: Array, z: float) -> Mesh:
-    """A band along a line of (N, 2) places, `half` (N,) m to either side; without width where `half` is NaN."""
-    along = np.gradient(places, axis=0)
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    along = along / np.where(length > 0.0, length, 1.0)
-    across = np.column_stack([-along[:, 1], along[:, 0]]) * np.nan_to_num(half)[:, None]
-    level = np.full((len(places), 1), z)
-    return strip(np.hstack([places + across, level]), np.hstack([places - across, level]))
+    inner, outer = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
+    along = np.array([math.cos(opening.angle), math.sin(opening.angle), 0.0])
+    across, half = np.array([-along[1], along[0], 0.0]), 0.5 * opening.width
+    corners = [(inner, -half), (outer, -half), (outer, half), (inner, half)]
+    feet = np.array([radius * along + side * across for radius, side in corners]) + np.array([0.0, 0.0, low])
+    return prism(feet, high - low)

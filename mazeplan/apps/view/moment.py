@@ -78,16 +78,23 @@ class PlanShown:
 
     t0: time of the first step
     dt: time between steps
-    theta: planned angles, (N,), continuous
-    places: x, y on the track of the ring, (N, 2)
-    errors: (N,) rms error along the ring of earlier plans of this run after as many steps, m; NaN for too few plans"""
+    theta: planned angles, (N,), rad
+    radius: of the ring's track, m"""
 
     t0: float
     dt: float
-    ring: int
     theta: Array
-    places: Array
-    errors: Array
+    radius: float = 0.0
+
+    @property
+    def places(self) -> Array:
+        """x, y on the track of the ring, (N, 2), m."""
+        return self.radius * np.column_stack([np.cos(self.theta), np.sin(self.theta)])
+
+    def at(self, t: float) -> float:
+        """Planned angle at time t, at the step that `control.tracking.plan_step` takes."""
+        step = 0 if np.isnan(t) else round((t - self.t0) / self.dt)
+        return float(self.theta[min(max(step, 0), len(self.theta) - 2)])
 
 
 @dataclass(frozen=True)
@@ -95,23 +102,12 @@ class OpeningShown:
     """An opening.
 
     next: whether the run brings the ball there
-    successes, failures: of earlier tries, as they count now
-    chance: probability of getting through, the mean of its Beta posterior
-    low, high: 90 % bounds of this posterior"""
+    chance: probability of getting through, by earlier tries; NaN for an untried opening"""
 
     name: str
     closed: bool
     next: bool
-    successes: float
-    failures: float
-    chance: float
-    low: float
-    high: float
-
-    @property
-    def tried(self) -> bool:
-        """Whether tries of this opening still count."""
-        return self.successes + self.failures > 0.05
+    chance: float = float("nan")
 
 
 @dataclass(frozen=True)

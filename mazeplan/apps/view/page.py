@@ -1,8 +1,7 @@
 """A page: a server behind its door, and tabs that one thread draws.
 
 A tab has the methods `build` and `draw` (`Tab`). `build` gets the page, whose `server` is viser's, and adds the tab to
-`page.tabs`, the group of tabs in the right panel. All tabs share one scene. Therefore only one tab may draw in it and
-set `page.framing`.
+`page.tabs`, the group of tabs in the right panel. All tabs share one scene. Therefore only one tab may draw in it.
 """
 
 from __future__ import annotations
@@ -10,12 +9,11 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from threading import Event
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from mazeplan.apps.view.camera import Framing
 from mazeplan.apps.view.door import Door
 from mazeplan.apps.view.server import open_server
 from mazeplan.core.errors import InputError
@@ -28,17 +26,6 @@ if TYPE_CHECKING:
 HZ = 30.0  # rate of drawing, the same as that of a rig's samples, so that at least 25 frames a second arrive
 WIDTH = 340  # pixels of the panel at each side; a window of 1024 pixels has as much room between the two
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
-
-
-def pressed(lock: AbstractContextManager[object], do: Callable[[Any], object]) -> Callable[[Any], None]:
-    """A callback for actions of a person in a browser, called one after another. It ignores changes by the program."""
-
-    def on(event: Any) -> None:
-        if getattr(event, "client_id", 0) is not None:
-            with lock:
-                do(event)
-
-    return on
 
 
 class Tab(Protocol):
@@ -70,7 +57,6 @@ class Page:
         scene.configure_default_lights(cast_shadow=False)
         scene.add_light_ambient("/light", intensity=0.9)
         scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
-        self.framing = Framing(self.server)
         self.tabs: GuiTabGroupHandle = gui.add_tab_group()
         for tab in self._tabs:
             tab.build(self)

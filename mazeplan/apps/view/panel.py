@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mazeplan.apps.view.moment import Moment, NodeShown
 from mazeplan.core.palette import COLOURS, INKS
@@ -29,32 +29,28 @@ GREY = f'style="color:{INKS["quiet"]}'
 
 
 class HtmlPanel:
-    """HTML of a moment, in viser's current container.
+    """HTML of a moment, in viser's current container."""
 
-    html: makes the HTML
-    key: the values that the HTML depends on"""
-
-    def __init__(self, server: ViserServer, html: Callable[[Moment], str], key: Callable[[Moment], Any]) -> None:
-        self._html, self._key = html, key
-        self._shown = server.gui.add_html(html(Moment()))
-        self._at, self._before = 0.0, None
+    def __init__(self, server: ViserServer, html: Callable[[Moment], str]) -> None:
+        self._html, self._content, self._at = html, html(Moment()), 0.0
+        self._shown = server.gui.add_html(self._content)
 
     def show(self, moment: Moment, now: float) -> None:
         """Draw a moment, at most HZ times a second; now: s of any clock."""
-        if now - self._at < 1.0 / HZ or (key := self._key(moment)) == self._before:
-            return
-        self._at, self._before = now, key
-        self._shown.content = self._html(moment)
+        if now - self._at >= 1.0 / HZ:
+            self._at, content = now, self._html(moment)
+            if content != self._content:
+                self._content = self._shown.content = content
 
 
 def facts_panel(server: ViserServer) -> HtmlPanel:
     """The facts of the run in a few lines, as a panel."""
-    return HtmlPanel(server, facts_html, lambda m: (m.run, m.tick, m.task, m.failure, m.events, m.result is None))
+    return HtmlPanel(server, facts_html)
 
 
 def tree_panel(server: ViserServer) -> HtmlPanel:
     """The behaviour tree as a panel."""
-    return HtmlPanel(server, tree_html, lambda m: (m.run, m.tree.number, m.tree.statuses, m.failure))
+    return HtmlPanel(server, tree_html)
 
 
 def facts_html(moment: Moment) -> str:

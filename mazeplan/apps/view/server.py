@@ -15,8 +15,8 @@ from importlib.util import find_spec
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.view.clientfix import mended
 from mazeplan.apps.view.door import Door, Refusal
+from mazeplan.apps.view.stop_bar import add_bar
 from mazeplan.core.errors import InputError
 from mazeplan.core.resources import to_install
 
@@ -96,7 +96,7 @@ def _checked(door: Door, ready: Event, bar: str, then: Any) -> Any:
         refusal = door.refusal(request.path, given)
         response = then(connection, request) if refusal is None else answer(refusal)
         if response is not None:
-            mended(response, bar)
+            add_bar(response, bar)
             hosts = [value for name, value in given if name.lower() == "host"]
             door.dress(response.headers, hosts[0] if hosts else f"{door.host}:{door.port}")
         return response

@@ -2,21 +2,20 @@
 
 A live page gives each message to `Story.take` and calls `Story.moment` whenever it draws. A replay uses `moments`, one
 for each tick of a log.
-
-The errors of earlier plans of a run show how wrong its plan may be: rms along the ring, by age of the plan.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mazeplan.apps.view.moment import (
+    COLUMN,
     COLUMNS,
     BallShown,
     EventShown,
@@ -26,13 +25,6 @@ from mazeplan.apps.view.moment import (
     PlanShown,
     TaskShown,
     TreeShown,
-)
-from mazeplan.apps.view.run_statistics import (
-    FollowedPlan,
-    OpeningTries,
-    PlanErrors,
-    RecentRows,
-    number,
 )
 from mazeplan.core.events import (
     DoubtRaised,
@@ -51,16 +43,52 @@ from mazeplan.core.events import (
 )
 from mazeplan.core.logs.run_log_reader import PLAN_STATES
 from mazeplan.core.maths.angles import difference, nearest
-from mazeplan.core.records import Failure, FailureKind
+from mazeplan.core.records import Array, Failure, FailureKind
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
+from mazeplan.maze.memory import FADING_S
 
 SHOWN_S = 10.0  # s of rows in a moment
 EVENTS = 8  # maximum number of events in a moment
+# Beta prior of an untried opening, the same as in `maze.graph.RouteOptions`; importing that would import networkx
+PRIOR = (3.0, 0.3)
+LEAST_TRIES = 0.05  # tries that have faded below this number no longer count
+
+
+def number(value: Any) -> float:
+    """The value as a float; NaN for anything but a finite number."""
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else math.nan
+
+
+class RecentRows:
+    """A table that grows at its end and forgets its beginning. Rows that `newest` has returned do not change."""
+
+    def __init__(self, kept: int) -> None:
+        self._kept, self._count = kept, 0
+        self._rows = np.empty((4 * kept, len(COLUMNS)))
+
+    def add(self, row: list[float]) -> None:
+        """Add a row at the end."""
+        if self._count == len(self._rows):
+            rows = np.empty_like(self._rows)
+            rows[: self._kept] = self._rows[-self._kept :]
+            self._rows, self._count = rows, self._kept
+        self._rows[self._count] = row
+        self._count += 1
+
+    def last(self, name: str) -> float:
+        """The newest finite number in a column; NaN without one."""
+        column = self.newest()[:, COLUMN[name]]
+        known = column[~np.isnan(column)]
+        return float(known[-1]) if len(known) else math.nan
+
+    def newest(self) -> Array:
+        """The last rows, (N, len(COLUMNS))."""
+        return self._rows[max(0, self._count - self._kept) : self._count]
 
 
 class Story:
-    """What a page knows of a run. A header begins another run. ticks: number of ticks of the run so far"""
+    """What a page knows of a run. A header begins another run."""
 
     def __init__(self) -> None:
         self._runs = 0
@@ -76,12 +104,12 @@ class Story:
         self._goal = header.get("goal_ring")
         self._closed = {o.name for o in self.maze.openings if o.closed} if self.maze else set[str]()
         self._closed |= set(replay.get("closed", ()))
-        self._tries, self._errors, self._tree = OpeningTries(), PlanErrors(), TreeShown()
+        self._tries, self._tree = dict[str, Any](), TreeShown()
         self._failure: Failure | None = None
         self._events: deque[EventShown] = deque(maxlen=EVENTS)
         self._result: dict[str, Any] | None = None
-        self._new_plans: list[FollowedPlan] = []  # since the last tick
-        self._followed: FollowedPlan | None = None
+        self._new_plans: list[PlanShown] = []  # since the last tick
+        self._followed: PlanShown | None = None
 
     def take(self, topic: str, document: dict[str, Any]) -> None:
         """Take one message. Unknown topics are ignored."""
@@ -98,7 +126,7 @@ class Story:
             statuses = str(document.get("nodes", ""))
             self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
         elif topic == "/openings":
-            self._tries = OpeningTries.of(document)
+            self._tries = document
         elif topic == "/event":
             self._take_event(document)
         elif topic == "/result":
@@ -117,15 +145,12 @@ class Story:
         planned = planned if math.isnan(theta) or math.isnan(planned) else nearest(planned, theta)
         known = {"x": x, "y": y, "theta": theta, "planned_theta": planned}
         self._rows.add([known.get(name, number(tick.get(name))) for name in COLUMNS])
-        if self._followed is not None:
-            self._errors.keep(self._followed)
-        self._errors.compare(now, theta, tick.get("ring"), tick.get("opening"))
 
     def _take_plan(self, plan: dict[str, Any]) -> None:
         theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
         t0, dt = number(plan.get("t0")), number(plan.get("dt"))
         if len(theta) > 1 and np.isfinite(theta).all() and math.isfinite(t0) and dt > 0.0:
-            self._new_plans.append(FollowedPlan(t0, dt, theta))
+            self._new_plans.append(PlanShown(t0, dt, theta))
 
     def _follow(self, planned: float, now: float) -> None:
         """Find the plan that the run follows: the plan followed so far, or a plan of this tick.
@@ -138,7 +163,7 @@ class Story:
             return
         goal, ring = number(self._tick.get("goal_theta")), self._tick.get("ring")
 
-        def off(plan: FollowedPlan) -> tuple[float, float]:
+        def off(plan: PlanShown) -> tuple[float, float]:
             end = 0.0 if math.isnan(goal) else abs(difference(float(plan.theta[-1]), goal))
             return round(abs(difference(plan.at(now), planned)), 5), end
 
@@ -147,7 +172,7 @@ class Story:
             radius = 0.0
             if self.maze is not None and isinstance(ring, int) and 1 <= ring <= len(self.maze.rings):
                 radius = self.maze.track_radius(ring)
-            followed = replace(followed, ring=ring, radius=radius, opening=self._tick.get("opening"))
+            followed = replace(followed, radius=radius)
         self._followed = followed
 
     def _take_event(self, event: dict[str, Any]) -> None:
@@ -177,7 +202,7 @@ class Story:
         ring, opening = tick.get("ring"), tick.get("opening") if going_on else None
         if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
             ring = self.maze.ring_at(math.hypot(x, y))
-        seen = tick.get("x") is not None and tick.get("y") is not None
+        seen, chances = tick.get("x") is not None and tick.get("y") is not None, self._chances()
         return Moment(
             run=self._runs,
             tick=self.ticks,
@@ -188,9 +213,9 @@ class Story:
             second=_second(tick),
             tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
             rows=self._rows.newest(),
-            plan=self._plan() if going_on else None,
+            plan=self._followed if going_on and self._followed is not None and self._followed.radius > 0.0 else None,
             openings=tuple(
-                OpeningShown(o.name, o.name in self._closed, o.name == opening, *self._tries.now(o.name, self._t))
+                OpeningShown(o.name, o.name in self._closed, o.name == opening, chances.get(o.name, math.nan))
                 for o in (self.maze.openings if self.maze else ())
             ),
             tree=self._tree,
@@ -199,33 +224,32 @@ class Story:
             result=self._result,
         )
 
-    def _plan(self) -> PlanShown | None:
-        plan = self._followed
-        if plan is None or plan.radius <= 0.0:
-            return None
-        places = plan.radius * np.column_stack([np.cos(plan.theta), np.sin(plan.theta)])
-        return PlanShown(plan.t0, plan.dt, plan.ring, plan.theta, places, self._errors.after(len(plan.theta)))
+    def _chances(self) -> dict[str, float]:
+        """Probability of getting through each tried opening: mean of a Beta posterior of tries that fade."""
+        age = max(self._t - number(self._tries.get("t")), 0.0)
+        kept = math.exp(-age / float(self._tries.get("fading_s", FADING_S)))
+        tries = (self._tries.get(key, ()) for key in ("names", "successes", "failures"))
+        return {
+            name: (PRIOR[0] + kept * good) / (sum(PRIOR) + kept * (good + bad))
+            for name, good, bad in zip(*tries, strict=False)
+            if kept * (good + bad) > LEAST_TRIES
+        }
 
 
 def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
     """One moment for each tick of a run, with the messages before the next tick. The last moment has the result."""
-    return list(moments_from(Story(), messages))
-
-
-def moments_from(story: Story, messages: Iterable[tuple[str, dict[str, Any]]], first: int = 0) -> Iterator[Moment]:
-    """Like `moments`, for a story that has begun, from the tick `first` on, counted from 0."""
-    last, waiting = None, False
+    story, found, waiting = Story(), list[Moment](), False
     for topic, document in messages:
         if topic in ("/tick", "/event", "/plan", "/tree") and waiting:
-            if last is not None:
-                yield last
-            last, waiting = story.moment() if story.ticks > first else None, False
+            found.append(story.moment())
+            waiting = False
         story.take(topic, document)
         waiting = waiting or topic == "/tick"
-    if waiting and last is not None:
-        yield last
-    if waiting or last is not None:
-        yield story.moment()
+    if waiting:
+        found.append(story.moment())
+    elif found:
+        found[-1] = story.moment()
+    return found
 
 
 def maze_of(header: dict[str, Any]) -> Maze | None:

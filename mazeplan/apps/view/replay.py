@@ -1,0 +1,269 @@
+"""A recorded run on the page (`mazeplan view LOG`): the moments of its log, the time that is shown, and the tab.
+
+The time is that of the rig's clock, s.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from threading import RLock
+from typing import Any
+
+import numpy as np
+
+from mazeplan.apps.view.door import Door, listen
+from mazeplan.apps.view.moment import Moment
+from mazeplan.apps.view.page import FONT, WIDTH, Page
+from mazeplan.apps.view.panel import facts_panel, tree_panel
+from mazeplan.apps.view.plots import Plots
+from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
+from mazeplan.apps.view.server import check_installed
+from mazeplan.apps.view.story import maze_of, moments
+from mazeplan.core.errors import LogError
+from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
+from mazeplan.core.logs.run_log_reader import checked_fields, read_messages
+from mazeplan.core.palette import INKS
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # s of the run in 1 s of wall time
+MOST_BUTTONS = 30  # failures with a button of their own
+_NEAR = 1e-6  # s; times that are no farther apart are the same tick
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A failure to jump to: its time, a short text, and a full text."""
+
+    t: float
+    brief: str
+    text: str
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """One log.
+
+    name:     of the file
+    header:   facts about the run
+    moments:  one for each tick
+    times:    of the ticks, (N,), never decreasing
+    maze:     None if the log has no map that can be read
+    failures: with their recoveries; if the run did not arrive, also its end
+    complete: whether the program finished the log"""
+
+    name: str
+    header: dict[str, Any]
+    moments: Sequence[Moment]
+    times: Array
+    maze: Maze | None
+    failures: tuple[Mark, ...]
+    complete: bool
+
+    def tick_at(self, t: float) -> int:
+        """The number, from 0, of the last tick until time t; before the first tick, 0."""
+        return max(0, int(np.searchsorted(self.times, t + _NEAR, side="right")) - 1)
+
+
+def open_recording(path: str | Path) -> RecordedRun:
+    """Open a log, also a log that was cut off or that an older version wrote. Raises LogError if it cannot be shown."""
+    path = Path(path)
+    header, messages, complete = read_messages(path)
+    with checked_fields(path):
+        shown, failures = moments(messages), tuple(_failures(messages))
+    if not shown:
+        raise LogError("holds no tick, there is nothing to show", file=path)
+    times = np.array([moment.t for moment in shown])
+    if not np.isfinite(times).all():
+        raise LogError("damaged: a tick without a time", file=path)
+    return RecordedRun(path.name, header, shown, np.maximum.accumulate(times), maze_of(header), failures, complete)
+
+
+def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:
+    marks: list[Mark] = []
+    for topic, document in messages:
+        if topic == "/result" and not document["success"]:
+            last = max((mark.t for mark in marks), default=0.0)
+            how = f"ended: {document.get('reason') or 'no reason given'}"
+            marks.append(Mark(max(float(document.get("time_s", last)), last), how, how))
+        if topic != "/event":
+            continue
+        timed = TimedEvent.from_document(document)
+        event = timed.event
+        if isinstance(event, FailureReported):
+            why = f": {event.detail}" if event.detail else ""
+            marks.append(Mark(timed.t, event.kind, f"{event.kind} at {event.where}{why}"))
+        elif isinstance(event, RecoveryChosen) and marks:
+            then = f" → {event.recovery}"
+            marks[-1] = Mark(marks[-1].t, marks[-1].brief + then, marks[-1].text + then)
+    return marks
+
+
+class Playback:
+    """The time that a replay shows. times: of the ticks at which steps stop, (N,), s, never decreasing"""
+
+    def __init__(self, times: Array) -> None:
+        self._times = times
+        self.first, self.last = float(times[0]), float(times[-1])
+        self.t, self.playing, self.speed = self.first, False, 1.0
+
+    def seek(self, t: float) -> None:
+        """Go to a time between the first and the last tick."""
+        self.t = min(max(t, self.first), self.last) if math.isfinite(t) else self.t
+
+    def step(self, ticks: int) -> None:
+        """Go to the next tick (1) or the previous tick (-1), and stay there."""
+        self.playing = False
+        side, sign = ("right", 1.0) if ticks > 0 else ("left", -1.0)
+        at = int(np.searchsorted(self._times, self.t + sign * _NEAR, side=side)) + ticks - (ticks > 0)
+        self.t = float(self._times[min(max(at, 0), len(self._times) - 1)])
+
+    def toggle(self) -> None:
+        """Go on or stop; at the end, go on from the beginning."""
+        self.playing = not self.playing
+        if self.playing and self.t >= self.last - _NEAR:
+            self.t = self.first
+
+    def advance(self, seconds: float) -> None:
+        """Let wall time pass, s."""
+        if self.playing:
+            self.seek(self.t + self.speed * max(seconds, 0.0))
+            self.playing = self.t < self.last - _NEAR
+
+    def jump(self, marks: Sequence[Mark], direction: int) -> None:
+        """Go to the next mark (1) or the previous mark (-1), if there is one, and stay there."""
+        self.playing = False
+        ahead = [mark.t for mark in marks if direction * (mark.t - self.t) > _NEAR]
+        if ahead:
+            self.seek(min(ahead, key=lambda t: abs(t - self.t)))
+
+
+class ReplayTab:
+    """See `page.Tab`. Shows a recorded run."""
+
+    def __init__(self, recording: RecordedRun) -> None:
+        self._recording, self._marks = recording, recording.failures
+        self._player, self._lock = Playback(recording.times), RLock()
+        self._scene: Scene | None = None
+        self._before, self._drawn, self._tilt_shown = 0.0, (), TILT_SHOWN
+
+    def build(self, page: Page) -> None:
+        """Add scene, curves, controls of time, failures, facts and tree to the page."""
+        server, gui = page.server, page.server.gui
+        if self._recording.maze is not None:
+            self._scene = Scene(server, self._recording.maze)
+            look_from_above(server, self._recording.maze)
+        curves = gui.add_panel()
+        with curves.add_tab("Curves"):
+            self._plots = Plots(server)
+        curves.dock_left()
+        curves.set_width(WIDTH)
+        with page.tabs.add_tab("Replay"):
+            self._head = gui.add_html("")
+            self._build_time(gui)
+            self._build_failures(gui)
+            self._facts = facts_panel(server)
+            with gui.add_folder("Behaviour tree"):
+                self._tree = tree_panel(server)
+            tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
+            tilt.on_update(lambda event: setattr(self, "_tilt_shown", float(event.target.value)))
+
+    def _build_time(self, gui: Any) -> None:
+        player = self._player
+        first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
+        marks = tuple(round(mark.t, 2) for mark in self._marks if player.first <= mark.t <= player.last)
+        self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
+        self._slider.on_update(self._pressed(lambda event: self._seek(event.target.value)))
+        self._play = gui.add_button("Play", color="blue", hint="space")
+        self._play.on_click(self._pressed(lambda event: player.toggle()))
+        steps = gui.add_button_group("Step", ["−tick", "+tick"], hint="arrow keys")
+        steps.on_click(self._pressed(lambda event: player.step(1 if event.target.value == "+tick" else -1)))
+        speeds = [f"{speed:g}×" for speed in SPEEDS]
+        speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
+        speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
+        for label, key, do in (
+            ("Play or stop", "space", player.toggle),
+            ("One tick on", "arrowright", lambda: player.step(1)),
+            ("One tick back", "arrowleft", lambda: player.step(-1)),
+            ("Next failure", "N", lambda: player.jump(self._marks, 1)),
+            ("Previous failure", "P", lambda: player.jump(self._marks, -1)),
+        ):
+            gui.add_command(label, hotkey=key).on_trigger(self._pressed(lambda event, do=do: do()))
+
+    def _build_failures(self, gui: Any) -> None:
+        count = len(self._marks)
+        with gui.add_folder(f"Failures: {count or 'none'}"):
+            for mark in self._marks[:MOST_BUTTONS]:
+                button = gui.add_button(f"{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
+                button.on_click(self._pressed(lambda event, mark=mark: self._seek(mark.t)))
+            if count > MOST_BUTTONS:
+                gui.add_html(f'<div style="{FONT}">and {count - MOST_BUTTONS} more: key N</div>')
+
+    def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
+        """A callback for actions of a person, called one after another. It ignores changes by the program."""
+
+        def on(event: Any) -> None:
+            if getattr(event, "client_id", 0) is not None:
+                with self._lock:
+                    do(event)
+
+        return on
+
+    def _seek(self, t: float) -> None:
+        self._player.playing = False
+        self._player.seek(t)
+
+    def draw(self, now: float) -> None:
+        """Let time pass, and draw the moment of the new time."""
+        with self._lock:
+            player = self._player
+            player.advance(now - self._before if self._before else 0.0)
+            self._before = now
+            t, playing = player.t, player.playing
+        moment = self._recording.moments[self._recording.tick_at(t)]
+        if self._scene is not None:
+            self._scene.tilt_shown = self._tilt_shown
+            self._scene.show(moment)
+        for part in (self._facts, self._tree, self._plots):
+            part.show(moment, now)
+        shown = (round(t, 2), playing)
+        if shown != self._drawn:
+            self._drawn = shown
+            self._slider.value = min(max(round(t, 2), self._slider.min), self._slider.max)
+            self._play.label = "Stop" if playing else "Play"
+            self._head.content = head_html(self._recording, t)
+
+
+def head_html(recording: RecordedRun, t: float) -> str:
+    """File, rig, map and seed of a run, the tick that is shown, and whether its log is whole."""
+    header = recording.header
+    keys = (("rig", "rig"), ("map", "map_name"), ("seed", "seed"))
+    facts = ", ".join(f"{word} {header[key]}" for word, key in keys if header.get(key) not in (None, ""))
+    cut = "" if recording.complete else " · the log was cut off"
+    tick = f"tick {recording.tick_at(t) + 1} of {len(recording.moments)}{cut}"
+    return (
+        f'<div style="{FONT}" data-t="{t:.3f}"><b>{escape(recording.name)}</b> '
+        f'<div style="color:{INKS["quiet"]}">{escape(facts)} · {tick}</div></div>'
+    )
+
+
+def show_log(recording: RecordedRun, host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
+    """Show a run while `on()` is true. Raises InputError for a port that cannot be used, and without viser."""
+    check_installed()
+    with listen(host, port) as listening:
+        door = Door.at(host, listening.getsockname()[1])
+        page = Page(door, listening, [ReplayTab(recording)])
+        try:
+            with suppress(OSError):  # stderr may be closed; the page goes on
+                print(f"page: {door.url}", file=sys.stderr, flush=True)
+            page.loop(on)
+        except KeyboardInterrupt:  # Ctrl-C is the usual way to end a page
+            pass
+        finally:
+            page.close()
