@@ -7,15 +7,11 @@ import re
 from functools import partial
 
 import pytest
-from mazeplan.apps.view.filmed_plate import DrawnPlate
-from report_documents import EVIL, MAZE, a_log, comparison, diagnosis, drawn, evaluation, evidence
+from report_documents import EVIL, a_log, comparison, diagnosis, drawn, evaluation, evidence
 from standalone_page import alone
 
 from mazeplan.apps.report.run import _left_of, run_section
-from mazeplan.apps.view.film import frames
-from mazeplan.apps.view.story import moments
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
-from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.core.records import Command, Observation
 
 
@@ -137,7 +133,6 @@ def test_dollars_in_a_name_are_no_formula(report, call, tmp_path):
     assert code == 0, err
     assert call("map", "show", "cme", "--log", log, "-o", tmp_path / "x.png")[0] == 0
     assert _left_of(["Pay $5_$6 for the maze"]) > _left_of(["Pay"])
-    assert len([*frames(moments(read_messages(log)[1])[:1], MAZE, 40, DrawnPlate)]) == 1
     axes_of_the_plate = drawn(run_section(read_log(log)).parts, "path").axes[0]
     assert [text.get_parse_math() for text in axes_of_the_plate.texts if text.get_text() == "$x$"] == [True]
 
