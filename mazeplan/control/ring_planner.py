@@ -21,7 +21,7 @@ from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.records import Array, Plan
 from mazeplan.learning import gp_dynamics as learned_dynamics
-from mazeplan.learning.learned_part import LearnedPart
+from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
@@ -47,13 +47,13 @@ class RingPlanner:
         options: IlqgOptions | None = None,
         cost: CostParameters | None = None,
         *,
-        process: LearnedPart | None = None,
+        process: GaussianProcess | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
         """parameters: effects and stage of the ring's model.
 
         tilt_limit:  largest command, rad per axis
-        process:     Gaussian process or networks, added to the effects
+        process:     Gaussian process, added to the effects
         watch:       stopwatch for deadlines"""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()

@@ -5,10 +5,10 @@ Each step costs as in `cost`, plus
     w v(s)      v: variance of the learned part of theta_dd at s, given the nearest training row
 
 Therefore plans prefer states that the rig has visited. v is never smaller than the variance given all rows, and needs
-only one pass over the rows. For networks, v is the variance over the members.
+only one pass over the rows.
 
 The packed vector is that of `cost`, then w, the noise variance of a sample, and the learned part by
-`learned_part.pack`. Numba caches these functions by the date of this file: touch this file after changing functions
+`fast_gp.pack`. Numba caches these functions by the date of this file: touch this file after changing functions
 that it calls. int64() is there because with a bare constant Numba would compile all callees once more.
 """
 
@@ -20,10 +20,10 @@ from numba import njit
 from mazeplan.control import cost
 from mazeplan.control.cost import CostParameters
 from mazeplan.core.records import Array
-from mazeplan.learning import learned_part
-from mazeplan.learning.fast_gp import D
-from mazeplan.learning.learned_part import LearnedPart, variance_and_derivatives
-from mazeplan.learning.learned_part import variance as variance_at
+from mazeplan.learning import fast_gp
+from mazeplan.learning.fast_gp import D, variance_and_derivatives
+from mazeplan.learning.fast_gp import variance as variance_at
+from mazeplan.learning.gaussian_process import GaussianProcess
 
 PLAIN = len(CostParameters().pack(0.0))  # length of the vector of `cost`
 _WEIGHT, _NOISE, _PROCESS = PLAIN, PLAIN + 1, PLAIN + 2
@@ -32,10 +32,10 @@ final, final_derivatives = cost.final, cost.final_derivatives
 plain_running, plain_derivatives = cost.running, cost.running_derivatives
 
 
-def pack(parameters: CostParameters, part: LearnedPart) -> Array:
+def pack(parameters: CostParameters, part: GaussianProcess) -> Array:
     """The packed vector; the caller fills its first PLAIN numbers from `CostParameters.pack`."""
-    noise = learned_part.noise_of(part)
-    return np.concatenate([np.zeros(PLAIN), [parameters.uncertainty, noise * noise], learned_part.pack(part)])
+    noise = part.hyper.noise
+    return np.concatenate([np.zeros(PLAIN), [parameters.uncertainty, noise * noise], fast_gp.pack(part)])
 
 
 @njit(cache=True, error_model="numpy")

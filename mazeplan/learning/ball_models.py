@@ -6,11 +6,9 @@
 | pi | the terms of the equation, each with a fitted weight: Bayesian linear regression |
 | np | Gaussian process on the inputs of the kernel |
 | sp | Gaussian process with an additional linear kernel on features |
-| nn | an ensemble of small networks, trained on accelerations |
-| spnn | effects and networks, trained together on roll-outs |
 | rf | random forest on the nine inputs (scikit-learn) |
 
-np, sp and nn learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity.
+np and sp learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity.
 """
 
 from __future__ import annotations
@@ -22,14 +20,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.learning.features import DRY_WIDTH, EFFECTS, FEATURES, INPUT_SETS, inputs
+from mazeplan.learning.features import EFFECTS, FEATURES, INPUT_SETS, inputs
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.linear import LinearFit
-from mazeplan.learning.networks import Networks
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
-from mazeplan.physics.formulas.arrays import RingKinematics, acceleration, kinematic_terms
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
 
 class AccelerationModel(Protocol):
@@ -78,22 +74,6 @@ class GaussianBall:
         """theta_dd (N,)."""
         phi = FEATURES[self.features](k) if self.features else None
         return kinematic_terms(k) + self.process.mean(INPUT_SETS[self.inputs](k), phi)
-
-
-@dataclass(frozen=True)
-class NetworkBall:
-    """nn and spnn: a sum of effects plus the mean of networks."""
-
-    effects: tuple[Term, ...]
-    networks: Networks
-
-    def mean(self, k: RingKinematics) -> Array:
-        """theta_dd (N,)."""
-        return self.each(k).mean(axis=0)
-
-    def each(self, k: RingKinematics) -> Array:
-        """theta_dd by each member of the ensemble, (E, N)."""
-        return acceleration(self.effects, k, DRY_WIDTH) + self.networks.each(INPUT_SETS[self.networks.inputs](k))
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    options = replace(options, fit=replace(_best_predictor(options.fit), rates=rates))
+    options = replace(options, fit=_best_predictor(options.fit))
     train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""

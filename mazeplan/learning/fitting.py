@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import stats
 
-from mazeplan.core.constants import WALL_ROLLING
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
@@ -31,34 +30,20 @@ from mazeplan.learning.ball_models import (
     ForestBall,
     GaussianBall,
     LinearBall,
-    NetworkBall,
     PhysicsBall,
 )
 from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_training import Training, TrainingOptions, train
 from mazeplan.learning.linear import fit_linear
-from mazeplan.learning.network_training import NetworkOptions, train_networks
 from mazeplan.learning.samples import RingSamples
 from mazeplan.learning.split import uniform_downsample
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effects.ball import (
-    dry_friction,
-    quadratic_drag,
-    rolling_inertia,
-    tilt_offset,
-    viscous_friction,
-    wall_friction,
-)
-from mazeplan.physics.formulas.arrays import NO_GRAVITY, RingKinematics, kinematic_terms
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
-KINDS = ("rf", "p", "pi", "np", "sp", "nn", "spnn")
-NETWORKS = ("nn", "spnn")  # these kinds need all rows, because roll-outs have no gaps
+KINDS = ("rf", "p", "pi", "np", "sp")
 MOST = 5000  # maximum number of training rows of a Gaussian process
-EFFECTS = (  # effects of spnn at the start of its training
-    rolling_inertia(WALL_ROLLING), viscous_friction(0.3), dry_friction(0.5), quadratic_drag(), wall_friction(),
-    tilt_offset(),
-)  # fmt: skip
 TREES, LEAF = 100, 5  # number of trees; minimum samples in a leaf, because a forest with fewer learns the noise
 FEW = 1000  # maximum number of rows of the Gaussian process whose residuals are examined
 LAGS, SHORT = 30, 0.1  # maximum lag, rows; share of the power below which residuals count as uncorrelated
@@ -74,16 +59,12 @@ class FitOptions:
     inputs:       state (for a planner) or local (the best predictor)
     heavy_tails:  also fit the robust model
     training:     settings for the hyperparameters
-    networks:     settings for networks
-    rates:        rates of the samples (see `samples`), for training on roll-outs
-    seed:         for forest, starts and networks"""
+    seed:         for forest and starts"""
 
     most: int = MOST
     inputs: str = "state"
     heavy_tails: bool = False
     training: TrainingOptions = field(default_factory=TrainingOptions)
-    networks: NetworkOptions = field(default_factory=NetworkOptions)
-    rates: str = "smoothed"
     seed: int = 0
 
 
@@ -130,13 +111,6 @@ def fit_kind(
         if options.heavy_tails:
             robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
         return Fitted(model, training, robust)
-    if kind in NETWORKS:
-        fitted = kind == "spnn"
-        found = train_networks(
-            samples, rows, EFFECTS if fitted else (NO_GRAVITY,), options.networks, fitted=fitted, inputs=options.inputs,
-            rates=options.rates, seed=options.seed, progress=progress, advance=advance,
-        )  # fmt: skip
-        return Fitted(NetworkBall(*found))
     raise InputError(f"got kind {kind!r}, expected {one_of(KINDS, kind)}")
 
 

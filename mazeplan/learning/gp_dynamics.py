@@ -1,8 +1,8 @@
-"""Discrete dynamics of a ring with a learned part: those of `ring_dynamics`, plus a Gaussian process or networks.
+"""Discrete dynamics of a ring with a learned part: those of `ring_dynamics`, plus a Gaussian process.
 
 The learned part is evaluated once a step, at its beginning, and held over the step like the command. Signatures are
 those of `ring_dynamics`. The parameters are those of `RingParameters.pack`, then the learned part
-(`learned_part.pack`). Numba caches these functions by the date of this file alone: touch this file, too, if you change
+(`fast_gp.pack`). Numba caches these functions by the date of this file alone: touch this file, too, if you change
 a function that it calls.
 """
 
@@ -12,15 +12,16 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.records import Array
-from mazeplan.learning import learned_part
-from mazeplan.learning.learned_part import LearnedPart, mean, mean_and_gradient
+from mazeplan.learning import fast_gp
+from mazeplan.learning.fast_gp import mean, mean_and_gradient
+from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, PROCESS, RingParameters
 
 
-def pack(parameters: RingParameters, part: LearnedPart) -> Array:
+def pack(parameters: RingParameters, part: GaussianProcess) -> Array:
     """The vector of parameters of `step` and `linearise`."""
-    return np.concatenate([parameters.pack(), learned_part.pack(part)])
+    return np.concatenate([parameters.pack(), fast_gp.pack(part)])
 
 
 @njit(cache=True, error_model="numpy")

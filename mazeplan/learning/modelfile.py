@@ -15,7 +15,7 @@
 
 A plain number may replace {value: number}. Sections and parameters at their defaults are left out (camera, tilt
 sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a Gaussian process
-or of networks are in files beside it (`gp_file`, `network_file`). Loading executes nothing. A log holds a model folder
+are in files beside it (`gp_file`). Loading executes nothing. A log holds a model folder
 as a zip file (`packed_model`).
 """
 
@@ -37,10 +37,8 @@ from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
+from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
-from mazeplan.learning.learned_part import LearnedPart
-from mazeplan.learning.network_file import read_networks, write_networks
-from mazeplan.learning.networks import Networks
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
@@ -55,8 +53,8 @@ Part = TypeVar("Part")
 RATES = (1.0, 1000.0)  # Hz, samples of a rig
 FORMAT = 1
 ROUNDED = 1e-6  # s; precision of a delay in a file
-PROCESSES, NETWORKS = ("np", "sp"), ("nn", "spnn")
-KINDS = ("p", "pi", *PROCESSES, *NETWORKS)
+PROCESSES = ("np", "sp")
+KINDS = ("p", "pi", *PROCESSES)
 PACKAGED = resources.PACKAGE / "learning" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
 AXIS_MORE = {
@@ -114,9 +112,8 @@ def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
 
 def _nothing_learned(kind: str) -> str:
     """The message for a file of a learned kind whose learned parts are missing."""
-    what = "neural networks" if kind in NETWORKS else "Gaussian processes"
     make = f"make them with `mazeplan learn --kind {kind}`"
-    return f"got {kind}, but there are no {what} (section processes) in this file; expected pi, or {make}"
+    return f"got {kind}, but there are no Gaussian processes (section processes) in this file; expected pi, or {make}"
 
 
 class _Reader:
@@ -226,10 +223,9 @@ class _Reader:
             body=None if root.get("body") is None else self.body(root["body"]),
         )
 
-    def processes(self, node: Any, kind: str) -> dict[int, LearnedPart]:
-        """The Gaussian processes or networks of a model; their arrays are checked against the file."""
-        read = read_networks if kind in NETWORKS else read_process
-        learned, empty = kind in PROCESSES + NETWORKS, node is None or node == {}
+    def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
+        """The Gaussian processes of a model; their arrays are checked against the file."""
+        learned, empty = kind in PROCESSES, node is None or node == {}
         if empty or not learned:
             if empty == learned:
                 problem = _nothing_learned(kind) if empty else f"kind {kind} has no processes"
@@ -239,7 +235,7 @@ class _Reader:
         for name, entry in self.section(node, ("processes",)).items():
             self.section(entry, ("processes", name), None, ("file", "sha256"))
             try:
-                out[self.ring_number(name, "processes")] = read(self._path.parent, entry)
+                out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
             except ValueError as problem:
                 raise self.fail(str(problem), "processes", name) from None
         return out
@@ -331,7 +327,7 @@ def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float
 
 
 def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
-    """The content of model.yaml; processes: entries of the learned parts, from `write_process` or `write_networks`."""
+    """The content of model.yaml; processes: entries of the learned parts, from `write_process`."""
     out: dict[str, Any] = {
         "format": FORMAT,
         "kind": model.kind,
@@ -366,18 +362,14 @@ def _mapping(dumper: _Dumper, data: Mapping[str, Any]) -> yaml.Node:
 _Dumper.add_representer(dict, _mapping)
 
 
-def _write_part(folder: Path, ring: int, part: LearnedPart) -> dict[str, Any]:
-    return (write_networks if isinstance(part, Networks) else write_process)(folder, ring, part)  # pyright: ignore
-
-
 def save_model(model: RigModel, folder: str | Path) -> Path:
     """Write the folder, created if missing. Returns the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
-    if model.kind in PROCESSES + NETWORKS and not model.processes:
+    if model.kind in PROCESSES and not model.processes:
         raise ModelError(f"got {model.kind}, but the model has no processes", file=path, key="kind")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside = {ring: _write_part(path.parent, ring, part) for ring, part in sorted(model.processes.items())}
+        beside = {ring: write_process(path.parent, ring, part) for ring, part in sorted(model.processes.items())}
         text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
         with whole_file(path) as part:
             part.write_text(text, encoding="utf-8")

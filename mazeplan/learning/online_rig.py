@@ -36,7 +36,6 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import PLANNED_TERMS, effect_features, inputs
 from mazeplan.learning.gaussian_process import JITTER, Hyperparameters, KernelTerm, kernel
 from mazeplan.learning.gp_file import rounded
-from mazeplan.learning.networks import Networks
 from mazeplan.learning.online_gp import RULES, OnlineProcess, Walk
 from mazeplan.learning.rig_gp import MOST_FRICTION, SMOOTHING, corrected, effect_sigma, planned
 from mazeplan.learning.rig_model import RigModel
@@ -137,9 +136,6 @@ class OnlineModel:
     def _beginning(self, ring: int) -> OnlineProcess:
         process, radius = self.start.processes.get(ring), self.maze.track_radius(ring)
         walk = self.options.walk(self.kind, radius)
-        if isinstance(process, Networks):
-            problem = f"a model of kind {self.start.kind} does not learn while running"
-            raise InputError(f"{problem}: begin with one of kind pi, np or sp")
         if process is None:
             return OnlineProcess.begin(default_hyperparameters(radius), walk)
         h, x = process.hyper, process.inputs

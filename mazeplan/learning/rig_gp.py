@@ -19,12 +19,11 @@ from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words,
 from mazeplan.core.records import Array
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.features import DRY_WIDTH, EFFECTS, PLANNED_TERMS, effect_features, inputs
-from mazeplan.learning.fitting import NETWORKS, FitOptions, inflate_noise
+from mazeplan.learning.fitting import FitOptions, inflate_noise
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_file import rounded
 from mazeplan.learning.gp_training import Training, train
 from mazeplan.learning.rig_model import RigModel
-from mazeplan.learning.rig_networks import learn_networks
 from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_split, uniform_downsample
@@ -45,12 +44,12 @@ class RingLearning:
     rows:      number of training rows
     before:    nRMSE of theta_dd on test blocks, by the effects alone
     after:     the same with the learned part
-    training:  of the hyperparameters, for a Gaussian process"""
+    training:  of the hyperparameters"""
 
     rows: int
     before: float
     after: float
-    training: Training | None = None
+    training: Training
 
 
 def learn_processes(
@@ -64,9 +63,9 @@ def learn_processes(
     progress: Words = no_words,
     advance: Advance = no_advance,
 ) -> tuple[RigModel, dict[int, RingLearning]]:
-    """The model with Gaussian processes or networks for each ring with enough samples, and their scores.
+    """The model with Gaussian processes for each ring with enough samples, and their scores.
 
-    kind:       np, sp, nn or spnn
+    kind:       np or sp
     smoothing:  of the positions and tilts
     progress:   receives each step in words
     advance:    receives the share done
@@ -78,12 +77,8 @@ def learn_processes(
     enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= FEWEST}
     for i, (ring, samples) in enumerate(enough.items()):
         words, share = led_by(f"ring {ring}: ", progress), piece(advance, i, 1, len(enough))
-        ball = model.ball(ring)
-        if kind in NETWORKS:
-            balls[ring], processes[ring], errors = learn_networks(samples, ball, kind, options, words, share)
-            learned[ring] = RingLearning(len(processes[ring]), *errors)
-        else:
-            balls[ring], processes[ring], learned[ring] = _learn_ring(samples, ball, kind, options, words, share)
+        parts = _learn_ring(samples, model.ball(ring), kind, options, words, share)
+        balls[ring], processes[ring], learned[ring] = parts
     if not processes:
         problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
         raise TableError(problem, file=table.place)

@@ -9,7 +9,7 @@ from typing import Any
 from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Latency
-from mazeplan.learning.learned_part import LearnedPart
+from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.rigid_body_entries import Body
 from mazeplan.maze.geometry import Maze, Ring
 from mazeplan.physics.ball_model import BallModel
@@ -34,7 +34,7 @@ class RigModel:
     kind:                 one of `modelfile.KINDS`
     rate_hz:              rate of the samples, Hz
     data, scores:         source and quality, as in the model file
-    processes:            learned parts by ring; they add to the effects (sp, spnn) or replace them (np, nn)
+    processes:            learned parts by ring; they add to the effects (sp) or replace them (np)
     camera, tilt_sensor:  their errors
     body:                 the ball as a rigid body, if identified"""
 
@@ -46,7 +46,7 @@ class RigModel:
     rate_hz: float = 30.0
     data: tuple[dict[str, Any], ...] = ()
     scores: dict[str, Any] = field(default_factory=dict)
-    processes: dict[int, LearnedPart] = field(default_factory=dict, compare=False)
+    processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
     camera: Camera = field(default_factory=Camera)
     tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
     body: Body | None = field(default=None, metadata=LATER)
@@ -57,8 +57,8 @@ class RigModel:
         return self.balls[nearest]
 
     def by_effects(self, ring: int) -> bool:
-        """Whether effects describe the ball in a ring; False if a learned part replaces them (kinds np and nn)."""
-        return not (self.kind in ("np", "nn") and ring in self.processes)
+        """Whether effects describe the ball in a ring; False if a learned part replaces them (kind np)."""
+        return not (self.kind == "np" and ring in self.processes)
 
     @property
     def delay_known(self) -> bool:

@@ -18,9 +18,8 @@ from mazeplan.core.progress import Advance, Words, led_by, piece
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.ball_models import AccelerationModel
 from mazeplan.learning.camera_center import Centre
-from mazeplan.learning.confidence import ConfidenceOptions, confidence
 from mazeplan.learning.discrete_map import fit_discrete, roll_out_discrete
-from mazeplan.learning.fitting import NETWORKS, FitOptions, fit_kind
+from mazeplan.learning.fitting import FitOptions, fit_kind
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.rollout import (
     CHECKED,
@@ -36,10 +35,10 @@ from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_bootstrap, uniform_downsample
 
 PREDICTED = ("rf", "p", "pi", "np", "sp")  # default
-ROLLED = ("pi", "np", "npd", "sp")  # kinds with roll-outs, besides networks
+ROLLED = ("pi", "np", "npd", "sp")  # kinds with roll-outs
 MISFIT = 0.5  # error of the model over the spread of theta_dd, as assumed by the filter before a roll-out
 THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
-COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "nn": 3.0, "spnn": 30.0, "roll": 0.5}  # relative duration
+COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # relative duration
 ANGLES = 36  # cells of the residual map around the ring
 SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed at the edges of its cells, for either direction
 FEWEST = 3  # minimum number of samples in a cell with a value
@@ -54,7 +53,6 @@ class CompareOptions:
     samples:    settings of the samples
     rates:      rates of the samples; "auto": chosen by the noise of the angle
     fit:        settings of the fits
-    bands:      settings of the confidence bands
     kinds:      names in `fitting.KINDS`
     split:      a name in `comparison.SPLITS`
     seed:       for all random draws"""
@@ -64,7 +62,6 @@ class CompareOptions:
     samples: SampleOptions = field(default_factory=SampleOptions)
     rates: str = "auto"
     fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
-    bands: ConfidenceOptions = field(default_factory=ConfidenceOptions)
     kinds: tuple[str, ...] = PREDICTED
     split: str = "blocks"
     seed: int = 0
@@ -191,7 +188,6 @@ class RingScores:
     centre:            of the rings, m
     rollout:           mean absolute error of theta, rad, by kind and sample
     interval, bands:   95 % intervals of the scores, and bands of the roll-out errors
-    confidence:        `Confidence.document` by kind
     blocks:            number of blocks of time with test rows, and with windows
     best:              None with fewer than two kinds of roll-outs
     carried:           see `comparison.drift_scores`"""
@@ -210,7 +206,6 @@ class RingScores:
     interval: dict[str, dict[str, tuple[float, float]]]
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     residual: ResidualMap | None = None
-    confidence: dict[str, dict[str, Any]] = field(default_factory=dict)
     blocks: dict[str, int] = field(default_factory=dict)
     best: Best | None = None
     carried: dict[str, Any] = field(default_factory=dict)
@@ -227,7 +222,7 @@ class RingScores:
         }  # fmt: skip
         if self.best is not None:
             out["best"] = asdict(self.best)
-        more = {"bands": self.bands, "confidence": self.confidence, "carried_over": self.carried}
+        more = {"bands": self.bands, "carried_over": self.carried}
         out = _rounded(out | {name: value for name, value in more.items() if value})
         return out | ({"residual": self.residual.document()} if self.residual else {})
 
@@ -262,8 +257,7 @@ def score(
     for kind in options.kinds:
         progress(kind)
         words, share = led_by(f"{kind}, ", progress), piece(advance, done, COST[kind], whole)
-        rows = data.train_rows if kind in NETWORKS else train_rows
-        models[kind] = fit_kind(kind, data.train, rows, options.fit, progress=words, advance=share)
+        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=words, advance=share)
         done += COST[kind]
         advance(done, whole)
         nrmse_train[kind] = nrmse(*data.pairs(models[kind].model, train_rows, train=True))
@@ -274,9 +268,8 @@ def score(
     misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
-    sure: dict[str, dict[str, Any]] = {}
     errors: dict[str, Array] = {}
-    for kind in (*ROLLED, *NETWORKS):
+    for kind in ROLLED:
         progress(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
         if fitted is not None and len(windows):
@@ -286,16 +279,11 @@ def score(
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
-            if kind != "npd":  # npd has no equation of motion
-                same = np.random.default_rng([options.seed, ring, 1])  # the same draws for each kind
-                parts = data.train, data.train_rows, data.test, windows, rates, misfit, same, options.bands
-                found = confidence(fitted, *parts)
-                sure |= {} if found is None else {kind: found.document()}
         done += COST["roll"]
         advance(done, whole)
     return RingScores(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
-        rollout, interval, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
+        rollout, interval, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left),
         data.blocks(windows),
         Best.of(errors, data.block[windows.start], np.random.default_rng([options.seed, ring, 2])),
     )  # fmt: skip

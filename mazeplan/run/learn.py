@@ -3,7 +3,7 @@
 1. The stage, the camera's delay and the effects on a bead in each ring are fitted (`learning.identification`).
 2. A rigid ball is fitted to the same part of each stretch; the rest of the stretch is for the judgement. The ball is
    the reference for later diagnoses, too.
-3. Gaussian processes or networks are learned, if the kind has them.
+3. Gaussian processes are learned, if the kind has them.
 4. The model is judged as a run would use it (`judge`). What predicts worse than a textbook description is left out.
 """
 
@@ -40,7 +40,7 @@ from mazeplan.run.judge import PARTS, Judgement, judge
 
 Drive = Callable[[RigModel], Sequence[float]]  # time of each run, s; infinite if the ball did not arrive
 SURE = 2.0  # standard errors of a difference of times
-WITH_BODY = ("pi", "sp", "spnn")  # kinds with effects that were fitted; the others leave physics out on purpose
+WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
@@ -50,7 +50,7 @@ class Learned:
     """A model, and how it was found.
 
     reference:  of the rig, for later diagnoses; None if the logs do not show a whole rig, because of `why`
-    rings:      Gaussian processes or networks by ring
+    rings:      Gaussian processes by ring
     judgement:  of the model on parts of the logs that were not fitted
     remaining:  rms of the innovations of the rigid ball over the camera's noise; NaN without one"""
 

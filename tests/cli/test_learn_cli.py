@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from functools import partial
 
 import numpy as np
@@ -16,7 +15,6 @@ from ring_record import write_csv
 from mazeplan.apps.cli.learn import rows_line
 from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.logs.table import Table, read_table
-from mazeplan.core.resources import to_install
 from mazeplan.diagnosis.rig.reference_file import load_reference
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
@@ -172,16 +170,3 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
     write_csv(Table({name: column[:20] for name, column in swapped.items()}), log.parent / "short.csv")
     assert said in refused("learn", *arguments, "-o", "model")
     assert not (log.parent / "model").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_reference")
-def test_without_torch_there_are_no_networks(learn, refused, monkeypatch, log, tmp_path):
-    monkeypatch.setitem(sys.modules, "torch", None)
-    for kind in ("nn", "spnn"):
-        error = refused("learn", log, "-o", tmp_path / "model", "--kind", kind)
-        assert f"networks need torch: {to_install('learn')}" in error
-    assert not (tmp_path / "model").exists()
-    # scipy looks at loaded modules and takes a None for torch
-    monkeypatch.delitem(sys.modules, "torch")
-    assert learn(log, "--kind", "pi")[0] == 0

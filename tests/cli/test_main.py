@@ -117,7 +117,7 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: got '9'"),
         (
             ["learn", "a.csv", "-o", "m", "--kind", "magic"],
-            "--kind: got 'magic', expected one of p, pi, np, sp, nn, spnn\n",
+            "--kind: got 'magic', expected one of p, pi, np, sp\n",
         ),
         (["calibrate", "tilt", "--grid", "99"], "--grid: got '99', expected a number <= 15\n"),
         (["navigat"], "No such command 'navigat'. Did you mean 'navigate'?"),

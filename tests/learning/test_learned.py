@@ -23,7 +23,6 @@ from mazeplan.learning.features import (
 from mazeplan.learning.fitting import KINDS, FitOptions, fit_kind, fit_process
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_training import TrainingOptions
-from mazeplan.learning.network_training import NetworkOptions
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
 from mazeplan.learning.torch_device import require_torch
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
@@ -32,7 +31,6 @@ RADIUS = 0.0892
 ROLLING, VISCOUS, DRY, NOISE = 0.58, 0.4, 0.5, 0.5
 QUICK = FitOptions(
     training=TrainingOptions(first=60, rows=100, starts=1, iterations=6, refinement=4),
-    networks=NetworkOptions(members=2, hidden=8, updates=60, rolled=10, horizon=10),
 )
 GAUSSIAN = [("np", "state"), ("np", "local"), ("sp", "state"), ("sp", "local")]
 
@@ -219,5 +217,5 @@ def test_the_kernel_goes_with_the_inputs(seen, features, terms, width):
 
 
 def test_an_unknown_kind_is_named():
-    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp, nn, spnn$"):
+    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp$"):
         fitted("xx")

@@ -16,7 +16,6 @@ from mazeplan.core.logs.table import Table, read_table
 from mazeplan.learning import comparison as module
 from mazeplan.learning import ring_scores as comparison
 from mazeplan.learning.comparison import FEWEST, SPLIT, best_lag, compare
-from mazeplan.learning.confidence import ConfidenceOptions
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.ring_scores import PREDICTED, ROLLED, CompareOptions
@@ -27,10 +26,7 @@ from mazeplan.maze.mapfile import load_map
 MAZE = load_map("cme")
 TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=30, refinement=15)
 GUARD = SPLIT["guard"]
-FEW = ConfidenceOptions(200)
-QUICK = CompareOptions(
-    Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING), bands=FEW
-)
+QUICK = CompareOptions(Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING))
 ONE = replace(QUICK, kinds=("p", "pi"))  # where processes are not what is looked at
 
 
@@ -138,21 +134,11 @@ def test_intervals_hold_their_figures(scores):
             assert low < high < 3.0 * figure
 
 
-def test_bands_hold_the_measured_angle_where_the_model_is_right(scores):
-    for s in scores:
-        assert set(s.confidence) == {"pi", "np", "sp"}
-        for kind, told in s.confidence.items():
-            assert (told["rollouts"], told["windows"]) == (200, 4)
-            assert told["below"][40] < 0.0 < told["above"][40], kind
-        assert s.confidence["sp"]["coverage_all"] > 0.6
-        assert s.confidence["sp"]["above"][40] < 0.5 * s.confidence["pi"]["above"][40]
-
-
 def test_the_document_is_plain(scores):
     document = scores[0].document()
     assert set(document) == {
         "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
-        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual", "blocks", "best",
+        "nrmse_test", "rollout", "interval95", "bands", "residual", "blocks", "best",
     }  # fmt: skip
     assert document == json.loads(json.dumps(document))
     assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}

@@ -32,7 +32,6 @@ def compare(
     kernel: opt.Kernel = "auto",
     most: opt.CompareRows = 5000,
     page: opt.Report = None,
-    bands: opt.Bands = 2000,
     seed: opt.Seed = 0,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
@@ -40,35 +39,29 @@ def compare(
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
     from mazeplan.core.logs.table import check_there, read_table
 
-    for log in (*logs, *(test or ())):  # before torch loads
+    for log in (*logs, *(test or ())):
         check_there(log)
     from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.report import write_report
     from mazeplan.learning import comparison
-    from mazeplan.learning.confidence import DRAWS, ConfidenceOptions
-    from mazeplan.learning.fitting import KINDS, NETWORKS, FitOptions
+    from mazeplan.learning.fitting import KINDS, FitOptions
     from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
     from mazeplan.learning.samples import SampleOptions
     from mazeplan.learning.smoothing import Smoothing
-    from mazeplan.learning.torch_device import require_torch
 
-    if 0 < bands < DRAWS:
-        raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (one window) or more")
     chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
     if wrong := [kind for kind in chosen if kind not in KINDS]:
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
     if split != "blocks" and test:
         raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
-    if set(chosen) & set(NETWORKS):
-        require_torch()
     found = logged_map(map_, *logs, *(test or ()))
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay, rates=rates, seed=seed, kinds=chosen, split=split,
-        samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands),
+        samples=SampleOptions(ring=ring, radius=radius),
         fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel), seed=seed),
     )  # fmt: skip
     with ProgressBar("comparing") as bar:
@@ -112,15 +105,6 @@ def report(scores: list[RingScores]) -> None:
     for s in scores:
         if s.best is not None:
             print(f"ring {s.ring}  {verdict(s)}")
-    covered = [s for s in scores if s.confidence]
-    if covered:
-        print("\nshare of measured angles within the 90 % band of the roll-outs after 20 / 40 samples, %")
-    for s in covered:
-        first = next(iter(s.confidence.values()))
-        shares = ((kind, 100 * c["coverage20"], 100 * c["coverage40"]) for kind, c in s.confidence.items())
-        cells = "".join(f"  {kind} {at20:.0f}/{at40:.0f}" for kind, at20, at40 in shares)
-        text = cells if enough(first["windows"]) else f" {TOO_FEW} for a share"
-        print(f"ring {s.ring}  {first['rollouts']} roll-outs of {plural(first['windows'], 'window')}:{text}")
     for index, name in enumerate(("beta", "gamma")):
         if any(s.signs[index] < 0 for s in scores):
             print(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CORE = "core"
 FEATURES = {
     CORE: "maps, simulated rigs, navigate, evaluate, collect, learn, compare, diagnose, improve, logs",
-    "learn": "networks: learn --kind nn and spnn, policy train",
+    "learn": "networks: policy train",
     "view": "the live page in the browser",
     "groot": "trees of runs live in Groot2: navigate --groot",
     "hardware": "camera and serial line of a real rig",

@@ -48,19 +48,17 @@ def learn(
     from mazeplan.apps.report.words import verdict_lines
     from mazeplan.core.logs.table import join
     from mazeplan.learning.fits import fits_words
-    from mazeplan.learning.fitting import NETWORKS, FitOptions
+    from mazeplan.learning.fitting import FitOptions
     from mazeplan.learning.gp_training import TrainingOptions
     from mazeplan.learning.modelfile import model_document, save_model
     from mazeplan.learning.smoothing import Smoothing
-    from mazeplan.learning.torch_device import DEVICES, require_torch
+    from mazeplan.learning.torch_device import DEVICES
     from mazeplan.run.learn import learn as learn_model
 
     if device not in DEVICES:
         raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
     if device == "cuda":
         say("--device cuda: all kinds train on the processor")
-    if kind in NETWORKS:
-        require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(starts=2), seed=seed)
     maze = logged_map(map_, *logs).maze
@@ -118,12 +116,9 @@ def _drive(rig: str, maze: Maze) -> Drive:
 
 def _learned_lines(learned: dict[int, RingLearning], kind: str) -> list[str]:
     """What was learned beside the effects, ring by ring."""
-    from mazeplan.learning.fitting import NETWORKS
-
-    part = "networks" if kind in NETWORKS else "Gaussian process"
     return [
-        f"ring {ring} {part}: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by effects alone, "
-        f"{x.after:.3f} with it"
+        f"ring {ring} Gaussian process: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by effects "
+        f"alone, {x.after:.3f} with it"
         for ring, x in learned.items()
     ]
 

@@ -19,8 +19,6 @@ KINDS = {
     "pi": "fitted effects",
     "sp": "fitted effects, and a Gaussian process for the rest",
     "np": "a Gaussian process alone",
-    "spnn": "fitted effects and networks, trained together",
-    "nn": "networks alone",
 }
 ModelArgument = Annotated[
     str,

@@ -275,12 +275,12 @@ HighestHz = Annotated[
     Option("--highest-hz", parser=number("Hz", most=100.0), metavar="HZ", help="Highest frequency of the sines in Hz."),
 ]
 Kind = Annotated[
-    Literal["p", "pi", "np", "sp", "nn", "spnn"],
+    Literal["p", "pi", "np", "sp"],
     Option(
         "--kind",
-        metavar="p|pi|np|sp|nn|spnn",
+        metavar="p|pi|np|sp",
         help="Ball model. p: nominal; pi: fitted effects; sp: fitted effects and a Gaussian process; "
-        "np: a Gaussian process alone; spnn: effects and networks, trained together; nn: networks alone.",
+        "np: a Gaussian process alone.",
     ),
 ]
 LearnRows = Annotated[
@@ -318,8 +318,7 @@ CompareKinds = Annotated[
     Option(
         "--kinds",
         metavar="KINDS",
-        help="Kinds to compare, of rf, p, pi, np, sp, nn, spnn; separated by commas. Networks (nn, spnn) take a minute "
-        "and more per ring.",
+        help="Kinds to compare, of rf, p, pi, np, sp; separated by commas.",
     ),
 ]
 Split = Annotated[
@@ -333,12 +332,6 @@ Split = Annotated[
 Kernel = Annotated[
     Literal["auto", "rbf", "exponential"],
     Option("--kernel", metavar="auto|rbf|exponential", help="Kernel of the Gaussian processes."),
-]
-Bands = Annotated[
-    int,
-    Option(
-        "--bands", min=0, metavar="N", help="Roll-outs per kind and ring for the 90 % bands, 50 per window; 0: none."
-    ),
 ]
 KnownModel = Annotated[
     str | None,

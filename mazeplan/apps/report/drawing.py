@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 
 INK = INKS["ink"]
 SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # styles of evaluations beside each other
-# networks (nn, spnn) share the styles of p and rf, which are not rolled out
 KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
-               "nn": "ring1", "spnn": "sixth", "model": "ring2"}  # fmt: skip
+               "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
 

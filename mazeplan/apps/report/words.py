@@ -26,7 +26,7 @@ SCORES = {
 }  # fmt: skip
 KINDS = {
     "rf": "random forest", "p": "bare equation", "pi": "weighted terms", "np": "Gaussian process",
-    "npd": "discrete process", "sp": "terms and process", "nn": "networks", "spnn": "effects and networks",
+    "npd": "discrete process", "sp": "terms and process",
     "model": "the model",
 }  # fmt: skip
 CANDIDATES = {
