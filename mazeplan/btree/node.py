@@ -37,7 +37,7 @@ class Place:
 
 
 class Probe(Protocol):
-    """Watches the ticks of a node and may change their results; for a monitor."""
+    """Watches the ticks of a node and may change their results."""
 
     def before(self, node: TreeNode) -> Result | None:
         """Called before a node is ticked. Returns a result that replaces the tick, or None."""

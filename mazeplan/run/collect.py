@@ -33,7 +33,7 @@ from mazeplan.maze.regions import leading_to
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.run.excitation import BAND_HZ, multisine
 from mazeplan.run.loop import Run
-from mazeplan.run.specification import Job, Setup, log_shape
+from mazeplan.run.specification import Job, Setup
 
 STRETCH_S = 20.0  # s in one ring before the ball is placed in the next
 # 1/s; drives change the tilt at most this fast, times the tilt limit: half the rate of the fastest sine, alone and at
@@ -126,7 +126,7 @@ def run_collection(
     header = {**_header(maze, plan, rig_name), "rings": list(plan.rings)}
     dt, rows = 1.0 / rig.rate_hz, 0
     try:
-        with RunLogWriter(output, header, log_shape(maze)) as log:
+        with RunLogWriter(output, header) as log:
             for segment, start in enumerate(range(0, len(commands), stretch)):
                 ring = plan.rings[segment % len(plan.rings)]
                 rig.reset(
@@ -168,7 +168,7 @@ def run_tour(
         "drives": True,
     }  # fmt: skip
     try:
-        with RunLogWriter(output, header, log_shape(setup.maze)) as log:
+        with RunLogWriter(output, header) as log:
             job = Job(plan.rings[0], plan.rings[0], theta, plan.seed, plan.seconds)
             slew = DRIVE_SLEW * setup.maze.tilt_limit
             run = Run(rig, _far_sighted(setup).on(rig), job, log, NullDisplay(), segment=0, slew=slew)

@@ -15,7 +15,7 @@ from mazeplan.learning.modelfile import ATTACHED, MEDIA_TYPE
 from mazeplan.rigs.interface import Rig
 from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
-from mazeplan.run.specification import Job, Setup, log_header, log_shape, model_to_keep
+from mazeplan.run.specification import Job, Setup, log_header, model_to_keep
 
 
 def run_job(
@@ -94,7 +94,7 @@ def _messages(
     header = log_header(setup, job, rig.rate_hz)
     sinks: list[Sink] = []
     if log is not None:
-        writer = stack.enter_context(RunLogWriter(log, header, log_shape(setup.maze)))
+        writer = stack.enter_context(RunLogWriter(log, header))
         sinks.append(writer.write)
         if (model := model_to_keep(setup)) is not None:
             writer.attach(ATTACHED, MEDIA_TYPE, model)

@@ -22,13 +22,11 @@ from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy, policy_sha256
 from mazeplan.core import resources
 from mazeplan.core.errors import LogError, ModelError, TreeError
-from mazeplan.core.logs.viewer_topics import MazeShape
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.plugins import Plugin
 from mazeplan.core.records import Latency
 from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, packed_model, unpacked_model
-from mazeplan.maze.drawing import maze_outlines
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
@@ -37,7 +35,6 @@ from mazeplan.run.settings import Settings, load_settings
 
 PUT_BACK_S = 10.0  # s that a run on a real rig waits for a ball that left the maze
 REPLAY_FORMAT = 1  # format number of the header's part `replay`
-SHAPE_STEP = math.radians(4.0)  # step of arcs in the log's drawing: at the rim at most 0.06 mm off the circle
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 
@@ -208,12 +205,6 @@ def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "time_limit_s": job.time_limit,
         "replay": facts_adapter().dump_python(_facts_for_replay(setup, job, rate_hz), mode="json", exclude_none=True),
     }
-
-
-def log_shape(maze: Maze) -> MazeShape:
-    """What viewers of a log draw of a maze."""
-    outlines = maze_outlines(maze, SHAPE_STEP)
-    return MazeShape(outlines, maze.wall_height, maze.ball.radius, maze.walls[0].outer_radius)
 
 
 def model_to_keep(setup: Setup) -> bytes | None:

@@ -28,7 +28,6 @@ FEATURES = {
     CORE: "maps, simulated rigs, navigate, evaluate, collect, learn, compare, diagnose, improve, logs",
     "learn": "networks: policy train",
     "view": "the live page in the browser",
-    "groot": "trees of runs live in Groot2: navigate --groot",
     "hardware": "camera and serial line of a real rig",
     "testing": "generated ball behaviours for tests of trees",
     "docs": "the documentation as a site: make docs",

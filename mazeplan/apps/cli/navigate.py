@@ -42,8 +42,6 @@ def navigate(
     view: opt.Page = False,
     host: opt.Host = opt.HOST,
     port: opt.PagePort = opt.PORT,
-    groot: opt.Groot = None,
-    groot_host: opt.GrootHost = opt.HOST,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
@@ -60,8 +58,6 @@ def navigate(
         if view:
             raise InputError("--video with --view: give --log, and film the log with `report --video`")
         check_film(video)
-    if view and groot is not None:
-        raise InputError("--groot with --view: the page shows the tree itself; give one of them")
     if view:
         from mazeplan.apps.cli.live import navigate_live
 
@@ -69,8 +65,8 @@ def navigate(
             raise InputError("--learn with --view: a run on the page has no planned end; give one of them")
         sys.exit(navigate_live(request, host, port, as_json=as_json))
     try:
-        with monitored(groot, groot_host) as more, filmed(video) as camera:
-            company = Company(**more, **camera)
+        with filmed(video) as camera:
+            company = Company(**camera)
             if learn:
                 result = navigate_learning(request, output, company, navigate_once)
             else:
@@ -101,21 +97,3 @@ def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
             with ProgressBar("filming", compiles=False):
                 write_film(messages, path)
             say(f"wrote {path}")
-
-
-@contextmanager
-def monitored(port: int | None, host: str) -> Iterator[dict[str, Any]]:
-    """Arguments that let Groot2 watch a run at a port; no arguments if the port is None.
-
-    Then a simulated rig keeps pace with the wall clock."""
-    if port is None:
-        yield {}
-        return
-    try:
-        from mazeplan.btree.monitor.server import Monitor
-    except ImportError as problem:
-        raise InputError(f"--groot needs {problem.name}: pip install 'mazeplan[groot]'") from None
-    from mazeplan.rigs.paced import PacedRig
-
-    with Monitor(port, host) as monitor:
-        yield {"watch": monitor.watch, "around": lambda rig: rig if rig.realtime else PacedRig(rig)}

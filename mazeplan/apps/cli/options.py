@@ -97,11 +97,6 @@ MapAngle = Annotated[
     float | None,
     Option("--start-angle", parser=_degrees, metavar="DEG", help="Start angle in degrees. Default: of --log, or 0."),
 ]
-Groot = Annotated[
-    int | None,
-    Option("--groot", min=1, max=65534, metavar="PORT", help="Port at which Groot2 can watch the tree; 1667 is usual."),
-]
-GrootHost = Annotated[str, Option("--groot-host", metavar="ADDRESS", help="Address at which Groot2 is answered.")]
 Via = Annotated[
     list[str] | None,
     Option("--via", metavar="RINGS", help="Rings to visit before the goal, in order, such as ring3,ring2; repeatable."),

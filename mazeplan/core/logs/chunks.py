@@ -14,7 +14,7 @@ import os
 import shlex
 import struct
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -50,13 +50,12 @@ class Encoded(NamedTuple):
 class Chunks:
     """The chunks of a file, one after another: place in the file, messages.
 
-    skip:     topics to leave out
     complete: whether the file was finished; valid when the whole file was read
 
     Every method raises LogError for a file that is missing, damaged, or not an MCAP file."""
 
-    def __init__(self, path: Path, skip: Collection[str] = ()) -> None:
-        self.path, self._skip = path, skip
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self._topics: dict[int, str] = {}
         self._before, self._whole = 0, 0  # messages of earlier chunks, and bytes up to the last one
         self.complete = True
@@ -145,9 +144,7 @@ class Chunks:
         """Take one record of data: add a message to `found`, or a channel to the known topics."""
         if opcode == Opcode.MESSAGE:
             channel, _, ns, _ = MESSAGE.unpack_from(data, begin)
-            topic = self._topics[channel]
-            if topic not in self._skip:
-                found.append(Encoded(topic, ns, data[begin + MESSAGE.size : end]))
+            found.append(Encoded(self._topics[channel], ns, data[begin + MESSAGE.size : end]))
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(data[begin:end]))
             self._topics[channel.id] = channel.topic

@@ -20,7 +20,6 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
     /result  once at the end
 
 The model of the run is an attachment, unless it is a packaged model or nominal physics (`modelfile.packed_model`).
-`viewer_topics.py` adds topics in Foxglove's message types, for viewers that draw.
 
 Readers with an index see only chunks, and an unfinished chunk is lost with everything in it. Therefore a chunk ends
 with the first message that comes CHUNK_S of rig time after its first message. The chunk then goes to the operating
@@ -50,7 +49,6 @@ from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
 from mazeplan.core.hard_end import save_at_hard_end
 from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
-from mazeplan.core.logs.viewer_topics import SCENE, VIEWER_SCHEMAS, MazeShape, ViewerTopics, scene
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
 
 __all__ = ["RunLog", "RunLogWriter", "read_log"]
@@ -215,18 +213,16 @@ class RunLogWriter(RunMessages):
     """Writes one run; a context manager.
 
     header: facts about the run; the writer adds program, format, platform and started (UTC, ISO 8601)
-    shape:  of the maze, for viewers
 
     If the file cannot be written, a method raises LogError, but only once. The run may go on; later messages are not
     written."""
 
-    def __init__(self, path: str | Path, header: dict[str, Any], shape: MazeShape | None = None) -> None:
+    def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
         super().__init__(path=str(path))
         self._closed, self._sequence = False, 0
         self._whole = True  # False while a chunk is being written, and for good after a write that failed
-        self._pending: list[tuple[str, int, dict[str, Any], bytes, int]] = []  # topic, ns, document, content, sequence
+        self._pending: list[tuple[str, int, bytes, int]] = []  # topic, ns, content, sequence
         self._pending_ticks = 0
-        self._viewers = ViewerTopics(shape)
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             self._stream = Path(path).open("wb")  # noqa: SIM115  (closed in `close`)
@@ -236,16 +232,13 @@ class RunLogWriter(RunMessages):
         self._flush = self._writer.flush
         self._writer.start(profile="", library=PROGRAM)
         self._channels: dict[str, int] = {}
-        own = {topic: (f"{PROGRAM}.{topic[1:]}", schema) for topic, schema in SCHEMAS.items()}
-        for topic, (name, schema) in {**own, **VIEWER_SCHEMAS}.items():
-            schema_id = self._writer.register_schema(name, "jsonschema", encode(schema))
+        for topic, schema in SCHEMAS.items():
+            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", encode(schema))
             self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
         started = datetime.now(UTC).isoformat(timespec="milliseconds")
         save_at_hard_end(self)
         facts = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform(), "started": started}
         try:
-            if shape is not None:
-                self._writer.add_message(self._channels[SCENE], 0, scene(shape), 0)
             self.write("/header", 0.0, {**header, **facts})
         except LogError:
             self.close()
@@ -260,7 +253,7 @@ class RunLogWriter(RunMessages):
             return
         ns = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
         self._sequence += 1
-        self._pending.append((topic, ns, document, encode(document), self._sequence))
+        self._pending.append((topic, ns, encode(document), self._sequence))
         self._pending_ticks += topic == "/tick"
         full = self._pending_ticks >= CHUNK_TICKS or abs(ns - self._pending[0][1]) >= CHUNK_S * 1e9
         if full or topic in AT_ONCE:
@@ -272,12 +265,8 @@ class RunLogWriter(RunMessages):
             self._safely(self._writer.add_attachment, 0, 0, name, media_type, data)
 
     def _end_chunk(self) -> None:
-        for topic, ns, _, content, sequence in self._pending:
+        for topic, ns, content, sequence in self._pending:
             self._writer.add_message(self._channels[topic], ns, content, ns, sequence)
-        # only documents that no run writes cannot be drawn; the log holds them anyway
-        with suppress(KeyError, TypeError, ValueError, AttributeError):
-            for topic, ns, content in self._viewers.of([message[:3] for message in self._pending]):
-                self._writer.add_message(self._channels[topic], ns, content, ns)
         self._pending.clear()
         self._pending_ticks = 0
 

@@ -1,7 +1,4 @@
-"""Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py describes their content, chunks.py the file.
-
-The topics of `viewer_topics.py` are skipped, because they repeat the other topics in other formats.
-"""
+"""Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py has their content, chunks.py the file."""
 
 from __future__ import annotations
 
@@ -19,7 +16,6 @@ from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.chunks import EXPECTED, HEADER, NO_RUN, Chunks, Document, Encoded
-from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Array, TreeOutline
 
 PROGRAM = "mazeplan"
@@ -84,10 +80,7 @@ class RunLog:
 
 
 class LogChunks(Chunks):
-    """The chunks of a log, without the topics for viewers."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, VIEWER_SCHEMAS)
+    """The chunks of a log."""
 
     def __iter__(self) -> Iterator[tuple[int, list[Encoded]]]:
         for i, (place, found) in enumerate(super().__iter__()):
