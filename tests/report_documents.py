@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
-from mazeplan.apps.report.page import STYLE, PagePicture
+from mazeplan.apps.report.page import PagePicture
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.records import Plan, StopReason, TreeOutline
@@ -84,23 +82,16 @@ def evaluation(name="toy", arrived=(True, True, False, True)):
 
 
 def comparison(rings=(1, 2)):
-    """Two kinds in each ring; sp is the best; residuals of 2 in one cell and 1 in another."""
+    """Two kinds in each ring; sp is the best."""
     out = {}
     for ring in rings:
-        cells = [[None] * 36 for _ in range(6)]
-        rms, count = [row[:] for row in cells], [[0] * 36 for _ in range(6)]
-        rms[0][4], rms[5][4], count[0][4], count[5][4] = 2.0, 1.0, 10, 30
-        mean = [row[:] for row in cells]
-        mean[0][4], mean[5][4] = -1.75, 0.5
-        residual = {"rate": [-3, -2, -1, 0, 1, 2, 3], "count": count, "mean": {"p": mean, "sp": mean},
-                    "rms": {"p": rms, "sp": rms}}  # fmt: skip
         band = {name: [0.01 * k for k in range(41)] for name in ("mean", "p10", "p50", "p90")}
         out[f"ring{ring}"] = {
             "n_train": 400, "n_test": 100, "rates": "smoothed", "delay_s": 0.05, "windows": 7,
             "windows_chosen": "evenly spaced", "nrmse_train": {"p": 0.91, "sp": 0.2},
             "nrmse_test": {"p": 0.9 + 0.01 * ring, "sp": 0.3451}, "rollout": {"sp": {"20": 0.1234, "40": 0.2468}},
             "interval95": {"nrmse_test": {"sp": [0.31, 0.37]}},
-            "bands": {"sp": band}, "residual": residual,
+            "bands": {"sp": band},
         }  # fmt: skip
     return out
 
@@ -141,11 +132,7 @@ def evidence(title="log, ring 2"):
 
 def drawn(parts, name):
     """A picture of a section's parts by its name, drawn as on its page: its figure."""
-    picture = next(part for part in parts if isinstance(part, PagePicture) and part.name == name)
-    with rc_context(STYLE):
-        figure = Figure(figsize=picture.size, layout="constrained" if picture.automatic else None)
-        picture.draw(figure)
-    return figure
+    return next(part for part in parts if isinstance(part, PagePicture) and part.name == name).figure()
 
 
 def kept(parts, kind):

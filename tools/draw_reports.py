@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input
-from mazeplan.apps.report.page import PagePicture, PageSection
+from mazeplan.apps.report.page import DPI, PagePicture, PageSection
 from mazeplan.apps.report.run import run_section
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.evaluate import Campaign, evaluate, setup_document, summary
@@ -23,7 +23,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 def save(section: PageSection, name: str, target: str) -> None:
     """The picture of a section by its name."""
     picture = next(part for part in section.parts if isinstance(part, PagePicture) and part.name == name)
-    (DOCS / target).write_bytes(picture.files()[1])
+    picture.figure().savefig(DOCS / target, dpi=DPI)
     print(f"wrote {DOCS / target}")
 
 

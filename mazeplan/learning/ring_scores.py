@@ -1,8 +1,7 @@
-"""Scores of all kinds of ball models on one ring, and the map of their residuals.
+"""Scores of all kinds of ball models on one ring.
 
 A Gaussian process predicts accelerations by its mean, because their errors are squared. Roll-outs use the fit with
-heavy tails (see `fitting`), because their errors are absolute. In the map of residuals, impacts at the edges of
-openings show as stripes at fixed angles, friction as rows of one colour.
+heavy tails (see `fitting`), because their errors are absolute.
 """
 
 from __future__ import annotations
@@ -39,9 +38,6 @@ ROLLED = ("pi", "np", "npd", "sp")  # kinds with roll-outs
 MISFIT = 0.5  # error of the model over the spread of theta_dd, as assumed by the filter before a roll-out
 THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
 COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # relative duration
-ANGLES = 36  # cells of the residual map around the ring
-SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed at the edges of its cells, for either direction
-FEWEST = 3  # minimum number of samples in a cell with a value
 
 
 @dataclass(frozen=True)
@@ -110,52 +106,6 @@ class RingData:
 
 
 @dataclass(frozen=True)
-class ResidualMap:
-    """Residuals of theta_dd in cells of rate (R) and angle (ANGLES). Column j begins at theta = 2 pi j / ANGLES.
-
-    rate (R + 1,):  edges of the cells, rad/s
-    count:          number of samples in each cell
-    mean, rms:      by kind, of measured minus predicted, rad/s^2; NaN in a cell with fewer than FEWEST samples"""
-
-    rate: Array
-    count: IntArray
-    mean: dict[str, Array]
-    rms: dict[str, Array]
-
-    def document(self) -> dict[str, Any]:
-        """For JSON, rounded; null in cells with too few samples."""
-
-        def cells(values: Array) -> list[list[float | None]]:
-            return [[None if math.isnan(v) else round(v, 3) for v in row] for row in values.tolist()]
-
-        return {
-            "rate": [round(v, 4) for v in self.rate.tolist()],
-            "count": self.count.tolist(),
-            "mean": {kind: cells(values) for kind, values in self.mean.items()},
-            "rms": {kind: cells(values) for kind, values in self.rms.items()},
-        }
-
-
-def residual_map(theta: Array, theta_dot: Array, residuals: Mapping[str, Array]) -> ResidualMap:
-    """The map of residuals (N,) by kind, rad/s^2, at theta (N,), rad, and theta_dot (N,), rad/s."""
-    speed = np.quantile(np.abs(theta_dot), SPEEDS) if len(theta_dot) else np.array(SPEEDS)
-    edges = np.concatenate([-speed[::-1], [0.0], speed])
-    column = np.floor(np.mod(theta, 2.0 * math.pi) / (2.0 * math.pi) * ANGLES).astype(np.int64) % ANGLES
-    row = np.clip(np.searchsorted(edges, theta_dot, side="right") - 1, 0, len(edges) - 2)
-    shape = (len(edges) - 1, ANGLES)
-
-    def summed(values: Array | None = None) -> Array:
-        cell = row * ANGLES + column
-        return np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
-
-    count = summed().astype(np.int64)
-    enough = np.where(count >= FEWEST, count, np.nan)
-    mean = {kind: summed(left) / enough for kind, left in residuals.items()}
-    rms = {kind: np.sqrt(summed(left * left) / enough) for kind, left in residuals.items()}
-    return ResidualMap(edges, count, mean, rms)
-
-
-@dataclass(frozen=True)
 class Best:
     """The kind with the smallest roll-out error at the last of CHECKED.
 
@@ -205,7 +155,6 @@ class RingScores:
     rollout: dict[str, dict[str, float]]
     interval: dict[str, dict[str, tuple[float, float]]]
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
-    residual: ResidualMap | None = None
     blocks: dict[str, int] = field(default_factory=dict)
     best: Best | None = None
     carried: dict[str, Any] = field(default_factory=dict)
@@ -223,8 +172,7 @@ class RingScores:
         if self.best is not None:
             out["best"] = asdict(self.best)
         more = {"bands": self.bands, "carried_over": self.carried}
-        out = _rounded(out | {name: value for name, value in more.items() if value})
-        return out | ({"residual": self.residual.document()} if self.residual else {})
+        return _rounded(out | {name: value for name, value in more.items() if value})
 
 
 def _rounded(value: Any) -> Any:
@@ -250,7 +198,7 @@ def score(
     windows = choose_windows(data.test, data.test_mask, openings)
     train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
     at = data.test_rows
-    nrmse_train, nrmse_test, models, left = {}, {}, {}, {}
+    nrmse_train, nrmse_test, models = {}, {}, {}
     interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
     fits = sum(COST[kind] for kind in options.kinds)
     done, whole = 0.0, fits + COST["roll"] * len(ROLLED)
@@ -264,7 +212,6 @@ def score(
         pairs = np.stack(data.pairs(models[kind].model, at), axis=1)
         nrmse_test[kind] = nrmse(*pairs.T)
         interval["nrmse_test"][kind] = block_bootstrap(pairs, data.block[at], lambda p: nrmse(p[:, 0], p[:, 1]), rng)
-        left[kind] = pairs[:, 0] - pairs[:, 1]
     misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
@@ -283,8 +230,7 @@ def score(
         advance(done, whole)
     return RingScores(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
-        rollout, interval, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left),
-        data.blocks(windows),
+        rollout, interval, bands, data.blocks(windows),
         Best.of(errors, data.block[windows.start], np.random.default_rng([options.seed, ring, 2])),
     )  # fmt: skip
 

@@ -38,8 +38,8 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
         folder,
         written(tmp_path / "f.json", evaluation("other")),
     ]
-    code, out, err = report(*inputs, "-o", tmp_path / "all.html", "--pictures", tmp_path / "pictures")
-    assert (code, out, err) == (0, "", f"wrote {tmp_path / 'all.html'}, pictures in {tmp_path / 'pictures'}\n")
+    code, out, err = report(*inputs, "-o", tmp_path / "all.html")
+    assert (code, out, err) == (0, "", f"wrote {tmp_path / 'all.html'}\n")
     page = alone(tmp_path / "all.html")
     assert EVIL not in page
     assert page.count("&lt;script&gt;") >= 4
@@ -47,7 +47,6 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
     assert [title.split()[0] for title in titles] == ["Run", "Evaluations:", "Models,", "Diagnosis"]
     numbers = (
         "2.97 s",
-        "7.71 s",
         "3.33 s",
         "0.200 / 0.345</b><br><small>[0.31, 0.37]",
         "16.78",
@@ -55,8 +54,6 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
     )
     for number in numbers:
         assert number in page.replace("\u00a0", " "), number
-    for ending in ("svg", "png"):
-        assert len(list((tmp_path / "pictures").glob(f"*.{ending}"))) == 11
 
 
 def test_the_rounds_of_improve(report, tmp_path):
@@ -78,12 +75,6 @@ def spoilt(document, *path, value):
     return document
 
 
-def fewer_kinds(ring):
-    for tables in (ring["residual"]["mean"], ring["residual"]["rms"]):
-        del tables["sp"]
-    return ring
-
-
 BAD = {
     "no file": (None, "x.json: no such file, expected a run log, or the JSON of evaluate"),
     "no json": ("{", "x.json:1: is no JSON: "),
@@ -92,25 +83,14 @@ BAD = {
     "other keys": ({"<b>": 1}, "got JSON with the keys '<b>', expected"),
     "one run": ({"success": True, "rings": []}, "expected its log (navigate --log FILE.mcap)"),
     "no runs": ({"results": []}, "results: got no runs"),
-    "a run": ({"results": [1]}, "results[0]: got 1, expected an object"),
-    "time": (spoilt(evaluation(), "results", 2, "time_s", value="x"), 'results[2].time_s: got "x", expected a finite'),
-    "nan": (spoilt(evaluation(), "results", 2, "time_s", value=float("nan")), "results[2].time_s: got NaN, expected"),
-    "place": (spoilt(evaluation(), "results", 0, "failures", 0, "x", value=[]), "results[0].failures[0].x: got []"),
-    "map": (spoilt(evaluation(), "setup", "map", value="rings: 3"), "x.json: setup.map: the map in it cannot be used"),
-    "score": (spoilt(comparison(), "ring2", "nrmse_test", "sp", value="low"), "ring2.nrmse_test.sp: got"),
-    "ring 0": ({"ring0": comparison()["ring1"]}, "got the key 'ring0', expected ring1"),
-    "interval": (
-        spoilt(comparison(), "ring1", "interval95", "nrmse_test", "sp", value=[0.3]),
-        "ring1.interval95.nrmse_test.sp",
-    ),
-    "a ring's kinds": (
-        comparison((1,)) | {"ring2": fewer_kinds(comparison((2,))["ring2"])},
-        "ring2.residual.mean: got kinds ['p'], expected those of the other rings: ['p', 'sp']",
-    ),
-    "test": (diagnosis() | {"test": {"before": {"nrmse": "low"}}}, 'test.before.nrmse: got "low", expected a finite'),
-    "ring": ({"ringx": comparison()["ring1"]}, "got the key 'ringx', expected ring1"),
-    "effect": (spoilt(diagnosis(), "effects", 0, "parameters", "coefficient", "value", value=None), "got null"),
-    "rounds": ({"rounds": [{"diagnosis": 3}]}, "rounds[0].diagnosis: got 3, expected an object"),
+    "a run": ({"results": [1]}, "is not what the command printed"),
+    "time": (spoilt(evaluation(), "results", 2, "time_s", value="x"), "is not what the command printed"),
+    "place": (spoilt(evaluation(), "results", 0, "failures", 0, "x", value=[]), "is not what the command printed"),
+    "map": (spoilt(evaluation(), "setup", "map", value="rings: 3"), "setup.map"),
+    "score": (spoilt(comparison(), "ring2", "nrmse_test", "sp", value="low"), "is not what the command printed"),
+    "ring": ({"ringx": comparison()["ring1"]}, "is not what the command printed"),
+    "effect": (spoilt(diagnosis(), "effects", 0, "parameters", "coefficient", "value", value=None), "not what the"),
+    "rounds": ({"rounds": [{"diagnosis": 3}]}, "is not what the command printed"),
 }  # fmt: skip
 
 
@@ -148,16 +128,15 @@ def test_bad_outputs_and_other_inputs(refused, tmp_path, monkeypatch):
         ((log, "-o", "x.pdf"), "expected a file that ends in .html"),
         ((log, "-o", "folder.html"), "a folder, expected"),
         ((log, "-o", "file/x.html"), "is a file; expected a folder"),
-        ((log, "-o", "x.html", "--pictures", "file"), "is a file; expected a folder"),
-        ((tmp_path, "-o", "x.html"), "got a folder without report.json or model.yaml"),
+        ((tmp_path, "-o", "x.html"), "got a folder without report.json"),
         (("none.mcap", "-o", "x.html"), "none.mcap: no such file"),
-        (("c.mcap", "-o", "x.html"), "got a log of `collect`, expected one of `navigate --log`"),
+        (("c.mcap", "-o", "x.html"), "got a log of `collect`"),
     ):
         assert message in refused("report", *words)
     assert not (tmp_path / "x.html").exists()
 
 
-def test_evidence_without_its_labels_is_refused(refused, tmp_path):
+def test_evidence_without_its_axes_is_refused(refused, tmp_path):
     written(tmp_path / "report.json", diagnosis())
     written(tmp_path / "evidence.json", spoilt(evidence(), "axes", value=["theta, rad"]))
     assert "cannot be drawn" in refused("report", tmp_path, "-o", tmp_path / "x.html")

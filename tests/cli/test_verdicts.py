@@ -1,4 +1,4 @@
-"""What `evaluate`, `learn` and `score` say in the end: a word, the number behind it, and what to do next."""
+"""What `learn` and `score` say in the end: a word, the number behind it, and what to do next."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from planar_rig import PlanarRig
 
-from mazeplan.apps.cli.campaign_verdict import verdict
 from mazeplan.apps.cli.learn import model_lines
 from mazeplan.apps.report.model_score import RingError, ring_errors, score_document, whole
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.identification import fit_rig
 from mazeplan.learning.modelfile import save_model
-from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.maze.mapfile import load_map
 from mazeplan.run.collect import Collection, run_collection
 
 MAZE = load_map("cme")
@@ -99,65 +98,6 @@ def test_a_log_without_windows_has_no_verdict():
     assert document["verdict"] == "unknown"
     assert "expected at least 5" in document["because"]
     assert not any(isinstance(v, float) and math.isnan(v) for v in document.values())
-
-
-def campaign(arrived, runs):
-    lost = {"success": False, "seed": 7, "start": {"ring": 1, "theta": 0.5}}
-    results = [{"success": True, "seed": 0}] * arrived + [lost] * (runs - arrived)
-    return {"runs": runs, "success": arrived, "results": results, "failures": {"stuck": 3, "ball_lost": 1}}
-
-
-def test_a_campaign_says_how_sure_it_is():
-    words = [verdict(campaign(*counts))["verdict"] for counts in ((100, 100), (16, 16), (2, 2), (10, 16), (3, 16))]
-    assert words == ["good", "good", "unknown", "fair", "poor"]
-    assert "16 of 16 runs arrived; of many runs 81 to 100 %" in verdict(campaign(16, 16))["because"]
-    assert verdict(campaign(16, 16))["advice"] == ["16 runs cannot tell 90 % from 100 %: mazeplan evaluate --runs 64"]
-    lost = verdict(campaign(10, 16))
-    assert "the most frequent failure is stuck" in lost["because"]
-    assert "mazeplan navigate --seed 7 --start-angle 28.65 --log LOST.mcap" in lost["advice"][0]
-
-
-def test_the_advice_repeats_the_options_that_were_given():
-    given = {"--rig": " --rig ideal", "--from": " --from ring4", "--store": " --store st", "--runs": " --runs 1"}
-    (more,) = verdict(campaign(1, 1), given)["advice"]
-    assert more.endswith("mazeplan evaluate --runs 64 --rig ideal --from ring4 --store st")
-    look, see = verdict(campaign(1, 16), {**given, "--model": " --model my/model"})["advice"]
-    assert "--start-angle 28.65 --rig ideal --from ring4 --model my/model --log LOST.mcap" in look
-    assert see.endswith("collect --rings --rig ideal -o NEW.mcap, then mazeplan score my/model NEW.mcap")
-
-
-def test_options_are_repeated_as_one_would_type_them(call, monkeypatch, tmp_path):
-    given = ("--rig", "ideal", "--from", "ring4", "--no-deadline", "--time-limit", "12.5", "--settings", "my file.yaml")
-    (tmp_path / "my file.yaml").write_text("{}")
-    monkeypatch.chdir(tmp_path)
-    code, out, _ = call("evaluate", "--runs", 1, *given, "--json")
-    assert code == 0
-    (more,) = json.loads(out)["advice"]
-    assert more.partition("--runs 64")[2].split(" --") == [
-        "", "rig ideal", "settings 'my file.yaml'", "from ring4", "time-limit 12.5", "no-deadline",
-    ]  # fmt: skip
-
-
-def test_a_campaign_without_a_way_names_the_map(call, tmp_path):
-    shut = tuple(replace(opening, closed=True) for opening in MAZE.openings)
-    (tmp_path / "shut.yaml").write_text(dump_map(replace(MAZE, openings=shut)))
-    code, out, _ = call("evaluate", "--runs", 2, "--rig", "ideal", "--map", tmp_path / "shut.yaml", "--json")
-    document = json.loads(out)
-    assert code == 1
-    assert document["because"].startswith("no run found a way to its goal")
-    assert document["advice"] == [
-        f"open a way in the map, until this finds one: mazeplan map route {tmp_path / 'shut.yaml'} "
-        "--from ring1 --to ring5"
-    ]
-
-
-def test_evaluate_ends_with_its_verdict(call):
-    code, out, _ = call("evaluate", "--runs", 1, "--rig", "ideal", "--no-deadline", "--json")
-    document = json.loads(out)
-    assert code == 0
-    assert document["verdict"] == "unknown"
-    assert document["because"].startswith("1 of 1 runs arrived")
-    assert len(document["advice"]) == 1
 
 
 def test_the_tilt_of_the_table_is_told_once_and_rings_without_data_have_no_errors(fit, fitted):

@@ -39,14 +39,6 @@ def test_everything_is_escaped_and_nothing_is_loaded(tmp_path):
     assert len(svgs((tmp_path / "page.html").read_text())) == 2
 
 
-def test_pictures_are_files_too_each_with_a_name_of_its_own(tmp_path):
-    write_page(tmp_path / "new" / "page.html", "t", [section(parts=[PICTURE])], tmp_path / "pictures")
-    names = sorted(path.name for path in (tmp_path / "pictures").iterdir())
-    assert names == ["one-only-2.png", "one-only-2.svg", "one-only.png", "one-only.svg"]
-    for path in (tmp_path / "pictures").iterdir():
-        assert path.read_bytes().startswith({".png": b"\x89PNG", ".svg": b"<?xml"}[path.suffix])
-
-
 def test_a_picture_that_is_large_as_svg_goes_in_as_png(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "SVG_MOST", 1000)
     write_page(tmp_path / "page.html", "t", [section()])
@@ -72,8 +64,6 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"^.*file/page.html: cannot be written: "):
         write_page(tmp_path / "file" / "page.html", "t", [])
-    with pytest.raises(InputError, match="cannot be written: "):
-        write_page(tmp_path / "page.html", "t", [section()], tmp_path / "file")
 
 
 def test_a_long_name_to_type_may_wrap_at_its_points(tmp_path):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import call
 
-from mazeplan.apps.report.diagnosis import write_diagnosis
+from mazeplan.apps.report.diagnosis import diagnosis_section, write_diagnosis
 from mazeplan.apps.report.inputs import read_input
 from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
@@ -106,9 +106,7 @@ def test_how_much_remains_stands_beside_what_it_was_when_the_model_was_right(pag
 def test_it_has_its_pictures_and_loads_nothing(page):
     assert page.count("data:image/svg+xml;base64,") == 2
     assert "http" not in re.sub(r"base64,[^\"]*", "", page).replace("http-equiv", "")
-    error, places = titles(page)
-    assert "11.5 degrees before" in error
-    assert "black outline" in places
+    assert "black outline" in titles(page)[1]
 
 
 def test_a_record_too_short_for_the_map_has_none(tmp_path):
@@ -122,7 +120,6 @@ def test_a_record_too_short_for_the_map_has_none(tmp_path):
 @pytest.mark.parametrize("verdict", ["nothing_missing", "effect_found", "ambiguous", "unknown_effect"])
 def test_every_verdict_has_a_page_in_words(tmp_path, verdict):
     page = written(tmp_path, document(verdict), evidence(marks=[]))
-    assert verdict not in page
     assert page.count("data:image/svg+xml;base64,") == 2
     assert ("with what was found" in page) == (verdict != "nothing_missing")
     assert not any("outline" in title for title in titles(page))
@@ -157,13 +154,7 @@ def test_navigations_of_improve_are_in_it(tmp_path):
     assert "3 of 4" in page
 
 
-@pytest.mark.parametrize(("told", "key"), [({"advice": [1]}, "advice[0]"), ({"sentence": None}, "sentence")])
-def test_a_document_that_says_nothing_is_refused(tmp_path, told, key):
-    with pytest.raises(InputError, match=re.escape(key)):
-        read_input(folder_of(tmp_path / "out", document(**told), None))
-
-
 def test_evidence_of_another_diagnosis_is_refused(tmp_path):
     other = {name: value for name, value in document().items() if name != "reference"}
     with pytest.raises(InputError, match="belongs to another"):
-        read_input(folder_of(tmp_path / "out", other, evidence()))
+        diagnosis_section(*read_input(folder_of(tmp_path / "out", other, evidence())))

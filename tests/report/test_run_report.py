@@ -200,8 +200,6 @@ def test_a_condition_that_answers_no_is_no_failure(log):
     failed = STATUSES["FAILURE"]
     no = "no (a condition)"
     for kind, conditions, words in (
-        ("InRing", None, no),
-        ("Track", None, "failed"),
         ("Mine", (0,), no),
         ("InRing", (), "failed"),
     ):
@@ -230,12 +228,6 @@ def test_at_every_tick_a_leaf_runs_that_the_log_says_did(tmp_path):
     running = [b for b in leaf_bars(log) if b.status == "R"]
     for t, leaf in zip(log.ticks["t"][:-1], log.ticks["leaf"][:-1], strict=True):
         assert [b.path.split("/")[-1] for b in running if b.start <= t + 1e-9 < b.end] == [leaf]
-
-
-def test_of_an_old_log_who_commanded(tmp_path):
-    bars = leaf_bars(read_log(a_log(tmp_path / "a", trees=False)))
-    assert [(b.path, b.status) for b in bars] == [("Track", "R"), ("Dither", "R"), ("Track", "R")]
-    assert np.array([(b.start, b.end) for b in bars]) == pytest.approx(np.array([(0, 1), (1, 2), (2, 90 * STEP)]))
 
 
 def test_names_are_as_short_as_they_can_be():

@@ -11,14 +11,12 @@ import typer
 from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say, write_text
-from mazeplan.apps.cli.progress import log_read
 from mazeplan.core.errors import InputError, TreeError
 
 if TYPE_CHECKING:
     from mazeplan.btree.node import TreeNode
     from mazeplan.btree.ports import Port
     from mazeplan.btree.tree import BehaviorTree
-    from mazeplan.core.logs.run_log import RunLog
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
@@ -30,12 +28,8 @@ ShownTree = Annotated[
     typer.Argument(
         metavar="TREE",
         autocompletion=names.TREES,
-        help="XML file, or name of a packaged tree. Default: that of --log, or navigate.",
+        help="XML file, or name of a packaged tree. Default: navigate.",
     ),
-]
-RunOf = Annotated[
-    Path | None,
-    typer.Option("--log", autocompletion=names.LOGS, metavar="LOG", help="Run log: also draw what each node did."),
 ]
 Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands in the tree again each time.")]
 CheckedMap = Annotated[
@@ -129,34 +123,21 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
 def show(
     source: ShownTree = None,
     output: Drawing = None,
-    log: RunOf = None,
     whole: Whole = False,
     behavior_module: opt.BehaviorModule = None,
     force: opt.Force = False,
 ) -> None:
-    """Show a tree as text, or draw it; with --log also draw what it did in a run."""
+    """Show a tree as text, or draw it."""
     from mazeplan.btree.outline import tree_text
 
-    if log is not None and output is None:
-        raise InputError("--log: expected -o FILE, too: what a tree did is a picture")
-    read = None if log is None else log_read(log)
-    logged = None if read is None else read.header.get("behavior")
-    tree = _load(source or logged or "navigate", behavior_module)
+    tree = _load(source or "navigate", behavior_module)
     if output is None:
         print(tree_text(tree, whole))
         return
-    from mazeplan.apps.report.tree_picture import history, save_tree_picture
+    from mazeplan.apps.report.tree_picture import save_tree_picture
 
-    did = None if read is None else history(tree, read, log)
-    save_tree_picture(tree, output, did, "" if read is None else _title(read), whole)
+    save_tree_picture(tree, output, whole)
     say(f"wrote {output}")
-
-
-def _title(log: RunLog) -> str:
-    """The title of a picture: log, rig and seed, and in a second line how the run ended."""
-    from mazeplan.apps.report.run import lead
-
-    return f"{log.path.name}: rig {log.header.get('rig')}, seed {log.header.get('seed')}\n{lead(log)}"
 
 
 @app.command("list")

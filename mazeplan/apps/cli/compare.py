@@ -79,7 +79,7 @@ def compare(
         report(scores)
     # the files come last: one that cannot be written loses no result
     if page is not None:
-        write_report("comparison", document, page, ", ".join(log.name for log in logs), found.maze)
+        write_report("comparison", document, page, ", ".join(log.name for log in logs))
 
 
 def report(scores: list[RingScores]) -> None:

@@ -8,11 +8,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from typer import Context
-
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, evaluate_learning
-from mazeplan.apps.cli.option_checks import given_words
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import note_missing_model
 
@@ -28,7 +25,6 @@ MOST_OTHERS = 3  # maximum number of other campaigns in the store that are named
 
 
 def evaluate(
-    ctx: Context,
     runs: opt.Runs = None,
     rig: opt.RigName = "toy",
     map_: opt.Map = "cme",
@@ -56,9 +52,7 @@ def evaluate(
     as_json: opt.AsJson = False,
 ) -> None:
     """Run many navigations and summarise success, times and failures; with --faults also the response to each fault."""
-    from mazeplan.apps.cli.campaign_verdict import verdict
     from mazeplan.apps.cli.report import write_report
-    from mazeplan.apps.report.words import verdict_lines
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.balls import with_balls
@@ -84,14 +78,12 @@ def evaluate(
     document["setup"] = setup_document(campaign)
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"] + (" with faults" if faults else ""))
-    if faults is None:
-        document |= verdict(document, given_words(ctx))
     if as_json:
         print_json(document)
     elif faults is not None:
         print("\n".join(fault_lines(document["faults"])))
     else:
-        print("\n".join([*summary_lines(document), *verdict_lines(document)]))
+        print("\n".join(summary_lines(document)))
     sys.exit(_exit_status(document, campaign.runs))
 
 

@@ -101,9 +101,9 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan behavior check mine.xml --map cme",
     ),
     "behavior show": (
-        "Show a tree as text or picture, also of a run.",
+        "Show a tree as text or picture.",
         "mazeplan behavior show navigate",
-        "mazeplan behavior show --log runs/a.mcap -o tree.png",
+        "mazeplan behavior show mine.xml -o tree.png",
     ),
     "behavior list": (
         "List the nodes of trees, and their ports.",

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import shlex
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,24 +28,6 @@ def given_options(ctx: Context) -> set[str]:
     """The options that stand in the command line, in their shortest spelling."""
     sources = {option: ctx.get_parameter_source(name) for option, name in _options(ctx).items()}
     return {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
-
-
-def given_words(ctx: Context) -> dict[str, str]:
-    """The options of a command line as a person would type them again, for advice. Each begins with a space."""
-    given, words = given_options(ctx), dict[str, str]()
-    for option, name in _options(ctx).items():
-        value = ctx.params.get(name)
-        if option in given and option.startswith("-") and value not in (None, False):
-            values = value if isinstance(value, list | tuple) else [value]
-            words[option] = "".join(f" {option}{_typed(one)}" for one in values)
-    return words
-
-
-def _typed(value: Any) -> str:
-    """A value after its option; nothing for a flag."""
-    if value is True:
-        return ""
-    return " " + shlex.quote(f"{value:g}" if isinstance(value, float) else str(value))
 
 
 def _options(ctx: Context) -> dict[str, str]:

@@ -13,8 +13,7 @@ def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_js
     """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.report.learned import learned_from
-    from mazeplan.apps.report.model_score import ring_errors, score_document
+    from mazeplan.apps.report.model_score import learned_from, ring_errors, score_document
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning.fits import fits_words
     from mazeplan.learning.modelfile import load_model

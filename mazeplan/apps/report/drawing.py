@@ -1,6 +1,6 @@
-"""Parts that pictures share: lines, points and areas in the palette's styles, a maze to draw over, and legends.
+"""Parts that pictures share: lines and points in the palette's styles, a maze to draw over, and legends.
 
-Lines, points and areas that differ in colour also differ in dashes, marker or hatch.
+Lines and points that differ in colour also differ in dashes or marker.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mazeplan.core.logs.run_log import STATUSES
-from mazeplan.core.palette import COLOURS, HATCHES, INKS, MARKERS, dashes
+from mazeplan.core.palette import COLOURS, INKS, MARKERS, dashes
 from mazeplan.maze.drawing import draw_maze
 
 if TYPE_CHECKING:
@@ -41,11 +41,6 @@ def points(name: str, **more: Any) -> dict[str, Any]:
     """Keywords of Matplotlib for points without a line, in the style of a name of the palette."""
     edge = {"markeredgecolor": "white", "markeredgewidth": 0.4}
     return {"color": COLOURS[name], "marker": MARKERS[name], "linestyle": "none", "markersize": 5.0, **edge, **more}
-
-
-def area(name: str, **more: Any) -> dict[str, Any]:
-    """Keywords of Matplotlib for a filled area, in the style of a name of the palette."""
-    return {"facecolor": COLOURS[name], "edgecolor": "white", "hatch": HATCHES.get(name, ""), "linewidth": 0.0, **more}
 
 
 def failure_mark(marker: str, **more: Any) -> dict[str, Any]:
@@ -138,11 +133,9 @@ def ending(letter: str, condition: bool) -> str:
     return "no" if condition and ENDINGS[letter] == "failure" else ENDINGS[letter]
 
 
-def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, height: float = 0.72) -> None:
-    """Draw in row y how a node's last tick ended, from start to end, s.
-
-    A node that runs gets a bar of the given height. Otherwise the bar is thin, with a mark at its start."""
-    height = height if name == "running" else 0.13
+def draw_ending(axes: Axes, name: str, y: float, start: float, end: float) -> None:
+    """Draw in row y how a node's last tick ended, from start to end, s: a bar if it runs, else a line and a mark."""
+    height = 0.72 if name == "running" else 0.13
     axes.broken_barh([(start, end - start)], (y - 0.5 * height, height), **_look(name))
     if name == "failure":
         axes.plot([start], [y], clip_on=False, **failure_mark("X", markersize=6.0))
@@ -158,4 +151,4 @@ def endings_met(met: Collection[str]) -> list[Patch]:
 
 
 def _look(name: str) -> dict[str, Any]:
-    return area("neutral" if name == "no" else name, hatch="")
+    return {"facecolor": COLOURS["neutral" if name == "no" else name], "edgecolor": "white", "linewidth": 0.0}

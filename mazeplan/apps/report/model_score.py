@@ -2,26 +2,44 @@
 
 The number is compared with two other errors. The first is the error without a model: of a ball that stays where it is,
 or of a ball that rolls on at its speed, whichever is smaller. The second is the error by the camera's noise alone. The
-limits of the verdict are round numbers, not fitted to data.
+limits of the verdict are round numbers, not fitted to data. A filter with the model estimates the state at the start of
+a roll-out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.report.learned import predictors, rolled, samples_of, windows_of
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
+from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rollout import STEPS, Rollout, angle_noise
+from mazeplan.learning.rig_gp import planned
+from mazeplan.learning.rollout import (
+    PAST,
+    STEPS,
+    Rollout,
+    angle_noise,
+    causal_start,
+    choose_windows,
+    roll_out,
+)
+from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_samples
+from mazeplan.learning.smoothing import Smoothing
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
+MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
+FEWEST = 50  # minimum number of samples of a ring
+Predict = Callable[[RingKinematics], Array]
 GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
 NOISES = 3.0  # an error below this many times the noise is good: the noise hides any better model
 FEWEST_WINDOWS = 5  # minimum number of windows for a verdict
@@ -57,21 +75,68 @@ def ring_errors(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[in
     """The errors in each ring that has windows. Raises InputError if no ring has enough samples."""
     found = {}
     for ring, samples in samples_of(model, tables, maze).items():
-        windows = windows_of(samples, ring, maze)
+        openings = np.array([opening.angle for opening in maze.openings_of(ring)])
+        # the filter that finds the start of a roll-out looks back PAST samples, all of which must be good
+        bad = np.concatenate([[0], np.cumsum(~samples.good)])
+        index = np.arange(len(samples))
+        whole = (bad[index + 1] == bad[np.maximum(index - PAST, 0)]) & (index >= PAST)
+        windows = choose_windows(samples, whole, openings)
         if not len(windows):
             continue
         start, theta = windows.start, samples.k.theta
         stays = Rollout.against(np.repeat(theta[start, None], STEPS + 1, axis=1), theta, start)
-        goes_on = rolled(_no_force, samples, windows)
-        done = rolled(predictors(model, ring)["model"], samples, windows)
+        goes_on = _rolled(lambda k: np.zeros(len(k.theta)), samples, windows.start)
+        done = _rolled(_predictor(model, ring), samples, windows.start)
         noise = math.sqrt(2.0 / math.pi) * angle_noise(samples)  # mean of its absolute value
         persistence = min(stays.after(STEPS), goes_on.after(STEPS))
         found[ring] = RingError(len(windows), STEPS * samples.dt, done.after(STEPS), persistence, noise)
     return found
 
 
-def _no_force(k: RingKinematics) -> Array:
-    return np.zeros(len(k.theta))
+def _predictor(model: RigModel, ring: int) -> Predict:
+    """The function for theta_dd by the model, as planner and estimator use it."""
+    ball, process = model.ball(ring), model.processes.get(ring)
+
+    def learned(k: RingKinematics) -> Array:
+        if process is None:
+            return ball.acceleration(k)
+        base = planned(ball, k) if model.by_effects(ring) else kinematic_terms(k)
+        return base + process.mean(inputs(k))
+
+    return learned
+
+
+def _rolled(way: Predict, samples: RingSamples, start: Any) -> Rollout:
+    """Roll-outs of a model from the samples `start`. A filter with the model estimates their start."""
+    misfit = MISFIT * max(float(np.std(samples.theta_ddot[samples.good])), 1e-300)
+    theta, rate, _ = causal_start(way, samples, start, angle_noise(samples), misfit)
+    return roll_out(way, samples, start, theta, rate)
+
+
+def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingSamples]:
+    """Samples of each ring that has enough of them. Raises InputError if no ring has enough."""
+    found: dict[int, list[RingSamples]] = {}
+    for table in tables:
+        options = SampleOptions(delay=model.camera_delay, rates="smoothed")
+        for ring, part in ring_samples(table, maze, Smoothing(window=9), options).items():
+            found.setdefault(ring, []).append(part)
+    together = {ring: joined(parts) for ring, parts in sorted(found.items())}
+    enough = {ring: samples for ring, samples in together.items() if int(samples.good.sum()) >= FEWEST}
+    if not enough:
+        most = max((int(samples.good.sum()) for samples in together.values()), default=0)
+        problem = f"got at most {most} usable samples in a ring, expected {FEWEST}: record for longer"
+        raise InputError(f"the logs that the model is to be judged on: {problem}")
+    return enough
+
+
+def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:
+    """Names of those logs from which the model was learned.
+
+    Compares by content (SHA-256) if the model's file has it, else by name."""
+    data = [entry for entry in model.data if isinstance(entry, dict)]
+    prints = {str(entry["sha256"]) for entry in data if entry.get("sha256")}
+    names = {Path(str(entry["file"])).name for entry in data if entry.get("file") and not entry.get("sha256")}
+    return [log.name for log in logs if log.name in names or sha256(log.read_bytes()).hexdigest() in prints]
 
 
 def whole(rings: dict[int, RingError]) -> RingError:

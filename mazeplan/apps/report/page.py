@@ -68,19 +68,27 @@ class PagePicture:
     size: tuple[float, float] = (9.0, 3.4)
     automatic: bool = True
 
-    def files(self, png: bool = True) -> tuple[bytes, bytes]:
-        """(SVG, PNG). The PNG is empty unless `png` is true or the SVG is too large."""
+    def figure(self) -> Figure:
+        """The picture as a figure of Matplotlib."""
         from matplotlib import rc_context
         from matplotlib.figure import Figure
 
         with rc_context(STYLE):
             figure = Figure(figsize=self.size, layout="constrained" if self.automatic else None)
             self.draw(figure)
-            svg, points = io.BytesIO(), io.BytesIO()
+        return figure
+
+    def source(self) -> str:
+        """The picture as SVG in a data URL, or as PNG if the SVG is too large."""
+        from matplotlib import rc_context
+
+        svg, points, figure = io.BytesIO(), io.BytesIO(), self.figure()
+        with rc_context(STYLE):
             figure.savefig(svg, format="svg", metadata=NO_METADATA)
-            if png or svg.tell() > SVG_MOST:
-                figure.savefig(points, format="png", dpi=DPI)
-        return svg.getvalue(), points.getvalue()
+            if svg.tell() <= SVG_MOST:
+                return f"data:image/svg+xml;base64,{base64.b64encode(svg.getvalue()).decode()}"
+            figure.savefig(points, format="png", dpi=DPI)
+        return f"data:image/png;base64,{base64.b64encode(points.getvalue()).decode()}"
 
 
 @dataclass(frozen=True)
@@ -137,24 +145,19 @@ class PageSection:
     parts: Sequence[PagePicture | PageTable | Note | Steps]
 
 
-def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures: Path | None = None) -> None:
-    """Write the page. Raises InputError for a path that cannot be written.
-
-    pictures: folder that also gets each picture as PNG and SVG."""
-    shown, stems = [], set[str]()
-    for number, section in enumerate(sections, start=1):
+def write_page(path: Path, title: str, sections: Sequence[PageSection]) -> None:
+    """Write the page. Raises InputError for a path that cannot be written."""
+    shown = []
+    for section in sections:
         parts = []
         for part in section.parts:
-            if not isinstance(part, PagePicture):
-                parts.append({"kind": type(part).__name__, "part": part})
-                continue
-            try:
-                svg, png = part.files(png=pictures is not None)
-            except (ValueError, LookupError, TypeError) as problem:  # a document whose lists do not fit together
-                raise InputError(f"{section.title}: {part.title}: cannot be drawn: {problem}") from None
-            parts.append({"kind": "PagePicture", "part": part, "source": _data(svg, png)})
-            if pictures is not None:
-                _save(pictures, _stem(part.name, number if len(sections) > 1 else 0, stems), svg, png)
+            source = ""
+            if isinstance(part, PagePicture):
+                try:
+                    source = part.source()
+                except (ValueError, LookupError, TypeError) as problem:  # a document whose lists do not fit together
+                    raise InputError(f"{section.title}: {part.title}: cannot be drawn: {problem}") from None
+            parts.append({"kind": type(part).__name__, "part": part, "source": source})
         shown.append({"section": section, "parts": parts})
     text = _template().render(title=title, sections=shown, version=version("mazeplan"))
     try:
@@ -163,33 +166,6 @@ def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures
             beside.write_text(text, encoding="utf-8")
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
-
-
-def _data(svg: bytes, png: bytes) -> str:
-    kind, content = ("svg+xml", svg) if len(svg) <= SVG_MOST else ("png", png)
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _stem(name: str, number: int, taken: set[str]) -> str:
-    """A unique file name without suffix, of lower-case letters, digits and hyphens."""
-    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "picture"
-    plain = f"{number}-{plain}" if number else plain
-    stem, again = plain, 1
-    while stem in taken:
-        again += 1
-        stem = f"{plain}-{again}"
-    taken.add(stem)
-    return stem
-
-
-def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for ending, content in (("svg", svg), ("png", png)):
-            with whole_file(folder / f"{stem}.{ending}") as beside:
-                beside.write_bytes(content)
-    except (OSError, ValueError) as problem:
-        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=folder) from None
 
 
 def _figures(cell: str) -> bool:

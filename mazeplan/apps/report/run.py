@@ -45,7 +45,7 @@ from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLog
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.palette import COLOURS, TINTS
-from mazeplan.core.records import Array, TreeOutline
+from mazeplan.core.records import Array
 from mazeplan.maze.drawing import draw_maze, draw_second
 from mazeplan.maze.geometry import Maze
 
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # conditions in older logs; their failure is the answer no
 MOST_LEAVES, MOST_LETTERS, LEAF_FONT = 60, 40, 7.5  # picture of the tree: most rows, most letters of a name, font size
 LEGEND_IN = 1.85  # inches for the legend beside pictures over time
 Markers = dict[str, str]  # {kind of failure: marker}
@@ -261,21 +260,13 @@ def _theta(
     return None
 
 
-def _conditions(tree: TreeOutline) -> list[str]:
-    """Paths of the conditions of a tree. Logs of older versions do not mark conditions; there CONDITIONS lists them."""
-    paths, numbers = tree.paths, tree.conditions
-    if numbers is None:
-        return [path for path, kind in zip(paths, tree.kinds, strict=True) if kind in CONDITIONS]
-    return [paths[i] for i in numbers]
-
-
 def _gantt(
     figure: Figure, log: RunLog, left: float, named: dict[str, str], failures: list[LoggedFailure], markers: Markers
 ) -> None:
     (axes,), bars = _panels(figure, log, left), leaf_bars(log)
     if not bars:
         return empty_panel(axes, "the log has no leaf")
-    asked = {path for tree in log.trees for path in _conditions(tree.outline)}
+    asked = {tree.outline.paths[i] for tree in log.trees for i in tree.outline.conditions or ()}
     met: set[str] = set()
     rows = {path: i for i, path in enumerate(named)}
     axes.set_autoscale_on(False)  # otherwise each new bar would go through all earlier ones

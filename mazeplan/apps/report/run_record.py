@@ -1,7 +1,6 @@
 """Computes the numbers of a run's report from its log: visits, failures, plans, intervals of leaves.
 
-A log has the status of each node of the tree at each change. Logs of older versions have only the leaf that commanded
-in each tick.
+A log has the status of each node of the tree at each change.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 
 AHEAD = 0.2  # s; a plan is right at its start, where the ball is, so its prediction is judged this much later
-IDLE, RUNNING = STATUSES["INVALID"], STATUSES["RUNNING"]
+IDLE = STATUSES["INVALID"]
 
 
 @dataclass(frozen=True)
@@ -199,10 +198,6 @@ def leaf_bars(log: RunLog) -> list[Bar]:
     """Intervals of all ticked leaves, in the order of the tree, and for each leaf in the order of time."""
     if not len(log.ticks["t"]):
         return []
-    if not log.trees:
-        names = log.ticks.get("leaf")
-        changes = [] if names is None else zip(log.ticks["t"].tolist(), names.tolist(), strict=True)
-        return [Bar(leaf, RUNNING, a, b) for leaf, a, b in _stretches([*changes, (span_of(log)[1], "")], "")]
     found: list[Bar] = []
     for tree, end in zip(log.trees, [*(later.t for later in log.trees[1:]), span_of(log)[1]], strict=True):
         last = max(end, tree.statuses[-1][0]) if tree.statuses else end
