@@ -6,19 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mazeplan.btree.blackboard import Blackboard
-from mazeplan.btree.builtin_leaves import ScriptCondition, SetBlackboard
-from mazeplan.btree.conditions import DECISIONS
-from mazeplan.btree.decorators import Precondition, SubTree
+from mazeplan.btree.decorators import SubTree
 from mazeplan.btree.key_uses import Home, Use, all_uses, scope_of, scripts_of
 from mazeplan.btree.leaf import Context
 from mazeplan.btree.mistakes import MOST, MOST_KEPT, Unbuilt
-from mazeplan.btree.never_ticked import never_ticked
-from mazeplan.btree.node import Node, TreeNode
-from mazeplan.btree.ports import Key, shown
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.node import TreeNode
+from mazeplan.btree.ports import Key
 from mazeplan.btree.tree import BehaviorTree, parts_of
 from mazeplan.btree.treefile import TreeFile
 from mazeplan.core.errors import TreeError
@@ -71,10 +66,7 @@ def check_tree(tree: BehaviorTree, given: Iterable[str] = ()) -> Findings:
     real = {use.home for use in writes if not isinstance(use.node, Unbuilt)} | literals
     calls = {id(node.board): node for node in nodes if isinstance(node, SubTree)}
     errors = list(_unknown((use for use in reads if use.home not in known), real, calls))
-    constants = _constants(tree, nodes, reads, writes)
-    errors += [*_refused(reads, constants), *_failing_scripts(nodes, constants)]
-    warnings = [*never_ticked(tree.root), *_unread(nodes, (*reads, *writes))]
-    return Findings(_once(errors), _once(warnings), len(nodes), any(map(_names_map, nodes)))
+    return Findings(_once(errors), _once(_unread(nodes, (*reads, *writes))), len(nodes), any(map(_names_map, nodes)))
 
 
 def _names_map(node: TreeNode) -> bool:
@@ -170,102 +162,3 @@ def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeErro
         for port in call.values:
             if port != "ID" and port not in call.by_model and (id(call.board), port) not in used:
                 yield call.wrong(f"{port}: nothing in {tree} reads it")
-
-
-@dataclass(frozen=True)
-class _Constant:
-    """A value that a node gives to a key by its attribute."""
-
-    node: TreeNode
-    attribute: str
-    value: Any
-
-
-def _constants(
-    tree: BehaviorTree, nodes: Iterable[TreeNode], reads: Iterable[Use], writes: Iterable[Use]
-) -> dict[Home, list[_Constant]]:
-    """The keys below the outermost scope, or set in it, that get nothing but constants: literals of SubTrees and of
-    SetBlackboard, and scripts that read nothing."""
-    found = dict[Home, list[_Constant]]()
-    for call in nodes:
-        if isinstance(call, SubTree):
-            for name in call.board:
-                found.setdefault((id(call.board), name), []).append(_Constant(call, name, call.board.get(name)))
-    unknown = {(id(tree.blackboard), name) for name in tree.blackboard}
-    for use in writes:
-        value = _written(use)
-        if value is None:
-            unknown.add(use.home)
-        else:
-            found.setdefault(use.home, []).append(_Constant(use.node, use.attribute, value))
-    for use in (*reads, *writes):
-        script = dict(scripts_of(use.node)).get(use.attribute)
-        if isinstance(use.node.values.get("output_key"), Key):  # it may set any key
-            return {}
-        if script is not None and use.name in script.sets - script.writes:
-            unknown.add(use.home)
-    return {home: values for home, values in found.items() if home not in unknown}
-
-
-def _written(use: Use) -> Any:
-    """The constant that a use gives to its key; None if the value is unknown before the run."""
-    if isinstance(use.node, SetBlackboard) and use.attribute == "output_key":
-        value = use.node.values["value"]
-        return None if isinstance(value, Key) else value
-    script = dict(scripts_of(use.node)).get(use.attribute)
-    if script is None or script.reads - set(use.node.board.enums):
-        return None
-    scope = Scope(Blackboard(enums=use.node.board.enums))
-    try:
-        script.run(scope)
-        return scope.board.get(use.name)
-    except (ScriptError, KeyError):  # raised again when the script runs
-        return None
-
-
-def _refused(reads: Iterable[Use], constants: Mapping[Home, list[_Constant]]) -> Iterator[TreeError]:
-    """Errors at nodes that give a key nothing but constants with which a node that reads the key cannot be ticked."""
-    for use in reads:
-        given = constants.get(use.home, list[_Constant]())
-        if isinstance(use.node.values.get(use.attribute), Key):
-            problems = [_problem(use, one) for one in given]
-            if problems and all(problems):
-                inside = f"inside, {use.node.name} reads {Key(use.name)}{use.at}"
-                yield given[0].node.wrong(f"{given[0].attribute}: {problems[0]}; {inside}")
-
-
-def _problem(use: Use, one: _Constant) -> str | None:
-    """Why a node cannot use a constant; None if it can."""
-    node, port = use.node, use.node.ports[use.attribute]
-    context = getattr(node, "context", None)
-    try:
-        value = port.accept(one.value, context)
-    except (ValueError, OverflowError):
-        # the builder has refused literals of SubTrees
-        return None if isinstance(one.node, SubTree) else f"got {shown(one.value)}, expected {port.expects(context)}"
-    return (
-        type(node).problem({**node.values, use.attribute: value}, len(node.parts)) if isinstance(node, Node) else None
-    )
-
-
-def _failing_scripts(nodes: Iterable[TreeNode], constants: Mapping[Home, list[_Constant]]) -> Iterator[TreeError]:
-    """Errors at nodes that give a key the only value that a script reads, and with which the script fails."""
-    for node in nodes:
-        board = scope_of(node)
-        for attribute, script in scripts_of(node):
-            names = script.reads - set(board.enums)
-            found = {name: constants.get(_home(board, name), list[_Constant]()) for name in names}
-            if script.sets or not found or any(len(values) != 1 for values in found.values()):
-                continue
-            scope = Scope(Blackboard(None, {}, {n: v[0].value for n, v in found.items()}, enums=board.enums))
-            asks = attribute in DECISIONS or isinstance(node, ScriptCondition | Precondition)
-            try:
-                (script.holds if asks else script.run)(scope)
-            except ScriptError as problem:
-                first = next(iter(found.values()))[0]
-                yield first.node.wrong(f"{first.attribute}: {attribute} of {node.name} fails with it: {problem}")
-
-
-def _home(board: Blackboard, name: str) -> Home:
-    scope, outside = list(board.scope_chain(name))[-1]
-    return id(scope), outside

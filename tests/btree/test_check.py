@@ -79,21 +79,6 @@ def test_the_packaged_trees_are_clean(name):
     assert (found["errors"], found["warnings"]) == ([], [])
 
 
-@pytest.mark.parametrize(
-    ("content", "warned"),
-    [
-        (f"<Fallback><AlwaysSuccess/>\n<Sequence>{CHOOSE}{LEG}</Sequence></Fallback>", True),
-        (f"<Sequence><ForceFailure><Replan/></ForceFailure>\n{CHOOSE}{LEG}</Sequence>", True),
-        (f"<Sequence><Inverter><AlwaysSuccess/></Inverter>\n{CHOOSE}{LEG}</Sequence>", True),
-        (f'<Fallback><AlwaysSuccess _skipIf="goal &gt; 3"/>\n<Sequence>{CHOOSE}{LEG}</Sequence></Fallback>', False),
-    ],
-)
-def test_a_branch_that_no_tick_reaches_is_a_warning(tmp_path, content, warned):
-    code, found = checked(tmp_path, content)
-    assert code == 0
-    assert any("never ticked" in warning and "tree.xml:3:" in warning for warning in found["warnings"]) is warned
-
-
 def test_a_check_loads_nothing_that_plans_or_computes_routes():
     code = (
         "import sys, mazeplan.apps.cli.behavior as command, mazeplan.btree.check\n"
