@@ -6,7 +6,6 @@ Lengths in the drawing are mm. matplotlib is imported when something is drawn, a
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.palette import COLOURS, DASHES, INKS, MAZE
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
-from mazeplan.maze.label_places import SHOWN, WORD, ball_place, name_places, number_places, word_fits
+from mazeplan.maze.label_places import ball_place, number_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +31,7 @@ _ARC_STEP = math.radians(0.5)
 _INK, _FLOOR = INKS["ink"], MAZE["floor"]
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
-_AXES_IN = 5.3  # minimum size of the maze in a picture, inches
+_SHOWN = 1.27  # a picture with labels shows this many radii of the rim to each side
 
 Array = NDArray[np.float64]
 
@@ -94,8 +93,8 @@ def draw_maze(
     path: (N, 2) in m, a route or trail that will be drawn on top, with a row of NaN between two of them
     ball: False draws no ball
 
-    With a path, the ball lies at its first point, numbers and names keep away from the path, and the angles of openings
-    are left out.
+    With a path, the ball lies at its first point, numbers keep away from the path, and the angles of openings are
+    left out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -105,7 +104,7 @@ def draw_maze(
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
     rim = maze.walls[0].outer_radius * _MM
-    reach = rim * (SHOWN if labels else 1.03)
+    reach = rim * (_SHOWN if labels else 1.03)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.set_axis_off()
     _draw_walls(ax, maze)
@@ -117,15 +116,14 @@ def draw_maze(
         _draw_ball(ax, maze, ball_place(maze, places[0]) if path is None else path[0])
     if labels:
         for ring, place in zip(maze.rings, places, strict=True):
-            text = "ring 1" if ring.number == 1 and word_fits(maze, place) else f"{ring.number}"
+            text = "ring 1" if ring.number == 1 else f"{ring.number}"
             _text(ax, place[0] * _MM, place[1] * _MM, text, size=_FONT, weight="bold")
         _draw_tilt_axes(ax, rim, names)
         _draw_scale(ax, maze, rim)
     if labels and names:
         _draw_degrees(ax, rim)
-        _draw_opening_names(ax, maze, places, path, reach)
-    elif labels and path is None:
-        _draw_opening_angles(ax, maze)
+    if labels and (names or path is None):
+        _draw_opening_labels(ax, maze, names)
     return ax
 
 
@@ -305,31 +303,15 @@ def _draw_closed(ax: Axes, maze: Maze, opening: Opening) -> None:
     )
 
 
-def _draw_opening_angles(ax: Axes, maze: Maze) -> None:
+def _draw_opening_labels(ax: Axes, maze: Maze, names: bool) -> None:
+    """Write into each opening its name, or into each that is not closed its angle."""
     for opening in maze.openings:
-        if opening.closed:
-            continue
         x, y = maze.threshold_radius(opening) * _MM * _unit(opening.angle)
-        text = f"{place_deg(opening.angle, 1):.4g}°"
-        _text(ax, x, y, text, size=6.5)
-
-
-def _draw_opening_names(ax: Axes, maze: Maze, numbers: list[Array], path: Array | None, reach: float) -> None:
-    """Draw the names of openings that have room, and a note of how many have none."""
-    ball = ball_place(maze, numbers[0]) if path is None else path[0]
-    word = 2e-3 * reach * np.array(WORD)
-    taken = [(place, word if i == 0 else 0.5 * word) for i, place in enumerate(numbers)]
-    taken.append((ball, np.full(2, maze.ball.radius)))
-    lines = [np.vstack([outline, outline[:1]]) for outline in maze_outlines(maze)]
-    if path is not None:
-        ends = [0, *(np.flatnonzero(np.isnan(path).any(axis=1)) + 1), len(path)]
-        lines += [path[a:b] for a, b in pairwise(ends)]
-    found = name_places(maze, lines, taken, 2e-3 * reach / (_AXES_IN * 72.0))
-    for name in found:
-        _text(ax, name.place[0] * _MM, name.place[1] * _MM, name.text, size=name.size)
-    if missing := len(maze.openings) - len(found):
-        note = f"no room for the name{'s' * (missing > 1)}\nof {missing} opening{'s' * (missing > 1)}"
-        _text(ax, 0.94 * reach, 0.94 * reach, note, size=_FONT - 1, ha="right")
+        if names:
+            box = {"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.6}
+            _text(ax, x, y, opening.name, size=5.5, bbox=box)
+        elif not opening.closed:
+            _text(ax, x, y, f"{place_deg(opening.angle, 1):.4g}°", size=6.5)
 
 
 def _draw_degrees(ax: Axes, rim: float) -> None:
