@@ -37,7 +37,6 @@ ALLOWED = {  # who may look at it, and for what
     "apps/cli/calibrate.py": {"from datetime import date", "today"},  # when a calibration was made
     "apps/cli/calibrate_camera.py": {"from datetime import date", "today"},
     "apps/cli/rig.py": {"from datetime import date", "today"},  # when latencies were measured
-    "apps/cli/progress.py": {"from datetime import timedelta"},  # how a time left is written
 }
 MACHINES = (
     "rigs/link/",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
@@ -12,8 +12,6 @@ from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import REQUIRED, Key
 
 MODEL = re.compile(r"[ \t]*<TreeNodesModel\s*(?:/>|>.*?</TreeNodesModel\s*>)[ \t]*(?:\r?\n)?", re.DOTALL)
-COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-END = re.compile(r"</root\s*>")
 TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
 TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "std::vector<std::string>"}  # C++ names
 
@@ -25,36 +23,6 @@ def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
     root = etree.Element("root", BTCPP_format="4")
     add_models(etree.SubElement(root, "TreeNodesModel"), registry)
     return etree.tostring(root, pretty_print=True, encoding="unicode")
-
-
-def renewed(text: str, registry: Mapping[str, type[TreeNode]], more: Collection[str] = ()) -> str:
-    """The text of a tree's file with a new model of the nodes that it uses, and of the nodes in `more`.
-
-    The new model replaces the file's model, or is added at the end. The SubTrees of the old model and the rest of the
-    file stay. A file that already has this model does not change."""
-    bare = COMMENT.sub(lambda comment: " " * len(comment.group()), text)  # the same places, without comments
-    spans = [found.span() for found in MODEL.finditer(bare)]
-    end = [found.start() for found in END.finditer(bare)][-1]
-    used = MODEL.sub("", bare)
-    kinds = {
-        name: node for name, node in registry.items()
-        if name in more or re.search(rf'[<"]{re.escape(name)}[\s"/>]', used)
-    }  # fmt: skip
-    model = etree.Element("TreeNodesModel")
-    for start, stop in spans:
-        model.extend(etree.fromstring(text[start:stop].strip()).findall("SubTree"))
-    if not kinds:
-        return text
-    add_models(model, kinds)
-    etree.indent(model, level=1)
-    newline = "\r\n" if "\r\n" in text else "\n"
-    new = f"  {etree.tostring(model, encoding='unicode').rstrip()}\n".replace("\n", newline)
-    line = bare.rfind("\n", 0, end) + 1
-    place = spans[0][0] if spans else line if not text[line:end].strip() else end
-    rest = text[place:]
-    for start, stop in reversed(spans):
-        rest = rest[: start - place] + rest[stop - place :]
-    return text[:place] + (newline if text[:place] and text[place - 1] != "\n" else "") + new + rest
 
 
 def without_model(text: str) -> str:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +23,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.ring_scores import Best
 
-QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed")
+QUICK = ("--most", "60")
 KINDS = {"rf", "p", "pi", "np", "sp"}
 
 
@@ -86,8 +87,7 @@ def test_the_document_is_that_of_the_contract(compare):
         for errors in ring["rollout"].values():
             assert set(errors) == {"20", "40"}
         assert ring["signs"] == {"beta": 1, "gamma": 1}
-        assert ring["rates"] == "smoothed"
-    for words in ("ring 2: sp", "ring 3: np, rbf, start 1 of", "ring 3: rolling out sp", r"[1-9]\d? %  left 0:00:\d\d"):
+    for words in ("ring 2: sp", "ring 3: rolling out sp"):
         assert re.search(rf"comparing .*{words}", plain(err)), words
 
 
@@ -100,7 +100,7 @@ def test_the_tables(compare):
     assert lines[1].count("/") == 1 + len(KINDS)
     assert re.fullmatch(r" +95 % of the test +too few: [1-4] blocks? of time", lines[2])
     assert any(line.startswith("ring 2  ") and "windows" in line and "npd" in line for line in lines)
-    assert "rates: smoothed" in out
+    assert "rates: " in out
     assert any(line.endswith("60") and "training rows" in line for line in lines)
     assert "note:" not in out
 
@@ -219,6 +219,7 @@ def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, t
     def full(*arguments):
         raise InputError("cannot be written: No space left on device", file="a.html")
 
+    import_module("mazeplan.apps.report.diagnosis")  # else it would keep the function below
     monkeypatch.setattr("mazeplan.apps.report.page.write_page", full)
     given = ("compare", folder / "one.csv", "--map", "seven", "--report", tmp_path / "a.html")
     assert call(*given)[:2] == (2, "the tables\n")
@@ -243,11 +244,6 @@ def test_a_table_without_ring_needs_options(compare, refused):
     ("arguments", "said"),
     [
         (["one.csv", "--kinds", "pi,dnn"], "--kinds: got 'dnn', expected one or more of rf,p,pi,np,sp"),
-        (["one.csv", "--split", "time", "--test", "both.csv"], "--split: got time with --test"),
-        (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
-        (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
-        (["one.csv", "--delay", "nan"], "--delay: got 'nan', expected a finite number of s"),
-        (["one.csv", "--delay=-1"], "--delay: got -1, expected 0 to 0.5 s"),
         (["one.csv", "--radius", "0"], "--radius: got '0', expected"),
         (["one.csv", "--ring", "0"], "--ring"),
         (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
@@ -272,6 +268,6 @@ def test_bad_input(refused, monkeypatch, folder, arguments, said):
 def test_a_record_that_leaves_no_rows(call, folder):
     short = (folder / "one.csv").read_text().splitlines()[:9]
     (folder / "short.csv").write_text("\n".join(short) + "\n")
-    code, out, err = call("compare", folder / "short.csv", "--delay", "0.5")
+    code, out, err = call("compare", folder / "short.csv")
     assert (code, out) == (2, "")
     assert "no ring has samples both to train and to test on; ring 2: got 8 rows (0.267 s)" in err.splitlines()[-1]

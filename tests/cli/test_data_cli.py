@@ -49,7 +49,7 @@ def test_as_text_there_is_a_line_per_ring(run, models, tmp_path):
     code, out, err = run(models, "-o", tmp_path, terminal=True)
     first, second = out.splitlines()
     assert code == 0
-    assert re.search(r"importing .* 100 %  left 0:00:00 ring 4", plain(err))
+    assert re.search(r"importing .*100% +0:00:00 +ring 4", plain(err))
     assert plain(err).endswith(f"wrote ring1.csv, ring4.csv to {tmp_path}\n")
     assert first.startswith("ring 1: ")
     for part in ("rows published (1 sample in 2)", "recovered, 3 segments; noise", "rate filter", "acceleration"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import tomllib
 from email.message import Message
 
@@ -13,14 +12,6 @@ import pytest
 from mazeplan.apps.cli import doctor
 from mazeplan.apps.view import server
 from mazeplan.core.errors import InputError
-from mazeplan.rigs.link import port
-
-
-@pytest.fixture
-def bare(monkeypatch, tmp_path):
-    """A machine with one board and without a browser."""
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setattr(port, "ports_found", lambda: ["/dev/ttyACM7"])
 
 
 @pytest.fixture
@@ -56,17 +47,6 @@ def installed(monkeypatch):
 @pytest.fixture
 def project():
     return tomllib.loads(doctor.resources.CHECKOUT.read_text(encoding="utf-8"))["project"]
-
-
-def test_missing_parts_are_named_with_the_way_to_get_them(bare, line, document):
-    assert line("browser") == "browser   missing chromium: tests of the live page; sudo apt-get install chromium"
-    assert document()["ports"] == ["/dev/ttyACM7"]
-
-
-def test_ports_need_pyserial(bare, line, installed):
-    assert line("ports") == "ports     /dev/ttyACM7: where a board may be connected"
-    installed(pyserial=None)
-    assert not line("ports")
 
 
 def test_every_package_of_pyproject_is_checked_and_every_extra_is_described(document, project):

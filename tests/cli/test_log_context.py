@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from mazeplan.apps.cli.diagnose_rig import diagnose_rig
-from mazeplan.apps.cli.diagnose_ring import diagnose_ring, separating_commands
+from mazeplan.apps.cli.diagnose_ring import diagnose_ring
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest
-from mazeplan.apps.cli.log_context import collect_options, logged_map
+from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.core.errors import InputError, ShortWarning
-from mazeplan.core.logs.run_log import RunLogWriter, read_log
-from mazeplan.diagnosis.ring.ambiguity import experiment_for
+from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.maze.mapfile import dump_map, load_map, packaged_maps
 
 CME, SEVEN = dump_map(load_map("cme")), dump_map(load_map("seven"))
@@ -51,7 +50,6 @@ def test_logs_of_two_maps_are_no_record_of_one_rig(tmp_path):
 def test_a_log_is_known_by_its_content_under_any_name(tmp_path):
     path = log(tmp_path, map=SEVEN, rig="toy").rename(tmp_path / "LOG.MCAP")
     assert logged_map(None, path).maze == load_map("seven")
-    assert collect_options(path, None)[0] == ["--rig", "toy", "--map", "seven"]
 
 
 def test_maps_of_one_name_are_told_apart_by_their_plates(tmp_path):
@@ -77,47 +75,6 @@ def test_all_logs_of_a_diagnosis_are_of_one_map(tmp_path, option):
     request = DiagnosisRequest(**(none | given | {option: more[option]}))
     with pytest.raises(InputError, match=r"log\.mcap: recorded on the map cme, but .*a\.mcap on seven"):
         diagnose_rig([], request)
-
-
-@pytest.mark.parametrize(
-    ("header", "map_", "options", "words"),
-    [
-        ({"rig": "toy", "map": CME}, None, ["--rig", "toy"], ""),
-        ({"rig": "toy", "map": CME}, "x.yaml", ["--rig", "toy", "--map", "x.yaml"], ""),
-        ({"rig": "leaning", "rig_given": "runs/leaning.yaml", "map": CME}, None, ["--rig", "runs/leaning.yaml"], ""),
-        ({"rig": "leaning", "map": CME}, None, ["--rig", "YOUR_RIG"], "which the log calls leaning"),
-        ({"rig": "toy", "map": dump_map(load_map(OTHER))}, None, ["--rig", "toy", "--map", OTHER], ""),
-        ({"rig": "toy", "map": CME.replace("18", "19", 1), "map_given": "my/maze.yaml"}, None,
-         ["--rig", "toy", "--map", "my/maze.yaml"], ""),
-    ],
-)  # fmt: skip
-def test_options_of_collect_are_those_of_the_log(tmp_path, header, map_, options, words):
-    found, note = collect_options(log(tmp_path, **header), map_)
-    assert found == options
-    assert words in note
-    assert bool(words) == bool(note)
-
-
-def test_a_table_names_no_rig(tmp_path):
-    given = ["--rig", "YOUR_RIG"], "YOUR_RIG is the rig of this record"
-    assert collect_options(tmp_path / "table.csv", None) == given
-
-
-def test_commands_that_separate_effects_use_the_same_rig(tmp_path):
-    way = experiment_for(("constant_torque", "dry_friction"), 1)
-    (worn,) = separating_commands([way], log(tmp_path, rig="my rig", rig_given="my rig.yaml", map=CME), None)
-    assert worn["command"].startswith("mazeplan collect --rig 'my rig.yaml' --ring ring1 --seconds 300 --tilt 1")
-    (unknown,) = separating_commands([way], tmp_path / "table.csv", None)
-    assert unknown["note"] == "YOUR_RIG is the rig of this record"
-
-
-def test_collect_logs_the_given_names_of_rig_and_map(call, tmp_path):
-    rig, path = tmp_path / "leaning.yaml", tmp_path / "x.mcap"
-    rig.write_text("table_x_deg: 1.5\n")
-    code, _, err = call("collect", "-o", path, "--seconds", "1", "--rig", rig)
-    assert code == 0, err
-    assert read_log(path).header["rig_given"] == str(rig)
-    assert collect_options(path, None)[0] == ["--rig", str(rig)]
 
 
 def test_the_further_record_of_one_ring_is_of_the_same_map(tmp_path):

@@ -34,7 +34,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("evaluate", "--report"): ((*IDEAL, "--runs", "1"), "page.html"),
     ("collect", "-o"): (("--rig", "ideal", "--seconds", "1"), "run.mcap"),
     ("report", "-o"): (("evaluation.json",), "page.html"),
-    ("report", "--pictures"): (("evaluation.json", "-o", "other.html"), "pictures/time.svg"),
     ("map show", "-o"): (("cme",), "maze.svg"),
     ("log export", "-o"): (("recorded.mcap",), "run.csv"),
     ("behavior show", "-o"): (("navigate",), "tree.svg"),
@@ -59,8 +58,7 @@ LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
 }
 RENEWED = {  # docs/commands.md lists them
-    ("navigate", "--memory"), ("navigate", "-o"), ("evaluate", "--store"), ("evaluate", "-o"),
-    ("behavior palette", "--into"),
+    ("navigate", "--memory"), ("evaluate", "--store"), ("evaluate", "-o"),
 }  # fmt: skip
 
 
@@ -95,7 +93,7 @@ def commands(group, path=()):
 
 def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
     outputs, new = set(), set()
-    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--pictures", "--keep")
+    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--keep")
     for name, command in commands(get_command(app)):
         hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
         for param in command.params:
@@ -106,7 +104,7 @@ def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
                 new.add(key)
                 assert any("--force" in p.opts for p in command.params)
     assert new == {*NEW, *LONG}
-    assert outputs - new - RENEWED == {("map show", "--log"), ("behavior show", "--log")}  # logs to read
+    assert outputs - new - RENEWED == {("map show", "--log")}  # logs to read
 
 
 @pytest.mark.parametrize(("command", "option"), [*NEW, *LONG])

@@ -20,7 +20,6 @@ from mazeplan.maze.mapfile import dump_map, load_map
 )
 def test_a_mistake_in_a_rig_file_has_its_line(refused, tmp_path, line, message):
     (tmp_path / "own.yaml").write_text(f"camera_noise_mm: 0.1\n{line}\n")
-    assert message in refused("rig", "show", tmp_path / "own.yaml")
     assert message in refused("navigate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1")
     assert message in refused("evaluate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1", "--runs", "1")
 
@@ -28,7 +27,7 @@ def test_a_mistake_in_a_rig_file_has_its_line(refused, tmp_path, line, message):
 def test_a_map_is_named_as_one(refused, tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text(dump_map(load_map("cme")))
-    for words in (("rig", "check"), ("rig", "show"), ("navigate", "--rig")):
+    for words in (("rig", "check"), ("navigate", "--rig")):
         assert f"{path}:1: got a map, expected the file of a rig" in refused(*words, path)
     said = f"{path}:1: got a map, expected a file of `navigate --memory`"
     assert said in refused("navigate", "--rig", "ideal", "--memory", path)

@@ -20,7 +20,10 @@ def test_each_experiment_is_for_effects_there_are(experiment):
 def test_the_experiment_that_has_the_likeliest_effect_is_proposed():
     way = experiment_for(("constant_torque", "tilt_offset", "surface_profile"), 2)
     assert "a torque acts alike all around" in way["why"]
-    assert way["command"] == "mazeplan collect --ring ring2 --seconds 300 --tilt 5 --highest-hz 0.7 -o apart.mcap"
+    assert (
+        way["command"]
+        == "mazeplan collect --rig RIG --ring ring2 --seconds 300 --tilt 5 --highest-hz 0.7 -o apart.mcap"
+    )
     turned = experiment_for(("tilt_offset", "surface_profile"), 1)
     assert turned["first"] == "turn the rig by 90 degrees on its table"
     assert "900" in experiment_for(("a", "b"), None)["command"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from dataclasses import replace
@@ -10,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import call
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.control.estimation.rigid_body_fit import autocorrelation, with_values
@@ -122,29 +120,6 @@ def test_records_that_tell_nothing_are_refused(short):
     few = Table({name: short[name][:600] for name in ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")})
     with pytest.raises(TableError, match="pictures of the ball, expected 900 at least"):
         body_filter(few, MAZE)
-
-
-@pytest.mark.slow
-def test_from_the_command_line(monkeypatch, capsys, log, seen):
-    def fitted(table, maze, known):
-        """The fit of `seen`, if it is asked for that."""
-        right = read_table(log)
-        assert table.columns.keys() == right.columns.keys()
-        assert all(np.array_equal(table[name], right[name], equal_nan=True) for name in right.columns)
-        assert (maze, known) == (MAZE, load_model("toy"))
-        return seen
-
-    monkeypatch.setattr("mazeplan.apps.cli.diagnose_rig.rig_record", fitted)
-    code, out, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body", "--json")
-    assert code == 0, err
-    document = json.loads(out)
-    assert document["white"] is True
-    assert document["parameters"]["delay"]["value"] == pytest.approx(DELAY, abs=LATE)
-    assert document["parameters"]["rolling"]["unit"] == "m/s^2"
-    code, out, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body")
-    assert code == 0, err
-    assert "only noise is left" in out
-    assert "camera behind the tilt sensor" in out
 
 
 @pytest.mark.slow

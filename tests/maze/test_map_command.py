@@ -151,11 +151,6 @@ def test_a_watched_map_is_drawn_again_at_each_save(tmp_path, capsys):
     assert "openings[0].angle_deg: got 400" in capsys.readouterr().err
 
 
-def test_watching_without_a_window_or_a_file_is_refused(monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    assert isinstance(run("show", "cme", "--watch").exception, InputError)
-
-
 @pytest.mark.parametrize(
     ("words", "ring", "angle"),
     [

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,39 +134,12 @@ def test_the_second_run_is_driven_with_what_the_first_taught(small, monkeypatch)
 def test_evaluate_learns_keeps_reports_and_tells(monkeypatch, capsys, tmp_path, small):
     kept, page = tmp_path / "kept", tmp_path / "page.html"
     arguments = ("evaluate", "--learn", "--rig", "toy", "--model", small, "--from", "ring4", "--runs", 2, "--json")
-    code, out, err = call(monkeypatch, capsys, *arguments, "-o", kept, "--report", page)
+    code, out, _ = call(monkeypatch, capsys, *arguments, "-o", kept, "--report", page)
     document = json.loads(out)
     assert code == 0
     assert document["learning"]["model"] == str(kept)
     assert [x["run"] for x in document["learning"]["runs"]] == [1, 2]
     assert page.exists()
-    code, _, err = call(monkeypatch, capsys, "navigate", "--learn", "--from", "ring4", "--rig", "toy", "-o", kept)
-    assert code == 0
-    assert "3 runs so far" in err
-
-
-def test_a_run_that_teaches_is_filmed_too(monkeypatch, capsys, tmp_path):
-    """The messages of the run go to the learner and into the film."""
-    lessons, films = [], []
-
-    def drive(request, company):
-        company.feed("/tick", 0.5, {"t": 0.5})
-        return SimpleNamespace(success=True)
-
-    def learn(result, ticks):
-        lessons.append(ticks.rows)
-        return Lesson(1, {1: 1})
-
-    learner = SimpleNamespace(model=None, learn=learn)
-    monkeypatch.setattr("mazeplan.apps.cli.navigate.navigate_once", drive)
-    monkeypatch.setattr("mazeplan.apps.cli.learning.open_learner", lambda *given: nullcontext(learner))
-    monkeypatch.setattr("mazeplan.apps.view.film.write_film", lambda messages, path: films.append((messages, path)))
-    video = tmp_path / "a.gif"
-    given = ("--learn", "-o", tmp_path / "kept", "--video", video)
-    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "ideal", *given)
-    assert code == 0, err
-    assert lessons == [[{"t": 0.5}]]
-    assert films == [([("/tick", {"t": 0.5})], video)]
 
 
 @pytest.mark.parametrize(
@@ -179,8 +150,6 @@ def test_a_run_that_teaches_is_filmed_too(monkeypatch, capsys, tmp_path):
         (["evaluate", "--learn", "--dask", "local"], "--dask"),
         (["evaluate", "--learn", "--store", "runs/kept"], "--store"),
         (["evaluate", "-o", "somewhere"], "--learn"),
-        (["navigate", "--learn"], "-o FOLDER"),
-        (["navigate", "--learn", "--view", "-o", "x"], "--view"),
         (["evaluate", "--learn", "-o", "FILE/none"], "-o: got"),
         (["evaluate", "--learn", "--rig", "BARE"], "mazeplan collect"),
     ],

@@ -24,7 +24,7 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
-from mazeplan.core.errors import InputError, LogError, MapError, MazeplanError, ModelError, TableError, TreeError
+from mazeplan.core.errors import InputError, MapError, MazeplanError, ModelError, TreeError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
 
@@ -33,13 +33,6 @@ UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as 
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # the system refuses a path
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 OWN: dict[type[InputError], str] = {ModelError: "--model", MapError: "--map", TreeError: "--behavior"}
-NEVER_A_LOG = ("--model", "--map", "--behavior", "--rig", "--settings", "--policy")  # these options never name a log
-EXPECTED = {  # beginning of typer's message about a number: words of mazeplan
-    "valid integer": "a whole number",
-    "valid number": "a number",
-    "greater than or equal to": "a number >=",
-    "less than or equal to": "a number <=",
-}
 
 
 def keep_compiled() -> None:
@@ -129,64 +122,28 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
     text = str(error)
     if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
         return text
-    for option, value in _likely_first(error, words):
-        if error.file is None and option == f"--{error.key}":
-            return f"--{text}"
-        same = error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))
-        parts = {value, *(part.strip() for part in value.split(","))}  # --via ring3,ring2
-        got = any(f"got {part!r}" in text.replace("got rig ", "got ") for part in parts)
-        if same or (error.file is None and got):
+    if error.file is None and error.key is not None and f"--{error.key}" in words:
+        return f"--{text}"
+    pairs = [word.partition("=")[::2] if "=" in word else (word, after)
+             for word, after in zip(words, [*words[1:], ""], strict=True) if word.startswith("-")]  # fmt: skip
+    pairs.sort(key=lambda pair: pair[0] != OWN.get(type(error)))  # several options may have the same value
+    for option, value in pairs:
+        got = error.file is None and f"got {value!r}" in text.replace("got rig ", "got ")
+        if got or (error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))):
             return f"{option}: {text}"
     return text
 
 
-def _likely_first(error: InputError, words: Sequence[str]) -> list[tuple[str, str]]:
-    """The options with their values. The most likely options come first, because several may have the same value."""
-    pairs = list(_option_values(words))
-    if isinstance(error, LogError | TableError):
-        return [pair for pair in pairs if pair[0] not in NEVER_A_LOG]
-    return sorted(pairs, key=lambda pair: pair[0] != OWN.get(type(error)))
-
-
-def _usage_message(error: Any, words: Sequence[str]) -> str:
-    """A usage error in the form of mazeplan's messages: option, value, allowed values."""
+def _usage_message(error: Any) -> str:
+    """A usage error in one line."""
     text = " ".join(error.format_message().split())
-    if text.startswith("No such option") and error.ctx is not None:
-        name = error.option_name.lstrip("-").upper()
-        if name in (argument.metavar for argument in error.ctx.command.params if argument.opts[0][0] != "-"):
-            return f"{text}: give the {name.lower()} without it: {error.ctx.info_name} {name}"
     if text.startswith("No such command") and error.ctx is not None and "?" not in text:
         names = ", ".join(error.ctx.command.list_commands(error.ctx))
         return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
     if text.startswith("Missing argument") and error.ctx is not None and error.ctx.command.epilog:
-        return f"{text.rstrip('.')}; for example: {error.ctx.command.epilog.splitlines()[0]}"
-    found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
-    if found is None or found[2].startswith("got "):
-        return text if found is None else f"{found[1]}: {found[2]}"
-    value = next((value for option, value in _option_values(words) if option == found[1]), "")
-    choices = re.fullmatch(r"'.*?' is not one of (.*)", found[2])
-    if choices is not None:
-        expected = f"one of {choices[1].replace(chr(39), '').removesuffix('.')}"
-    else:
-        begins = next((kind for kind in EXPECTED if found[2].startswith(kind)), "")
-        expected = EXPECTED.get(begins, "") + found[2].removeprefix(begins).partition(",")[0]
-    return f"{found[1]}: got {value!r}, expected {expected}"
-
-
-def with_decimal_point(message: str) -> str:
-    """The message, and the number as it must be written if it has a decimal comma."""
-    comma = re.search(r"got '([-+]?\d*),(\d+)', expected a (?:finite )?number", message)
-    return f"{message}; write {comma[1]}.{comma[2]}" if comma else message
-
-
-def _option_values(words: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """(option, value) pairs of a command line."""
-    for word, after in zip(words, [*words[1:], ""], strict=True):
-        if word.startswith("--") and "=" in word:
-            option, _, value = word.partition("=")
-            yield option, value.replace("\0", "")
-        elif word.startswith("-") and after and "\0" not in after:
-            yield word, after
+        return f"{text.rstrip('.')}; for example: {error.ctx.command.epilog}"
+    found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Value error, )?(.*)", text)
+    return text if found is None else f"{found[1]}: {found[2]}"
 
 
 def main() -> None:
@@ -209,13 +166,13 @@ def _run(received: list[int]) -> int:
             status = app(prog_name="mazeplan", standalone_mode=False)
     except MazeplanError as error:
         others = error.others if isinstance(error, InputError) else ()
-        message = with_decimal_point(with_option(error, sys.argv[1:]))
+        message = with_option(error, sys.argv[1:])
         return _fail(message, error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command; the message is the help
             print(error.format_message(), file=sys.stderr)
             return InputError.exit_status
-        return _fail(with_decimal_point(_usage_message(error, sys.argv[1:])), InputError.exit_status)
+        return _fail(_usage_message(error), InputError.exit_status)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
     except typer.Exit as end:  # typer also turns Ctrl-C into Exit

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say, write_text
-from mazeplan.core.errors import InputError, TreeError
+from mazeplan.core.errors import TreeError
 
 if TYPE_CHECKING:
     from mazeplan.btree.node import TreeNode
@@ -20,26 +19,14 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
-Trees = Annotated[
-    list[str], typer.Argument(metavar="TREE", autocompletion=names.TREES, help="XML files, or names of packaged trees.")
-]
+Trees = Annotated[list[str], typer.Argument(metavar="TREE", help="XML files, or names of packaged trees.")]
 ShownTree = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="TREE",
-        autocompletion=names.TREES,
-        help="XML file, or name of a packaged tree. Default: navigate.",
-    ),
+    str | None, typer.Argument(metavar="TREE", help="XML file, or name of a packaged tree. Default: navigate.")
 ]
 Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands in the tree again each time.")]
 CheckedMap = Annotated[
     str | None,
-    typer.Option(
-        "--map",
-        autocompletion=names.MAPS,
-        metavar="MAP",
-        help="Map whose rings and openings the tree may name. Default: any names.",
-    ),
+    typer.Option("--map", metavar="MAP", help="Map whose rings and openings the tree may name. Default: any names."),
 ]
 Drawing = Annotated[
     Path | None,
@@ -48,15 +35,6 @@ Drawing = Annotated[
         help="Draw into a PNG, SVG or PDF file.",
     ),
 ]  # fmt: skip
-Into = Annotated[
-    Path | None,
-    typer.Option(
-        "--into",
-        autocompletion=names.TREES,
-        metavar="TREE",
-        help="Tree whose TreeNodesModel to write or renew; all else in it stays.",
-    ),
-]
 Palette = Annotated[
     Path | None,
     typer.Option(
@@ -224,38 +202,14 @@ def _allowed(port: Port) -> str:
 
 
 @app.command("palette")
-def palette(
-    output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False
-) -> None:
+def palette(output: Palette = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
     from mazeplan.behavior.own_nodes import registry_with
-    from mazeplan.btree.palette import renewed, write_palette
+    from mazeplan.btree.palette import write_palette
 
-    registry = registry_with(behavior_module or ())
-    leaves = registry.usable(_report_unusable)
-    if into is not None:
-        before = _tree_text(into, behavior_module)
-        after = renewed(before, leaves, registry.of_modules)
-        if after == before:
-            say(f"{into} has all the leaves that it uses")
-        else:
-            write_text(into, after)
-            say(f"wrote the leaves into {into}")
-        return
-    text = write_palette(leaves)
+    text = write_palette(registry_with(behavior_module or ()).usable(_report_unusable))
     if output is None:
         print(text, end="")
     else:
         write_text(output, text)
         say(f"wrote {output}")
-
-
-def _tree_text(file: Path, modules: list[str] | None) -> str:
-    """The text of a tree's file, with its line ends unchanged. Raises InputError, also for a tree with errors."""
-    if not file.is_file():
-        raise InputError("no such file; expected the XML file of a tree", file=file)
-    _load(str(file.absolute()), modules)
-    try:
-        return file.read_bytes().decode()
-    except UnicodeDecodeError:
-        raise InputError("got text that is not UTF-8; expected UTF-8", file=file) from None

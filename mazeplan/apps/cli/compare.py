@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError
-
-# the two splits agree if the error of the split in time is at most this many times the error of the split by blocks;
-# intervals of 95 % are about twice as wide
-LARGER = 1.05
 
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
@@ -24,12 +19,7 @@ def compare(
     map_: opt.MapOfLog = None,
     ring: opt.Ring = None,
     radius: opt.Radius = None,
-    delay: opt.Delay = None,
-    rates: opt.Rates = "auto",
-    smoothing: opt.Smoothing = "savgol",
     kinds: opt.CompareKinds = "rf,p,pi,np,sp",
-    split: opt.Split = "blocks",
-    kernel: opt.Kernel = "auto",
     most: opt.CompareRows = 5000,
     page: opt.Report = None,
     seed: opt.Seed = 0,
@@ -48,22 +38,16 @@ def compare(
     from mazeplan.learning.fitting import KINDS, FitOptions
     from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
     from mazeplan.learning.samples import SampleOptions
-    from mazeplan.learning.smoothing import Smoothing
 
     chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
     if wrong := [kind for kind in chosen if kind not in KINDS]:
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
-    if split != "blocks" and test:
-        raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
     found = logged_map(map_, *logs, *(test or ()))
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
-    options = CompareOptions(
-        smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
-        delay=delay, rates=rates, seed=seed, kinds=chosen, split=split,
-        samples=SampleOptions(ring=ring, radius=radius),
-        fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel), seed=seed),
-    )  # fmt: skip
+    fit = FitOptions(most=most, training=THOROUGH, seed=seed)
+    samples = SampleOptions(ring=ring, radius=radius)
+    options = CompareOptions(samples=samples, fit=fit, kinds=chosen, seed=seed)
     with ProgressBar("comparing") as bar:
         bar.show("reading")
         tables, held_out = ([read_table(log) for log in group] for group in (logs, test or []))
@@ -113,9 +97,6 @@ def report(scores: list[RingScores]) -> None:
     off = [f"ring {s.ring} {1e3 * s.centre[0]:.1f}, {1e3 * s.centre[1]:.1f}" for s in scores if any(s.centre)]
     if off:
         print(f"note: the camera counts the angle about another point than the rings' centre, in mm: {'; '.join(off)}")
-    for s in scores:
-        if s.carried:
-            print(_carried(s))
     print(f"rates: {scores[0].rates}; ball {1e3 * scores[0].delay:.0f} ms behind the tilt")
     print(f"training rows: {', '.join(str(s.n_train) for s in scores)}")
 
@@ -135,17 +116,6 @@ def verdict(s: RingScores) -> str:
     return f"best: {best.kind}, {led} ({interval})" if low > 0.0 else (
         f"no clear best: {best.kind} has {led} ({interval})"
     )  # fmt: skip
-
-
-def _carried(s: RingScores) -> str:
-    """What the split in time of a ring shows, in one line."""
-    time, own, (low, _) = (s.carried[name] for name in ("time", "own", "changed"))
-    says = f"ring {s.ring}: pi has {time:.3f} on the last 40 %, {s.carried['blocks']:.3f} by blocks all over the record"
-    if low > 0.0:
-        return f"{says}; {own:.3f} if trained on the end itself: the rig or its use changed"
-    if time < LARGER * s.carried["blocks"]:
-        return f"{says}: the splits agree"
-    return f"{says}: the end is harder to predict, also from itself ({own:.3f}); no sign that the rig changed"
 
 
 def _error(s: RingScores, kind: str, steps: str) -> str:

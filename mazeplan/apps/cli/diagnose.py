@@ -20,7 +20,6 @@ def diagnose(
     system: opt.System = "ring",
     effects: opt.EffectModule = None,
     output: opt.DiagnosisFolder = None,
-    body: opt.Body = False,
     reference: opt.Reference = None,
     columns: opt.Columns = None,
     force: opt.Force = False,
@@ -32,7 +31,7 @@ def diagnose(
         output=output, references=reference or [], as_json=as_json, columns=columns or [],
     )  # fmt: skip
     if system != "ring":
-        _check_system(system, request, body)
+        _check_system(system, request)
         from mazeplan.apps.cli.diagnose_system import diagnose_system
 
         diagnose_system(system, _single(logs, f"--system {system}"), request)
@@ -41,15 +40,6 @@ def diagnose(
     given = next((option for option, value in alone.items() if value), None)
     if reference and given:
         raise InputError(f"{given}: got {alone[given]}, expected none with --reference, which uses all rings")
-    others = {"--reference": reference, "--test": test, "--effects": effects}
-    beside = given or next((option for option, value in others.items() if value), None)
-    if body and beside:
-        raise InputError(f"--body: got {beside} as well, expected --body alone")
-    if body:
-        from mazeplan.apps.cli.diagnose_rig import diagnose_body
-
-        diagnose_body(_single(logs, "--body"), request)
-        return
     why = ""
     if given is None:
         from mazeplan.apps.cli.diagnose_rig import diagnose_rig
@@ -73,11 +63,11 @@ def _single(logs: list[Path], why: str) -> Path:
     return logs[0]
 
 
-def _check_system(system: str, request: DiagnosisRequest, body: bool) -> None:
+def _check_system(system: str, request: DiagnosisRequest) -> None:
     """Raises InputError for an unknown system, and for options of a ball in a maze."""
     if system != "emps" and ":" not in system:
         raise InputError(f"--system: got {system!r}, expected ring, emps or MODULE:CLASS")
     single = {f"--{name}": getattr(request, name) for name in ("ring", "radius", "map", "model")}
-    for option, value in {**single, "--reference": request.references or None, "--body": body or None}.items():
+    for option, value in {**single, "--reference": request.references or None}.items():
         if value is not None:
             raise InputError(f"{option}: got {value}, expected none with --system {system}, which has no ring")

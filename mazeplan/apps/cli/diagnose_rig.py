@@ -1,8 +1,7 @@
-"""`diagnose` of all rings together: compares a rig with its reference, or with --body fits the body of its ball."""
+"""`diagnose` of all rings together: compares a rig with its reference."""
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,55 +9,17 @@ from typing import Any
 
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, write_reports
 from mazeplan.apps.cli.log_context import logged_map
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_json
 from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
-from mazeplan.control.estimation.rigid_body_parameters import with_body
-from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig.evidence import rig_evidence
-from mazeplan.diagnosis.rig.record import rig_record
 from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
 from mazeplan.diagnosis.rig.result import RigVerdict, advice, words_on_test
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
-
-SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
-
-
-def diagnose_body(path: Path, request: DiagnosisRequest) -> None:
-    """Fit the body, print its parameters, and write the model with it. Raises TableError, InputError."""
-    if request.output is not None and request.model is None:
-        raise InputError("-o with --body: expected --model, the model that receives the body")
-    known = None if request.model is None else load_model(request.model)
-    with ProgressBar("fitting the ball's body"):
-        seen = rig_record(read_table(path), logged_map(request.map, path).maze, known)
-    document: dict[str, Any] = seen.document()
-    if request.output is not None and known is not None:
-        learned = with_body(known, seen.fit.model, seen.fit.stderr)
-        document["model"] = str(save_model(learned, request.output / "model").parent)
-        say(f"wrote the model with this body, for --model: {document['model']}")
-    if request.as_json:
-        print_json(document)
-        return
-    left = "only noise is left" if seen.white else "something is left that these physics do not explain"
-    memory = ", ".join(f"{a:.3f}" for a in document["autocorrelation"])
-    print(f"{document['pictures']} frames; autocorrelation of the innovations {memory} after 1, 2, 3 frames: {left}")
-    for name, number in document["parameters"].items():
-        factor, unit = SHOWN.get(number["unit"], (1.0, number["unit"]))
-        value, error = factor * number["value"], factor * number["stderr"]
-        line = f"  {number['words'] or name:30s} {value:10.4g} +- {error:.2g} {unit}".rstrip()
-        print(f"{line}{_ring_models(number['model'], factor)}")
-
-
-def _ring_models(values: list[float] | None, factor: float) -> str:
-    """The range of a parameter over the rings of the model, in words; empty without values."""
-    if values is None:
-        return ""
-    low, high = (f"{factor * end:.4g}" for end in values)
-    return f"   (the model's rings: {low}" + (f" to {high})" if low != high else ")")
 
 
 def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
-from mazeplan.apps.cli.log_context import check_channel, check_radius, collect_options, logged_map
+from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
 from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
@@ -20,7 +20,6 @@ from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
 from mazeplan.diagnosis.maze_camera import camera_effects
 from mazeplan.diagnosis.record import centred, record_of, turned_round
 from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
-from mazeplan.diagnosis.ring.ambiguity import on_machine
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import base_model, left_out, updated
@@ -52,13 +51,7 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
         new = updated(old, {number or 1: done.effects})
         document["notes"] += left_out(done.effects)
         document["model"] = str(save_model(new, request.output / "model").parent)
-    document["separate_by"] = separating_commands(document["separate_by"], log, request.map)
     finish(done, document, request, f"ring {number} of {log.name}" if number else log.name)
-
-
-def separating_commands(ways: list[dict[str, str]], log: Path, map_: str | None) -> list[dict[str, str]]:
-    """The ways to separate ambiguous effects, each command with the rig and map of the log."""
-    return on_machine(ways, *collect_options(log, map_)) if ways else ways
 
 
 @dataclass(frozen=True)

@@ -6,22 +6,18 @@ In a checkout the required packages come from pyproject.toml, otherwise from the
 from __future__ import annotations
 
 import platform
-import shutil
 import sys
 import tomllib
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, metadata, version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from packaging.requirements import Requirement
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
 from mazeplan.core import resources
-
-if TYPE_CHECKING:
-    from mazeplan.apps.cli.plugins import EntryPoint
 
 CORE = "core"
 FEATURES = {
@@ -37,7 +33,6 @@ FEATURES = {
     "tune": "search of costs and gains: tools/tune.py",
     "dev": "make test",
 }
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @dataclass(frozen=True)
@@ -58,36 +53,18 @@ class Package:
         return "" if fits else f"{self.name} is {self.installed}, needed {self.needed}"
 
 
-@dataclass(frozen=True)
-class Installation:
-    """What `doctor` found.
-
-    packages: by extra
-    browser: for tests of the live page
-    ports: serial ports on USB; None without pyserial"""
-
-    packages: dict[str, list[Package]]
-    browser: str | None
-    ports: list[str] | None
-    plugins: list[EntryPoint]
-
-
 def doctor(as_json: opt.AsJson = False) -> None:
     """Show what is installed, what is missing or too old, and how to install it.
 
     Exit status 1: a package that every command needs is missing."""
-    from mazeplan.apps.cli.plugins import entry_points
-
     packages = {
         extra: [Package(r.name, str(r.specifier), installed(r.name)) for r in group]
         for extra, group in requirements().items()
     }
-    browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
-    found = Installation(packages, browser, ports(), entry_points())
     if as_json:
-        print_json(document(found))
+        print_json(document(packages))
     else:
-        print("\n".join(installation_lines(found)))
+        print("\n".join(installation_lines(packages)))
     sys.exit(1 if any(package.problem for package in packages[CORE]) else 0)
 
 
@@ -121,17 +98,8 @@ def advice(extra: str) -> str:
     return resources.to_install("" if extra == CORE else extra)
 
 
-def ports() -> list[str] | None:
-    """Serial ports on USB; None without pyserial."""
-    if installed("pyserial") is None:
-        return None
-    from mazeplan.rigs.link.port import ports_found
-
-    return ports_found()
-
-
-def document(found: Installation) -> dict[str, Any]:
-    """The document of `doctor --json`."""
+def document(found: dict[str, list[Package]]) -> dict[str, Any]:
+    """The document of `doctor --json`. found: packages by extra"""
     features = {
         extra: {
             "what": FEATURES.get(extra, ""),
@@ -140,33 +108,23 @@ def document(found: Installation) -> dict[str, Any]:
             "too_old": [p.name for p in packages if p.installed is not None and p.problem],
             "get": advice(extra) if any(p.problem for p in packages) else None,
         }
-        for extra, packages in found.packages.items()
+        for extra, packages in found.items()
     }
     return {
         "python": platform.python_version(),
         "mazeplan": installed("mazeplan"),
         "features": features,
-        "packages": {extra: {p.name: p.installed for p in packages} for extra, packages in found.packages.items()},
-        "needed": {extra: {p.name: p.needed for p in packages} for extra, packages in found.packages.items()},
-        "browser": found.browser,
-        "ports": found.ports,
-        "plugins": [asdict(point) for point in found.plugins],
+        "packages": {extra: {p.name: p.installed for p in packages} for extra, packages in found.items()},
+        "needed": {extra: {p.name: p.needed for p in packages} for extra, packages in found.items()},
     }
 
 
-def installation_lines(found: Installation) -> list[str]:
-    """One line per feature, then its packages or parts."""
-    from mazeplan.apps.cli.plugins import plugin_lines
-
+def installation_lines(found: dict[str, list[Package]]) -> list[str]:
+    """One line per feature, then its packages. found: packages by extra"""
     lines = [f"mazeplan {installed('mazeplan')} on Python {platform.python_version()}, {platform.platform()}"]
-    for extra, packages in found.packages.items():
+    for extra, packages in found.items():
         problems = ", ".join(package.problem for package in packages if package.problem)
         how = f"; to install it: {advice(extra)}" if problems else ""
         lines.append(f"{extra:9s} {problems or 'ready'}: {FEATURES.get(extra, '')}{how}")
         lines += [f"    {package.name} {package.installed or '-'}" for package in packages]
-    state, how = ("ready", "") if found.browser else ("missing chromium", "; sudo apt-get install chromium")
-    lines.append(f"browser   {state}: tests of the live page{how}")
-    lines += plugin_lines(found.plugins)
-    if found.ports is not None:
-        lines.append(f"ports     {', '.join(found.ports) or 'none found'}: where a board may be connected")
     return lines

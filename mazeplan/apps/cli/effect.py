@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
 from mazeplan.core.errors import InputError
@@ -19,9 +18,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="List and show physical effects of models and diagnoses.", no_args_is_help=True)
 LONGEST = 60  # maximum number of characters of a formula in a table
 
-EffectName = Annotated[
-    str, typer.Argument(metavar="EFFECT", autocompletion=names.EFFECTS, help="Name of an effect (see `effect list`).")
-]
+EffectName = Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect (see `effect list`).")]
 Markdown = Annotated[bool, typer.Option("--markdown", help="Print the table of the documentation.")]
 
 

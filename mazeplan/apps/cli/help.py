@@ -1,4 +1,4 @@
-"""The help text of a command: what it does, its arguments and options, and examples at the end."""
+"""The help text of a command: what it does, its arguments and options, and an example at the end."""
 
 from __future__ import annotations
 
@@ -13,35 +13,16 @@ from mazeplan.apps.cli.option_checks import check_outputs
 
 WIDEST = 120  # columns; longer lines are hard to read
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
-HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 characters, then examples
-    "navigate": (
-        "Bring the ball from one ring to another.",
-        "mazeplan navigate --from ring1 --to ring5",
-        "mazeplan navigate --rig ideal --via ring3,ring2 --log runs/a.mcap",
-        "mazeplan navigate --view",
-    ),
-    "evaluate": (
-        "Run many navigations, and summarise them.",
-        "mazeplan evaluate --rig toy --runs 16 --workers 2",
-        "mazeplan evaluate --rig toy --faults all --runs 2",
-    ),
+HELP = {  # what it does in one line of 50 characters, and an example
+    "navigate": ("Bring the ball from one ring to another.", "mazeplan navigate --from ring1 --to ring5"),
+    "evaluate": ("Run many navigations, and summarise them.", "mazeplan evaluate --rig toy --runs 16 --workers 2"),
     "collect": (
         "Excite a rig with random sines, and write a log.",
         "mazeplan collect --rig toy --rings --seconds 600 -o runs/toy.mcap",
     ),
-    "learn": (
-        "Fit the model of a rig to its logs.",
-        "mazeplan learn runs/toy.mcap -o runs/model",
-        "mazeplan learn runs/toy.mcap --kind pi -o runs/model",
-    ),
-    "score": (
-        "Judge how well a model predicts a log.",
-        "mazeplan score toy runs/toy.mcap",
-    ),
-    "compare": (
-        "Compare kinds of models, ring by ring.",
-        "mazeplan compare runs/toy.mcap --ring 2",
-    ),
+    "learn": ("Fit the model of a rig to its logs.", "mazeplan learn runs/toy.mcap -o runs/model"),
+    "score": ("Judge how well a model predicts a log.", "mazeplan score toy runs/toy.mcap"),
+    "compare": ("Compare kinds of models, ring by ring.", "mazeplan compare runs/toy.mcap --ring 2"),
     "diagnose": (
         "Find the physical effect that a model lacks.",
         "mazeplan diagnose runs/toy.mcap --model toy -o runs/diagnosis",
@@ -54,137 +35,48 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "Draw runs, models and diagnoses into one HTML file.",
         "mazeplan report runs/a.mcap -o runs/report.html",
     ),
-    "view": (
-        "Open the page: drive a rig, or show logs.",
-        "mazeplan view",
-        "mazeplan view runs/a.mcap runs/b.mcap",
-    ),
-    "doctor": (
-        "Show what is installed, and how to add the rest.",
-        "mazeplan doctor",
-    ),
-    "map list": (
-        "List the packaged maps.",
-        "mazeplan map list",
-    ),
-    "map check": (
-        "Check maps, and name the line of each problem.",
-        "mazeplan map check maps/mine.yaml",
-    ),
-    "map show": (
-        "Draw a map, a route, or the trail of a run.",
-        "mazeplan map show cme --route -o maze.png",
-        "mazeplan map show cme --labels --log runs/a.mcap -o run.png",
-    ),
-    "map route": (
-        "Find the fastest expected route.",
-        "mazeplan map route cme --from ring1 --close 1-2@45",
-    ),
-    "map learn": (
-        "Learn rings and openings from logs.",
-        "mazeplan map learn runs/toy.mcap -o learned.yaml",
-    ),
-    "log info": (
-        "Summarise a run log.",
-        "mazeplan log info runs/a.mcap",
-    ),
-    "log export": (
-        "Write the ticks of a run log as CSV.",
-        "mazeplan log export runs/a.mcap -o runs/a.csv",
-    ),
-    "log replay": (
-        "Run the tree again on a recorded run.",
-        "mazeplan log replay runs/a.mcap",
-    ),
-    "behavior check": (
-        "Check trees, and name the line of each problem.",
-        "mazeplan behavior check mine.xml --map cme",
-    ),
-    "behavior show": (
-        "Show a tree as text or picture.",
-        "mazeplan behavior show navigate",
-        "mazeplan behavior show mine.xml -o tree.png",
-    ),
-    "behavior list": (
-        "List the nodes of trees, and their ports.",
-        "mazeplan behavior list",
-    ),
-    "behavior palette": (
-        "Write the leaves for the palette of Groot2.",
-        "mazeplan behavior palette --into mine.xml",
-    ),
-    "rig list": (
-        "List the rigs, and the settings of a simulated rig.",
-        "mazeplan rig list",
-    ),
-    "rig show": (
-        "Show the file of a rig.",
-        "mazeplan rig show toy",
-    ),
-    "rig check": (
-        "Check that a rig keeps the rules of every rig.",
-        "mazeplan rig check toy",
-        "mazeplan rig check my_rig:MyRig",
-    ),
-    "model list": (
-        "List the packaged models.",
-        "mazeplan model list",
-    ),
-    "model show": (
-        "Show plate, camera and effects of a model.",
-        "mazeplan model show toy",
-        "mazeplan model show runs/model --json",
-    ),
-    "policy train": (
-        "Train a network that imitates the planner.",
-        "mazeplan policy train --rig toy -o runs/policy",
-    ),
-    "policy show": (
-        "Show the network of a policy, and its training.",
-        "mazeplan policy show runs/policy",
-    ),
+    "view": ("Open the page: drive a rig, or show logs.", "mazeplan view"),
+    "doctor": ("Show what is installed, and how to add the rest.", "mazeplan doctor"),
+    "map check": ("Check maps, and name the line of each problem.", "mazeplan map check maps/mine.yaml"),
+    "map show": ("Draw a map, a route, or the trail of a run.", "mazeplan map show cme --route -o maze.png"),
+    "map route": ("Find the fastest expected route.", "mazeplan map route cme --from ring1 --close 1-2@45"),
+    "map learn": ("Learn rings and openings from logs.", "mazeplan map learn runs/toy.mcap -o learned.yaml"),
+    "log info": ("Summarise a run log.", "mazeplan log info runs/a.mcap"),
+    "log export": ("Write the ticks of a run log as CSV.", "mazeplan log export runs/a.mcap -o runs/a.csv"),
+    "log replay": ("Run the tree again on a recorded run.", "mazeplan log replay runs/a.mcap"),
+    "behavior check": ("Check trees, and name the line of each problem.", "mazeplan behavior check mine.xml --map cme"),
+    "behavior show": ("Show a tree as text or picture.", "mazeplan behavior show navigate"),
+    "behavior list": ("List the nodes of trees, and their ports.", "mazeplan behavior list"),
+    "behavior palette": ("Write the leaves for the palette of Groot2.", "mazeplan behavior palette -o palette.xml"),
+    "rig list": ("List the rigs, and the settings of a simulated rig.", "mazeplan rig list"),
+    "rig check": ("Check that a rig keeps the rules of every rig.", "mazeplan rig check toy"),
+    "model list": ("List the packaged models.", "mazeplan model list"),
+    "model show": ("Show plate, camera and effects of a model.", "mazeplan model show toy"),
+    "policy train": ("Train a network that imitates the planner.", "mazeplan policy train --rig toy -o runs/policy"),
+    "policy show": ("Show the network of a policy, and its training.", "mazeplan policy show runs/policy"),
     "policy export": (
         "Write the network of a policy as plain C or ONNX.",
         "mazeplan policy export runs/policy -o policy.onnx",
-        "mazeplan policy export runs/policy -o policy.onnx",
     ),
-    "effect list": (
-        "List the physical effects.",
-        "mazeplan effect list",
-    ),
-    "effect show": (
-        "Show formula, source and parameters of an effect.",
-        "mazeplan effect show viscous_friction",
-    ),
+    "effect list": ("List the physical effects.", "mazeplan effect list"),
+    "effect show": ("Show formula, source and parameters of an effect.", "mazeplan effect show viscous_friction"),
     "calibrate camera": (
         "Calibrate the camera above the plate.",
         "mazeplan calibrate camera --rig hardware --boards boards/",
     ),
-    "calibrate tilt": (
-        "Calibrate the tilt sensor and the servos.",
-        "mazeplan calibrate tilt --rig hardware",
-    ),
+    "calibrate tilt": ("Calibrate the tilt sensor and the servos.", "mazeplan calibrate tilt --rig hardware"),
     "data import-cme": (
         "Recover the data of the published model files.",
         "mazeplan data import-cme CircularMaze/Models -o runs/cme",
     ),
-    "new map": (
-        "Write a copy of a packaged map, to be changed.",
-        "mazeplan new map cme -o maps/mine.yaml",
-    ),
-    "new tree": (
-        "Write a copy of a packaged tree, to be changed.",
-        "mazeplan new tree navigate -o mine.xml",
-    ),
-    "new rig": (
-        "Write a folder with a rig of your own to start from.",
-        "mazeplan new rig my_rig",
-    ),
+    "new map": ("Write a copy of a packaged map, to be changed.", "mazeplan new map cme -o maps/mine.yaml"),
+    "new tree": ("Write a copy of a packaged tree, to be changed.", "mazeplan new tree navigate -o mine.xml"),
+    "new rig": ("Write a folder with a rig of your own to start from.", "mazeplan new rig my_rig"),
 }
 
 
 class Command(TyperCommand):
-    """A command whose help names arguments as they are typed and keeps the lines of its examples.
+    """A command whose help names arguments as they are typed.
 
     Before it begins, it checks that no output is an input."""
 
@@ -219,11 +111,10 @@ class Command(TyperCommand):
                     formatter.write_dl(found)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples, a line each."""
+        """Write the example."""
         if self.epilog:
-            with formatter.section("Examples"):
-                for line in self.epilog.splitlines():
-                    formatter.write(f"{'':{formatter.current_indent}}{line}\n")
+            with formatter.section("Example"):
+                formatter.write(f"{'':{formatter.current_indent}}{self.epilog}\n")
 
 
 def context_settings() -> dict[str, Any]:
@@ -232,11 +123,10 @@ def context_settings() -> dict[str, Any]:
 
 
 def with_help(app: typer.Typer) -> None:
-    """Give each command its class, its line in lists of commands, and its examples."""
+    """Give each command its class, its line in lists of commands, and its example."""
     for path, command in _commands(app, ()):
         command.cls = Command
-        command.short_help, *examples = HELP[path]
-        command.epilog = "\n".join(examples)
+        command.short_help, command.epilog = HELP[path]
 
 
 def _commands(app: typer.Typer, above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:

@@ -1,10 +1,9 @@
-"""`--learn` of `evaluate` and `navigate`: update the model from the runs."""
+"""`evaluate --learn`: update the model from the runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
     from mazeplan.run.campaign.evaluate import Campaign
     from mazeplan.run.campaign.online_learning import Learner, Lesson
-    from mazeplan.run.request import Company, NavigationRequest
 
 EXCLUDED = {
     "--faults": "faulty runs must not teach the model",
@@ -84,31 +82,3 @@ def _report(lesson: Lesson) -> None:
 
     if line := lesson_line(lesson):
         say(line)
-
-
-def navigate_learning(
-    request: NavigationRequest, output: Path | None, company: Company,
-    drive: Callable[[NavigationRequest, Company], NavigationResult],
-) -> NavigationResult:  # fmt: skip
-    """Do one run by `drive` and update the model in `output` from it. Raises InputError."""
-    from mazeplan.learning.modelfile import load_model
-    from mazeplan.run.campaign.online_learning import Ticks
-
-    if output is None:
-        raise InputError("--learn needs -o FOLDER, which keeps the updated model for the next run")
-    ticks, asked = Ticks(), None if request.model is None else str(request.model)
-
-    def take(topic: str, t: float, document: dict[str, Any]) -> None:
-        ticks(topic, t, document)
-        if company.feed is not None:
-            company.feed(topic, t, document)
-
-    with open_learner(asked, str(request.rig), request.maze, output) as learner:
-        # read the kept file, so that the model equals the model in a log in each digit
-        model = load_model(output) if (output / "model.yaml").exists() else learner.model
-        result = drive(replace(request, model=model), replace(company, feed=take))
-        lesson = learner.learn(result, ticks)
-    _report(lesson)
-    if not lesson.why:
-        say(f"learned from {sum(lesson.rows.values())} samples: {output}, {lesson.run} runs so far")
-    return result

@@ -15,7 +15,6 @@ from mazeplan.maze.geometry import Maze
 if TYPE_CHECKING:
     from mazeplan.core.logs.table import Table
 
-RIG, MAP = "YOUR_RIG", "YOUR_MAP"
 # NEAR: a ball is near a radius if it is off by less than this share of the radius
 # MOSTLY: share of the samples in which the ball has to be near the radius
 NEAR, MOSTLY = 0.2, 0.9
@@ -120,39 +119,3 @@ def check_channel(ring: int, maze: Maze) -> None:
         raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)} (map {maze.name})")
     if maze.ring(ring).is_disc:
         raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel (map {maze.name})")
-
-
-def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
-    """Options that let `collect` use the rig and map of a log or table, and a note on placeholders in them.
-
-    map_: the map given with the log. The map cme is the default of `collect` and needs no option."""
-    from mazeplan.core.logs.run_log_reader import read_header
-    from mazeplan.rigs.registry import installed_rigs, rig_names
-
-    header = read_header(log) if file_kinds.got(log) == file_kinds.LOG else {}
-    label = str(header.get("rig") or "")
-    rig = str(header.get("rig_given") or "")
-    if not rig and (":" in label or label in (*rig_names(), *installed_rigs())):
-        rig = label
-    notes = []
-    if not rig:
-        notes.append(f"{RIG} is the rig of this record" + (f", which the log calls {label}" if label else ""))
-    options = ["--rig", rig or RIG]
-    name = map_ or _map_name(header)
-    if name == MAP:
-        notes.append(f"{MAP} is its map, which the log calls {header.get('map_name')}")
-    return options + ([] if name == "cme" else ["--map", name]), "; ".join(notes)
-
-
-def _map_name(header: dict) -> str:
-    """Name of the packaged map that equals the map of a log, otherwise the name given to the run, otherwise MAP.
-
-    cme for a log without a map."""
-    from mazeplan.maze.mapfile import check_text, load_map, packaged_maps
-
-    text = header.get("map")
-    maze = check_text(text).maze if isinstance(text, str) else None
-    if maze is None:
-        return "cme"
-    same = (name for name in packaged_maps() if load_map(name) == maze)
-    return next(same, "") or str(header.get("map_given") or MAP)

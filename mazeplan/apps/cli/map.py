@@ -1,4 +1,4 @@
-"""`map list`, `check`, `show`, `route` and `learn`."""
+"""`map check`, `show`, `route` and `learn`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
-from mazeplan.apps.cli.option_checks import given_options, listed
-from mazeplan.apps.cli.output import headline, plural, print_json, say
+from mazeplan.apps.cli.option_checks import listed
+from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.maths.angles import place_deg
 
 if TYPE_CHECKING:
@@ -28,12 +27,8 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
 app.command()(learn)
 
-MapArgument = Annotated[
-    str, typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Map file, or name of a packaged map.")
-]
-MapFiles = Annotated[
-    list[str], typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Map files, or names of packaged maps.")
-]
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
+MapFiles = Annotated[list[str], typer.Argument(metavar="MAP", help="Map files, or names of packaged maps.")]
 Picture = Annotated[
     Path,
     typer.Option(
@@ -41,47 +36,17 @@ Picture = Annotated[
         help="Picture to write: .png, .svg or .pdf.",
     ),
 ]  # fmt: skip
-Watch = Annotated[
-    bool,
-    typer.Option("--watch", help="Draw again at each save of the map: into the file of -o, else in a window."),
-]
+Watch = Annotated[bool, typer.Option("--watch", help="Draw again at each save of the map.")]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
 WithLabels = Annotated[
     bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")
 ]
 TrailLog = Annotated[
-    Path | None,
-    typer.Option("--log", autocompletion=names.LOGS, metavar="LOG", help="Run log: also draw the trail of the ball."),
+    Path | None, typer.Option("--log", metavar="LOG", help="Run log: also draw the trail of the ball.")
 ]
 ShowFrom = Annotated[
-    str | None,
-    typer.Option(
-        "--from",
-        autocompletion=names.RINGS,
-        metavar="RING",
-        help="Ring to start in. Default: where --log begins, or ring1.",
-    ),
+    str | None, typer.Option("--from", metavar="RING", help="Ring to start in. Default: where --log begins, or ring1.")
 ]
-
-
-@app.command("list")
-def list_maps(json: opt.AsJson = False) -> None:
-    """List the packaged maps."""
-    from mazeplan.maze.mapfile import find_map, load_map, packaged_maps
-
-    found = {name: load_map(name) for name in packaged_maps()}
-    rows = [
-        {"name": name, "rings": len(maze.rings), "openings": len(maze.openings), "radial_walls": len(maze.radial_walls),
-         "what": headline(find_map(name))}
-        for name, maze in found.items()
-    ]  # fmt: skip
-    if json:
-        print_json(rows)
-        return
-    width = max(map(len, found))
-    for row in rows:
-        walls = f", {plural(row['radial_walls'], 'radial wall')}" if row["radial_walls"] else ""
-        print(f"{row['name']:{width}s}  {row['rings']} rings, {row['openings']} openings{walls}: {row['what']}")
 
 
 @app.command()
@@ -108,7 +73,6 @@ def check(files: MapFiles, json: opt.AsJson = False) -> None:
 
 @app.command()
 def show(
-    ctx: typer.Context,
     map_: MapArgument = "cme",
     output: Picture = Path("maze.png"),
     with_route: WithRoute = False,
@@ -130,7 +94,7 @@ def show(
         from mazeplan.apps.cli.map_watch import watch as watch_file
         from mazeplan.maze.mapfile import find_map
 
-        watch_file(find_map(map_), draw, output if "-o" in given_options(ctx) else None)
+        watch_file(find_map(map_), draw, output)
         return
     draw(output)
     say(f"wrote {output}")

@@ -1,13 +1,11 @@
-"""`map show --watch`: draw a map again at each save, into a file or a window; a mistake stands in its place."""
+"""`map show --watch`: draw a map again at each save; a mistake stands in its place."""
 
 from __future__ import annotations
 
-import tempfile
 import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
@@ -16,34 +14,24 @@ LOOK_S = 0.25  # s between two looks at the file
 WIDTH = 80  # characters of a line of a message
 
 
-def watch(
-    source: Path, draw: Callable[[Path], None], output: Path | None, pause: Callable[[], bool] | None = None
-) -> None:
-    """Draw whenever `source` changes, until Ctrl-C, or until the window is closed.
+def watch(source: Path, draw: Callable[[Path], None], output: Path, pause: Callable[[], bool] | None = None) -> None:
+    """Draw into `output` whenever `source` changes, until Ctrl-C.
 
     draw:   writes the picture of the map to a path; raises InputError for a mistake in the map
-    output: the picture to write; None: a window shows it
-    pause:  waits until the next look and returns whether to go on
-
-    Raises InputError if no window can be opened."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = output or Path(folder) / "map.png"
-        window = _Window() if output is None else None
-        wait = pause or (_sleep if window is None else window.wait)
-        say(f"watching {source}; Ctrl-C ends")
-        seen: object = None
-        try:
-            while True:
-                now = _stamp(source)
-                if now != seen:
-                    seen = now
-                    _draw_or_explain(source, draw, path)
-                    if window is not None:
-                        window.show(path)
-                if not wait():
-                    return
-        except KeyboardInterrupt:  # the usual way to end
-            return
+    pause:  waits until the next look and returns whether to go on"""
+    wait = pause or _sleep
+    say(f"watching {source}, drawing {output}; Ctrl-C ends")
+    seen: object = None
+    try:
+        while True:
+            now = _stamp(source)
+            if now != seen:
+                seen = now
+                _draw_or_explain(source, draw, output)
+            if not wait():
+                return
+    except KeyboardInterrupt:  # the usual way to end
+        return
 
 
 def _stamp(source: Path) -> tuple[int, int] | None:
@@ -81,26 +69,3 @@ def draw_mistake(problem: InputError, source: Path, path: Path) -> None:
 def _sleep() -> bool:
     time.sleep(LOOK_S)
     return True
-
-
-class _Window:
-    """A window with a picture. Raises InputError where Matplotlib has no windows."""
-
-    def __init__(self) -> None:
-        from matplotlib import pyplot
-
-        if pyplot.get_backend().lower() == "agg":
-            raise InputError("no window can be opened here; -o FILE.png writes the picture to a file", key="--watch")
-        self.pyplot: Any = pyplot
-        self.figure: Any = pyplot.figure(figsize=(7.0, 7.0))
-
-    def show(self, path: Path) -> None:
-        self.figure.clear()
-        axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.imshow(self.pyplot.imread(path))
-        axes.set_axis_off()
-        self.figure.canvas.draw_idle()
-
-    def wait(self) -> bool:
-        self.pyplot.pause(LOOK_S)
-        return self.pyplot.fignum_exists(self.figure.number)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
 
@@ -20,10 +19,7 @@ KINDS = {
     "sp": "fitted effects, and a Gaussian process for the rest",
     "np": "a Gaussian process alone",
 }
-ModelArgument = Annotated[
-    str,
-    typer.Argument(metavar="MODEL", autocompletion=names.MODELS, help="Folder of a model, or name of a packaged one."),
-]
+ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="Folder of a model, or name of a packaged one.")]
 
 
 @app.command("list")

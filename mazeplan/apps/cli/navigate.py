@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.learning import navigate_learning
 from mazeplan.apps.cli.option_checks import listed, listed_rings
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import navigate_once
@@ -36,8 +35,6 @@ def navigate(
     log: opt.RunLog = None,
     video: opt.Video = None,
     memory: opt.Memory = None,
-    learn: opt.Learn = False,
-    output: opt.LearnedModel = None,
     sense: opt.Sense = None,
     view: opt.Page = False,
     host: opt.Host = opt.HOST,
@@ -61,16 +58,10 @@ def navigate(
     if view:
         from mazeplan.apps.cli.live import navigate_live
 
-        if learn:
-            raise InputError("--learn with --view: a run on the page has no planned end; give one of them")
         sys.exit(navigate_live(request, host, port, as_json=as_json))
     try:
         with filmed(video) as camera:
-            company = Company(**camera)
-            if learn:
-                result = navigate_learning(request, output, company, navigate_once)
-            else:
-                result = navigate_once(request, company)
+            result = navigate_once(request, Company(**camera))
     except RigError as problem:
         if as_json and problem.result is not None:
             print_json(problem.result.to_json())

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import folder_problem
 from mazeplan.apps.cli.output import check_new, say, write_text
@@ -60,7 +59,7 @@ TreeFile = Annotated[
 @app.command("map")
 def copy_map(
     output: MapFile,
-    name: Annotated[str, typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Packaged map.")] = "cme",
+    name: Annotated[str, typer.Argument(metavar="MAP", help="Packaged map.")] = "cme",
     force: opt.Force = False,
 ) -> None:
     """Write a copy of a packaged map for you to change."""
@@ -70,9 +69,7 @@ def copy_map(
 @app.command("tree")
 def copy_tree(
     output: TreeFile,
-    name: Annotated[
-        str, typer.Argument(metavar="TREE", autocompletion=names.TREES, help="Packaged behaviour tree.")
-    ] = "navigate",
+    name: Annotated[str, typer.Argument(metavar="TREE", help="Packaged behaviour tree.")] = "navigate",
     force: opt.Force = False,
 ) -> None:
     """Write a copy of a packaged behaviour tree for you to change."""

@@ -24,17 +24,6 @@ PATHS = {"DIR", "FILE", "FOLDER", "INPUT", "LOG", "MAP", "MODEL", "OUT", "RIG", 
 _OUTPUTS = "mazeplan.outputs"
 
 
-def given_options(ctx: Context) -> set[str]:
-    """The options that stand in the command line, in their shortest spelling."""
-    sources = {option: ctx.get_parameter_source(name) for option, name in _options(ctx).items()}
-    return {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
-
-
-def _options(ctx: Context) -> dict[str, str]:
-    """{option or argument of a command: name of its parameter}."""
-    return {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
-
-
 def number(
     unit: str = "", *, positive: bool = True, least: float = -math.inf, most: float = math.inf
 ) -> Callable[[str], float]:

@@ -1,5 +1,4 @@
-"""Options and arguments of the commands. Each has its help text, its check (`option_checks`) and the names that a shell
-completes (`names`)."""
+"""Options and arguments of the commands. Each has its help text and its check (`option_checks`)."""
 
 from __future__ import annotations
 
@@ -8,7 +7,6 @@ from typing import Annotated, Literal
 
 from typer import Argument, Option
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, ring
 
 PICTURES, FILMS = (".png", ".svg", ".pdf"), (".gif",)
@@ -17,77 +15,40 @@ YAML, RUN_LOG, TREE = (".yaml", ".yml"), ".mcap", ".xml"
 # -- several commands ---------------------------------------------------------------------------------------------
 
 AsJson = Annotated[bool, Option("--json", help="Print one JSON document on stdout.")]
-Logs = Annotated[
-    list[Path], Argument(metavar="LOG", autocompletion=names.LOGS, help="Run logs (MCAP) or tables (CSV).")
-]
-RunLogFile = Annotated[Path, Argument(metavar="LOG", autocompletion=names.LOGS, help="Run log (MCAP).")]
-Map = Annotated[str, Option("--map", autocompletion=names.MAPS, metavar="MAP", help="Packaged map or YAML file.")]
+Logs = Annotated[list[Path], Argument(metavar="LOG", help="Run logs (MCAP) or tables (CSV).")]
+RunLogFile = Annotated[Path, Argument(metavar="LOG", help="Run log (MCAP).")]
+Map = Annotated[str, Option("--map", metavar="MAP", help="Packaged map or YAML file.")]
 MapOfLog = Annotated[
-    str | None,
-    Option(
-        "--map",
-        autocompletion=names.MAPS,
-        metavar="MAP",
-        help="Packaged map or YAML file. Default: the log's map, else cme.",
-    ),
+    str | None, Option("--map", metavar="MAP", help="Packaged map or YAML file. Default: the log's map, else cme.")
 ]
 RigName = Annotated[
-    str,
-    Option(
-        "--rig",
-        autocompletion=names.RIGS,
-        metavar="RIG",
-        help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.",
-    ),
+    str, Option("--rig", metavar="RIG", help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")
 ]
 DrivenRig = Annotated[
     str | None,
     Option(
-        "--rig",
-        autocompletion=names.RIGS,
-        metavar="RIG",
-        help="Simulated rig on which to drive a few runs; the model that drives best is kept.",
+        "--rig", metavar="RIG", help="Simulated rig on which to drive a few runs; the model that drives best is kept."
     ),
 ]
 RigFileName = Annotated[
-    str,
-    Option(
-        "--rig",
-        autocompletion=names.RIGS,
-        metavar="RIG",
-        help="YAML file of the rig; `hardware` means ./hardware.yaml.",
-    ),
+    str, Option("--rig", metavar="RIG", help="YAML file of the rig; `hardware` means ./hardware.yaml.")
 ]
 Model = Annotated[
-    str | None,
-    Option(
-        "--model",
-        autocompletion=names.MODELS,
-        metavar="MODEL",
-        help="Packaged model or folder. Default: the rig's own model.",
-    ),
+    str | None, Option("--model", metavar="MODEL", help="Packaged model or folder. Default: the rig's own model.")
 ]
 EffectModule = Annotated[
     str | None, Option("--effects", metavar="MODULE:FUNCTION", help="Function that returns your own effects.")
 ]
 Policy = Annotated[str | None, Option("--policy", metavar="DIR", help="Folder of a learned policy to follow.")]
-Behavior = Annotated[
-    str, Option("--behavior", autocompletion=names.TREES, metavar="TREE", help="Packaged behaviour tree or XML file.")
-]
+Behavior = Annotated[str, Option("--behavior", metavar="TREE", help="Packaged behaviour tree or XML file.")]
 BehaviorModule = Annotated[
     list[str] | None,
     Option("--behavior-module", metavar="MODULE", help="Python module with your own leaves; repeatable."),
 ]
 Settings = Annotated[str | None, Option("--settings", metavar="FILE", help="YAML file of costs, gains and windows.")]
-StartRing = Annotated[
-    str, Option("--from", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1.")
-]
-GoalRing = Annotated[
-    str, Option("--to", autocompletion=names.RINGS, metavar="RING", help="Ring to reach, such as ring5, or centre.")
-]
-MapGoal = Annotated[
-    str | None, Option("--to", autocompletion=names.RINGS, metavar="RING", help="Ring to reach. Default: the centre.")
-]
+StartRing = Annotated[str, Option("--from", metavar="RING", help="Ring to start in, such as ring1.")]
+GoalRing = Annotated[str, Option("--to", metavar="RING", help="Ring to reach, such as ring5, or centre.")]
+MapGoal = Annotated[str | None, Option("--to", metavar="RING", help="Ring to reach. Default: the centre.")]
 _degrees = number("degrees", positive=False, least=-3600.0, most=3600.0)
 StartAngle = Annotated[
     float | None,
@@ -108,17 +69,11 @@ Balls = Annotated[
 Close = Annotated[
     list[str] | None,
     Option(
-        "--close",
-        autocompletion=names.OPENINGS,
-        metavar="OPENING",
-        help="Openings that the route must avoid, such as 1-2@45,1-2@135; repeatable.",
+        "--close", metavar="OPENING", help="Openings that the route must avoid, such as 1-2@45,1-2@135; repeatable."
     ),
 ]
 Seed = Annotated[int, Option("--seed", min=0, metavar="N", help="Seed of every random draw.")]
-TimeLimit = Annotated[
-    float,
-    Option("--time-limit", parser=number(), metavar="S", help="Time limit in s of rig time."),
-]
+TimeLimit = Annotated[float, Option("--time-limit", parser=number(), metavar="S", help="Time limit in s of rig time.")]
 Seconds = Annotated[
     float, Option("--seconds", parser=number("s", least=1.0), metavar="S", help="Length of the record, s of rig time.")
 ]
@@ -141,8 +96,7 @@ HOST, PORT = "127.0.0.1", 8080
 Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: parsed first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
 OutputFolder = Annotated[
-    Path,
-    Option("-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER", help="Output folder."),
+    Path, Option("-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER", help="Output folder.")
 ]
 ReportFolder = Annotated[
     Path | None,
@@ -161,22 +115,10 @@ Report = Annotated[
 ]
 Reference = Annotated[
     list[Path] | None,
-    Option(
-        "--reference",
-        autocompletion=names.LOGS,
-        metavar="LOG",
-        help="Log of the same rig while its model was right; repeatable.",
-    ),
+    Option("--reference", metavar="LOG", help="Log of the same rig while its model was right; repeatable."),
 ]
 Ring = Annotated[
-    int | None,
-    Option(
-        "--ring",
-        parser=ring,
-        autocompletion=names.RINGS,
-        metavar="RING",
-        help="Use only this ring. Default: all rings.",
-    ),
+    int | None, Option("--ring", parser=ring, metavar="RING", help="Use only this ring. Default: all rings.")
 ]
 Radius = Annotated[
     float | None,
@@ -202,8 +144,7 @@ Video = Annotated[
     ),
 ]  # fmt: skip
 RunLog = Annotated[
-    Path | None,
-    Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP)."),
+    Path | None, Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP).")
 ]
 Memory = Annotated[
     Path | None,
@@ -233,8 +174,7 @@ Workers = Annotated[
     Option("--workers", min=1, metavar="N", help="Number of processes. Default: 1; one per core with --dask local."),
 ]
 Dask = Annotated[
-    str | None,
-    Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786, or local."),
+    str | None, Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786, or local.")
 ]
 Store = Annotated[
     Path | None,
@@ -256,9 +196,7 @@ CollectedLog = Annotated[
         "-o", "--output", parser=file(RUN_LOG), callback=new_file, metavar="FILE", help="Run log (MCAP) to write."
     ),
 ]  # fmt: skip
-FirstRing = Annotated[
-    str, Option("--ring", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1.")
-]
+FirstRing = Annotated[str, Option("--ring", metavar="RING", help="Ring to start in, such as ring1.")]
 AllRings = Annotated[bool, Option("--rings", help="Visit all rings in turn; drive the ball to the next one.")]
 Place = Annotated[bool, Option("--place", help="With --rings: a person places the ball in each ring, every 20 s.")]
 Tilt = Annotated[
@@ -284,58 +222,13 @@ LearnRows = Annotated[
 CompareRows = Annotated[int, Option("--most", min=50, metavar="N", help="Most training rows of a Gaussian process.")]
 TestLogs = Annotated[
     list[Path] | None,
-    Option(
-        "--test",
-        autocompletion=names.LOGS,
-        metavar="LOG",
-        help="Log or table to test on; repeatable. Default: every fourth 5 s block.",
-    ),
-]
-Delay = Annotated[
-    float | None,
-    Option(
-        "--delay",
-        parser=number("s", positive=False, least=0.0, most=0.5),
-        metavar="S",
-        help="Delay of the camera behind the tilt sensor in s. Default: estimated.",
-    ),
-]
-Rates = Annotated[
-    Literal["auto", "smoothed", "delayed", "filtered"],
-    Option(
-        "--rates",
-        metavar="auto|smoothed|delayed|filtered",
-        help="Rate of theta; filtered: delayed by the published filter.",
-    ),
+    Option("--test", metavar="LOG", help="Log or table to test on; repeatable. Default: every fourth 5 s block."),
 ]
 CompareKinds = Annotated[
-    str,
-    Option(
-        "--kinds",
-        metavar="KINDS",
-        help="Kinds to compare, of rf, p, pi, np, sp; separated by commas.",
-    ),
-]
-Split = Annotated[
-    Literal["blocks", "time"],
-    Option(
-        "--split",
-        metavar="blocks|time",
-        help="Test rows: blocks all over the record, or its last 40 %.",
-    ),
-]
-Kernel = Annotated[
-    Literal["auto", "rbf", "exponential"],
-    Option("--kernel", metavar="auto|rbf|exponential", help="Kernel of the Gaussian processes."),
+    str, Option("--kinds", metavar="KINDS", help="Kinds to compare, of rf, p, pi, np, sp; separated by commas.")
 ]
 KnownModel = Annotated[
-    str | None,
-    Option(
-        "--model",
-        autocompletion=names.MODELS,
-        metavar="MODEL",
-        help="Packaged model or folder with everything known so far.",
-    ),
+    str | None, Option("--model", metavar="MODEL", help="Packaged model or folder with everything known so far.")
 ]
 Declare = Annotated[
     list[str] | None,
@@ -345,10 +238,7 @@ Columns = Annotated[
     list[str] | None,
     Option("--columns", metavar="NAME=COLUMN[:UNIT]", help="Column and unit of a table, as t=time_ms:ms; repeatable."),
 ]
-TestLog = Annotated[
-    Path | None,
-    Option("--test", autocompletion=names.LOGS, metavar="LOG", help="Further record to score the model on."),
-]
+TestLog = Annotated[Path | None, Option("--test", metavar="LOG", help="Further record to score the model on.")]
 System = Annotated[
     str,
     Option(
@@ -364,7 +254,6 @@ DiagnosisFolder = Annotated[
         help="Folder for the report and the model.",
     ),
 ]  # fmt: skip
-Body = Annotated[bool, Option("--body", help="Fit one body to all rings: friction, walls, camera, table.")]
 Rounds = Annotated[
     int, Option("--rounds", min=1, metavar="N", help="Rounds of collect, diagnose, update and navigate.")
 ]

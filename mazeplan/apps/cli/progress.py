@@ -1,8 +1,4 @@
-"""Progress on stderr: a table for a navigation, a bar for other work.
-
-On a terminal, rich redraws the table or bar in a separate thread, at most ten times a second. Elsewhere a navigation
-prints one line for each event, and a bar prints nothing.
-"""
+"""Progress on stderr: a line for each event of a navigation, and for other work a bar, which needs a terminal."""
 
 from __future__ import annotations
 
@@ -12,8 +8,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
@@ -23,26 +17,8 @@ if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog
     from mazeplan.core.records import NavigationResult
 
-REFRESH_HZ = 10
-LINES_SHOWN = 12  # maximum number of rings in the table, so that the current line stays on the screen
-NOTES_SHOWN = 2  # maximum number of failures and recoveries in one line
 COMPILING_S = 2.0
 _listeners: list[Any] = []
-
-
-@dataclass
-class _RingLine:
-    ring: int
-    since: float
-    until: float
-    opening: str = ""
-    leaf: str = ""
-    notes: list[str] = field(default_factory=list)
-
-    def cells(self) -> tuple[str, str, str, str, str]:
-        hidden = len(self.notes) - NOTES_SHOWN
-        notes = ([f"{hidden} before"] if hidden > 0 else []) + self.notes[-NOTES_SHOWN:]
-        return f"ring {self.ring}", f"{self.until - self.since:.2f} s", self.opening, self.leaf, "; ".join(notes)
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -50,81 +26,40 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
 
 
-def _console(stream: TextIO) -> Any:
-    from rich.console import Console
-
-    return Console(file=stream, force_terminal=True)
-
-
 class NavigationProgress:
-    """Shows one navigation; a context manager. live: whether to redraw lines; by default on a terminal"""
+    """Prints a line for each event of a navigation; a context manager."""
 
-    def __init__(self, stream: TextIO | None = None, *, live: bool | None = None) -> None:
+    def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = sys.stderr if stream is None else stream
-        self._redraw = is_terminal(self._stream) if live is None else live
-        self._lines: list[_RingLine] = []
-        self._live: Any = None
 
     def __enter__(self) -> Self:
         report_compiling()
-        if self._redraw:
-            from rich.live import Live
-
-            self._live = Live(  # stdout is not redirected: it carries the result
-                get_renderable=self._table, console=_console(self._stream), refresh_per_second=REFRESH_HZ,
-                redirect_stdout=False,
-            )  # fmt: skip
-            self._live.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        live, self._live = self._live, None
-        if live is not None:
-            live.stop()
+        pass
 
     def _print(self, text: str) -> None:
-        if self._live is None:
-            with suppress(OSError):  # the reader left
-                print(text, file=self._stream, flush=True)
-
-    def _table(self) -> Any:
-        from rich.table import Table
-        from rich.text import Text
-
-        table = Table(box=None, pad_edge=False)
-        for title in ("ring", "time", "opening", "leaf", "recoveries"):
-            table.add_column(title, justify="right" if title == "time" else "left")
-        for line in self._lines[-LINES_SHOWN:]:
-            table.add_row(*(Text(cell) for cell in line.cells()))  # Text: brackets in a name are not markup
-        return table
+        with suppress(OSError):  # the reader left
+            print(text, file=self._stream, flush=True)
 
     def ring_entered(self, ring: int, t: float) -> None:
-        """Begin a line for another ring. t: rig time, s"""
-        self._lines.append(_RingLine(ring, t, t))
+        """Show the ring that the ball is in now. t: rig time, s"""
         self._print(f"{t:7.2f} s  in ring {ring}")
 
     def passed(self, ring: int, opening: str, t: float) -> None:
         """Show the opening through which the ball left `ring`."""
-        if self._lines:
-            self._lines[-1].opening, self._lines[-1].until, self._lines[-1].leaf = opening, t, ""
         self._print(f"{t:7.2f} s  left ring {ring} by {opening}")
 
     def event(self, t: float, text: str) -> None:
         """Show a failure or recovery."""
-        if self._lines:
-            self._lines[-1].notes.append(text)
         self._print(f"{t:7.2f} s  {text}")
 
     def tick(self, t: float, ring: int, text: str) -> None:
-        """Update the time in the current ring. text: the leaf that commands"""
-        if self._lines:
-            self._lines[-1].until, self._lines[-1].leaf = t, text
+        """Nothing is shown of a tick."""
 
     def finished(self, result: NavigationResult) -> None:
-        """Stop redrawing and print the result."""
-        if self._lines:
-            self._lines[-1].leaf = "arrived" if result.success else result.reason
-        self.__exit__()
+        """Print the result."""
         outcome = "arrived" if result.success else f"did not arrive: {result.reason}"
         failures = plural(len(result.failures), "failure")
         goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
@@ -220,35 +155,15 @@ def log_read(path: Path) -> RunLog:
 
 
 def _rich_bar(stream: TextIO, transient: bool) -> Any:
-    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
-    from rich.table import Column
-    from rich.text import Text
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    class Pace(ProgressColumn):
-        def render(self, task: Any) -> Text:
-            return Text(_pace(task))
-
-    class Step(ProgressColumn):
-        def render(self, task: Any) -> Text:
-            return Text(task.fields["step"], no_wrap=True, overflow="ellipsis")
-
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=16), Pace(), Step(Column(ratio=1)))
-    return Progress(
-        *columns, console=_console(stream), refresh_per_second=REFRESH_HZ, redirect_stdout=False, transient=transient,
-        expand=True,
+    columns = (
+        TextColumn("{task.description}"), BarColumn(bar_width=16), TaskProgressColumn(show_speed=True),
+        TimeRemainingColumn(), TextColumn("{task.fields[step]}", markup=False),
     )  # fmt: skip
-
-
-def _pace(task: Any) -> str:
-    """`12/40  3.10/s  left 0:00:09` for counts, `30 %  left 0:00:09` for shares, else the time taken."""
-    if task.total is None:
-        return str(timedelta(seconds=int(task.elapsed or 0.0)))
-    speed = task.finished_speed or task.speed
-    counted = isinstance(task.total, int) and isinstance(task.completed, int)
-    parts = [f"{task.completed:g}/{task.total:g}" if counted else f"{task.percentage:.0f} %"]
-    parts += [f"{speed:.2f}/s"] if counted and speed is not None else []
-    left = "-:--:--" if task.time_remaining is None else timedelta(seconds=int(task.time_remaining))
-    return "  ".join([*parts, f"left {left}"])
+    console = Console(file=stream, force_terminal=True)
+    return Progress(*columns, console=console, redirect_stdout=False, transient=transient)
 
 
 def report_compiling() -> None:

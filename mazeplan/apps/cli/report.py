@@ -32,13 +32,7 @@ Page = Annotated[
 Title = Annotated[str | None, Option("--title", metavar="TEXT", help="Title of the page. Default: its content.")]
 
 
-def report(
-    inputs: Inputs,
-    output: Page,
-    video: Video = None,
-    title: Title = None,
-    force: Force = False,
-) -> None:
+def report(inputs: Inputs, output: Page, video: Video = None, title: Title = None, force: Force = False) -> None:
     """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import read_input

@@ -1,4 +1,4 @@
-"""`rig check`, `rig list` and `rig show`."""
+"""`rig check` and `rig list`."""
 
 from __future__ import annotations
 
@@ -10,22 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import headline, print_json, say
-from mazeplan.core.errors import InputError, MazeplanError, RigError
+from mazeplan.core.errors import MazeplanError, RigError
 
 if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
     from mazeplan.rigs.conformance import CheckResult
 
-app = typer.Typer(help="Check, list and show rigs.", no_args_is_help=True)
+app = typer.Typer(help="Check and list rigs.", no_args_is_help=True)
 
 RigArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="RIG", autocompletion=names.RIGS, help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS."
-    ),
+    str, typer.Argument(metavar="RIG", help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")
 ]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Skip checks that only a simulation can repeat.")]
 Yes = Annotated[bool, typer.Option("--yes", help="Ask no questions about a real rig.")]
@@ -171,37 +167,3 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
     print("keys of a simulated rig (default; meaning):")
     for name, key in keys.items():
         print(f"  {name:28s} {key['default']!s:12s} {key['what']}")
-
-
-@app.command("show")
-def show(rig: RigArgument, map_: opt.Map = "cme", as_json: opt.AsJson = False) -> None:
-    """Check the file of a rig, and show its model, and each setting with its meaning."""
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.files import read_rig_file
-    from mazeplan.rigs.registry import make_rig, rig_file
-    from mazeplan.rigs.sim.settings import SimulatedSettings
-    from mazeplan.run.resolve import model_source
-
-    path = rig_file(rig)
-    if path is None:
-        raise InputError(f"got rig {rig!r}, a class, which has no file; expected a name from `rig list` or a YAML file")
-    kind, data = read_rig_file(path)
-    make_rig(rig, load_map(map_))  # opens nothing; it refuses what `navigate` refuses
-    model_source(None, rig)
-    fields = {} if kind is not None else SimulatedSettings.model_fields
-    if as_json:
-        print_json({"rig": rig, "file": str(path), "class": kind, "what": headline(path), "settings": dict(data)})
-        return
-    print(f"{rig}: {headline(path)}")
-    print(f"file   {path}")
-    print(f"class  {kind or 'a simulated rig'}")
-    for name, value in data.items():
-        if isinstance(value, dict):
-            print(f"  {name}:")
-            for key, inner in value.items():
-                print(f"    {key:26s} {inner}")
-        elif name != "class":
-            what = (fields[name].description or "") if name in fields else ""
-            print(f"  {name:28s} {value!s:12s} {what}".rstrip())
-    if kind is None:
-        print("other settings have their defaults: `mazeplan rig list`")

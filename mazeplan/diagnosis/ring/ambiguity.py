@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mazeplan.diagnosis.coordinate.screening import SURE
@@ -63,18 +62,6 @@ def confounded_effects(values: Values, stderr: Values) -> list[tuple[str, ...]]:
     return [("tilt_gain", "rolling_inertia")] if same and far else []
 
 
-def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: str = "") -> list[dict[str, str]]:
-    """The experiments of `experiment_for`, with options of `collect` for a machine in their commands.
-
-    note: what a person has to fill in"""
-    given = "".join(f" {shlex.quote(option)}" for option in options)
-    start = "mazeplan collect"
-    return [
-        {**way, "command": way["command"].replace(start, start + given, 1), **({"note": note} if note else {})}
-        for way in ways
-    ]
-
-
 def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:
     """The experiment for a group of effects, the likeliest effect first: {"why", "first", "command"}."""
     names = set(group)
@@ -82,5 +69,5 @@ def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:
     best = next((e for e in known if group and group[0] in e.effects), known[0] if known else ANY)
     where = f" --ring ring{ring}" if ring else ""
     seconds = "" if "--seconds" in best.options else " --seconds 300"
-    command = f"mazeplan collect{where}{seconds} {best.options}".rstrip() + " -o apart.mcap"
+    command = f"mazeplan collect --rig RIG{where}{seconds} {best.options}".rstrip() + " -o apart.mcap"
     return {"why": best.why, "first": best.preparation, "command": command}
