@@ -81,14 +81,6 @@ def plugins(group: str) -> tuple[Plugin, ...]:
     return tuple(sorted(found, key=lambda plugin: (plugin.name, plugin.package)))
 
 
-def unknown_groups() -> dict[str, str]:
-    """Groups of entry points, such as mazeplan.rig, that a package uses but this program does not know; with the
-    package."""
-    groups = sorted(group for group in entry_points().groups if group.split(".")[0] == "mazeplan")
-    ours = [entry for group in groups if group not in GROUPS for entry in entry_points(group=group)]
-    return {entry.group: "?" if entry.dist is None else entry.dist.name for entry in ours}
-
-
 def plugin(group: str, name: str) -> Plugin | None:
     """The entry point `name` of a group, None without one. Raises InputError if two packages have this name."""
     found = [plugin for plugin in plugins(group) if plugin.name == name]
