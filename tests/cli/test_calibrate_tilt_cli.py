@@ -102,15 +102,6 @@ def test_a_read_only_file_of_a_rig_is_refused_before_any_work(desk, call, refuse
     assert call(*write(rows()), "--dry-run")[0] == 0
 
 
-def test_an_impossible_servo_is_not_written(desk, call):
-    """A servo that does not move the plate."""
-    code, _, err = call(*write([[*cells[:4], "1510.0", cells[5]] for cells in rows()]))
-    assert code == 2
-    assert "servo.beta: the result is not valid: us_per_deg: got " in err.splitlines()[-1]
-    assert err.splitlines()[-1].endswith("the file stays as it is")
-    assert Path("hardware.yaml").read_text() == RIG
-
-
 @pytest.mark.parametrize(
     ("column", "factor", "message"),
     [
@@ -229,22 +220,6 @@ def test_a_lost_board_and_ctrl_c_leave_a_level_plate(call, desk, board, monkeypa
     assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG
-
-
-@pytest.mark.parametrize("when", ["before", "during"])
-def test_a_board_that_falls_silent_gives_no_reading(call, board, desk, monkeypatch, when):
-    board.silent_s = 1.0 if when == "before" else 0.0
-
-    def prompt(text, **more):
-        board.silent_s = 1.0
-        return "0.5 0.5"
-
-    monkeypatch.setattr("typer.prompt", prompt)
-    code, _, err = call("calibrate", "tilt", "--keep", "kept.csv")
-    said = "mazeplan: fake: the board has sent no report for 0.4 s; is its cable in?"
-    assert (code, err.splitlines()[-1]) == (3, said)
-    assert len(Path("kept.csv").read_text().splitlines()) == 1  # the header
-    assert (board.levelled >= 1, board.closed) == (True, 1)
 
 
 @pytest.mark.parametrize("last", [3, 12])

@@ -80,17 +80,6 @@ def test_ctrl_c_keeps_runs_and_names_the_way_to_continue(tmp_path, monkeypatch, 
     assert "Traceback" not in err
 
 
-def test_another_campaign_in_the_folder_is_named(tmp_path, call):
-    assert call(*FAST, "--store", tmp_path)[0] == 0
-    code, out, err = call(*FAST, "--store", tmp_path, "--seed", "5")
-    assert code == 0
-    assert f"{tmp_path} also holds runs of another campaign, which stay apart: " in err
-    assert "(other seed)" in err
-    assert [result["seed"] for result in json.loads(out)["results"]] == [5, 6]
-    seeds = pd.read_parquet(tmp_path / "runs.parquet").groupby("campaign")["seed"].apply(list)
-    assert sorted(map(sorted, seeds)) == [[0, 1], [5, 6]]
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -17,11 +17,9 @@ from report_documents import comparison
 from ring_record import ring_table, write_csv
 from standalone_page import alone
 
-from mazeplan.apps.cli.compare import verdict
 from mazeplan.apps.report.words import HARD
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
-from mazeplan.learning.ring_scores import Best
 
 QUICK = ("--most", "60")
 KINDS = {"rf", "p", "pi", "np", "sp"}
@@ -123,52 +121,6 @@ def test_a_long_record_has_intervals_and_a_verdict(compare):
     assert "samples, degrees" in out
 
 
-def test_the_verdict_is_of_pairs_of_windows_and_claims_no_more_than_its_interval():
-    rng = np.random.default_rng(0)
-    block, hard = np.repeat(np.arange(20), 5), rng.uniform(0.0, 1.0, 100)  # how hard a window is shifts both errors
-    close = {"sp": hard, "np": hard + 0.02 + 0.01 * rng.standard_normal(100), "pi": hard + 1.0}
-    best = Best.of(close, block, rng)
-    assert (best.kind, best.next) == ("sp", "np")
-    assert 0.015 < best.interval[0] < best.less < best.interval[1] < 0.025
-    assert Best.of({"sp": hard}, block, rng) is None
-    scores = SimpleNamespace(best=best, windows=range(100), blocks={"windows": 20})
-    assert re.fullmatch(
-        r"best: sp, 1\.\d\d degrees less error after 40 samples than np \(95 % interval \d\.\d\d to \d\.\d\d\)",
-        verdict(scores),
-    )
-    scores.best = replace(best, interval=(-0.01, 0.03))
-    assert verdict(scores).startswith("no clear best: sp has 1.")
-    scores.blocks = {"windows": 3}
-    assert verdict(scores).endswith("too few blocks of time to tell")
-
-
-@pytest.mark.slow
-def test_with_too_few_windows_the_tables_have_no_intervals_but_the_document_has_all_numbers(compare):
-    given = ("one.csv", *QUICK)
-    out, _ = compare(*given)
-    rolled = out.split("mean absolute error")[1].splitlines()[1]
-    assert re.match(r"ring 2  \d+ windows in 2 blocks of time \(too few for ±\), evenly spaced:   pi \d", rolled)
-    assert rolled.count("±") == 1
-    ring = compare(*given, "--json")[0]["ring2"]
-    assert ring["blocks"] == {"test": 2, "windows": 2}
-    assert set(ring["interval95"]) == {"nrmse_test", "20", "40"}
-
-
-def test_a_ring_without_windows(compare, tmp_path, folder):
-    rows = (folder / "one.csv").read_text().splitlines()
-    (tmp_path / "short.csv").write_text("\n".join(rows[:250]) + "\n")  # test blocks are of 31 rows
-    out, _ = compare(tmp_path / "short.csv", *QUICK)
-    assert "\nring 2  0 windows: no stretch of test rows is long enough\n" in out
-
-
-@pytest.mark.slow
-def test_a_tilt_of_the_other_sign_is_noted(compare):
-    out, _ = compare("flipped.csv", *QUICK)
-    assert out.count("note: these data count beta the other way round") == 1
-    assert "count gamma" not in out
-    assert compare("flipped.csv", *QUICK, "--json")[0]["ring2"]["signs"] == {"beta": -1, "gamma": 1}
-
-
 @pytest.mark.slow
 def test_one_ring_of_a_table_is_compared_as_if_alone_and_other_logs_are_left_out(compare):
     given = (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"])
@@ -244,30 +196,14 @@ def test_a_table_without_ring_needs_options(compare, refused):
     ("arguments", "said"),
     [
         (["one.csv", "--kinds", "pi,dnn"], "--kinds: got 'dnn', expected one or more of rf,p,pi,np,sp"),
-        (["one.csv", "--radius", "0"], "--radius: got '0', expected"),
         (["one.csv", "--ring", "0"], "--ring"),
-        (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
-        (["one.csv", "--ring", "99"], "--ring: got 99, expected 1 to 5 (map cme)"),
         (["both.csv", "--ring", "1"], "both.csv has no row of ring 1, but of 2, 3"),
-        (["both.csv", "--ring", "7", "--radius", "0.07"], "both.csv has no row of ring 7, but of 2, 3"),
         (["both.csv", "--ring", "3", "--test", "one.csv"], "one.csv has no row of ring 3, but of 2"),
-        (["one.csv", "--most", "3"], "--most"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
-        (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
-        (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),
-        (["none.mcap"], "none.mcap: no such file"),
         ([], "Missing argument 'LOG'"),
     ],
 )
 def test_bad_input(refused, monkeypatch, folder, arguments, said):
     monkeypatch.chdir(folder)
     assert said in refused("compare", *arguments)
-
-
-def test_a_record_that_leaves_no_rows(call, folder):
-    short = (folder / "one.csv").read_text().splitlines()[:9]
-    (folder / "short.csv").write_text("\n".join(short) + "\n")
-    code, out, err = call("compare", folder / "short.csv")
-    assert (code, out) == (2, "")
-    assert "no ring has samples both to train and to test on; ring 2: got 8 rows (0.267 s)" in err.splitlines()[-1]

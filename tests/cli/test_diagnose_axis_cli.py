@@ -58,27 +58,13 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     assert "theta" not in page
 
 
-@pytest.mark.slow
-def test_the_sentence(diagnose, log):
-    code, out, err = diagnose(log, *FRICTION)
-    assert (code, err) == (0, "")
-    assert out.startswith("The model lacks viscous asymmetry (coefficient -3")
-    assert "force error" in out.splitlines()[0]
-    assert "mm off" in out.splitlines()[0]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--ring", "2"), "--ring: got 2, expected none with --system emps"),
-        (("--radius", "0.1"), "--radius: got 0.1, expected none"),
         (("--map", "cme"), "--map: got cme, expected none"),
-        (("--model", "toy"), "--model: got toy, expected none"),
         (("--declare", "tilt_offset.beta=0.1"), "got effect 'tilt_offset', expected one of moving_mass"),
-        (("--declare", "wind"), "got effect 'wind', expected one of moving_mass"),
-        (("--declare", "viscous_friction.coefficient=-1"), "got viscous_friction.coefficient -1, expected 0 to inf"),
         (("--declare", "viscous_friction.coefficient=inf"), "got viscous_friction.coefficient inf, expected"),
-        (("--declare", "dry_friction", "--declare", "dry_friction.coefficient=1"), "both with and without a value"),
         (("--test", "nowhere.mat"), "nowhere.mat: no such file"),
     ],
 )
@@ -94,19 +80,11 @@ def changed(**new):
     ("change", "message"),
     [
         (lambda c: {"t": c["t"], "qm": c["qm"], "vir": c["vir"]}, "gtau: got only qm, t, vir, expected t, qm, vir and"),
-        (lambda c: {"speed": c["t"]}, "t: got only other variables, expected"),
         (lambda c: {**c, "vir": c["vir"][:-5]}, "vir: got 11995 samples, expected 12000 as in t"),
-        (
-            lambda c: {**c, "qm": np.where(c["t"] == c["t"][7], np.nan, c["qm"])},
-            "qm: got nan at sample 8, expected",
-        ),
         (lambda c: {**c, "t": c["t"] ** 2}, "expected samples at one rate"),
-        (lambda c: {**c, "t": c["t"][::-1]}, "expected samples at one rate"),
         (lambda c: {key: value[:500] if np.ndim(value) else value for key, value in c.items()}, "got 500 samples, exp"),
         (changed(gtau=0.0), "gtau: got 0, expected one number other than 0"),
-        (changed(gtau=[1.0, 2.0]), "gtau: got 2 values, expected one number"),
         (changed(vir="volts"), "vir: got <U5 of shape"),
-        (changed(qm=np.ones((12000, 2))), "qm: got float64 of shape (12000, 2), expected a column of real numbers"),
         (lambda c: {**c, "qm": 0.0 * c["t"]}, "qm: got 0 m throughout, expected an axis that moves"),
     ],
 )

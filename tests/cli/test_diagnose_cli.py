@@ -20,12 +20,10 @@ from ring_record import write_csv
 from standalone_page import alone
 
 from mazeplan.apps.cli import diagnose_ring
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, result_lines, write_reports
+from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, write_reports
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import why_not_whole
-from mazeplan.diagnosis.rig.result import words_on_test
-from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.sensors import Camera
@@ -126,28 +124,6 @@ def test_a_test_record_is_seen_by_the_same_cameras_as_the_record(asked_of_ring, 
     assert not np.allclose(asked["record"].theta, asked["as_model"].theta)
 
 
-@pytest.mark.slow
-def test_the_errors_on_a_test_record_are_told(diagnose, log, tmp_path):
-    further = tmp_path / "further.csv"
-    further.write_text(log.read_text().rpartition("\n")[0])
-    code, out, err = diagnose(log, *KNOWN, "--test", further)
-    assert code == 0, err
-    (line,) = (line for line in out.splitlines() if line.startswith("on the record of --test: "))
-    before, after = map(float, re.findall(r"0\.\d+", line))
-    assert after < 0.2 * before
-
-
-def test_the_errors_of_a_whole_rig_on_a_test_record_are_told_in_degrees():
-    old, new = (np.full((40, 5), np.pi / size) for size in (18.0, 36.0))
-    test = HeldOut(np.arange(5), old, new, np.zeros(5), np.zeros((40, 5)))
-    done: Any = SimpleNamespace(test=test, body=SimpleNamespace(pictures=SimpleNamespace(dt=1.0 / 30.0)))
-    words = "1.3 s ahead, the error of the predicted angle goes from 10.0 to 5.0 degrees"
-    assert words_on_test(done) == words
-    assert lines_of_test(words) == [f"on the record of --test: {words}"]
-    done.test = None
-    assert lines_of_test(words_on_test(done)) == []
-
-
 def test_a_folder_with_missing_numbers_can_be_reported(call, tmp_path):
     """NaN is no JSON: a short record has no error of roll-outs, and a bin without samples no mean."""
     document, shown = diagnosis(), evidence()
@@ -234,39 +210,17 @@ def test_what_keeps_the_rings_from_being_diagnosed_together(change, words):
     assert words in why_not_whole([Table(columns)])
 
 
-def test_the_result_names_the_ring_and_how_to_separate_two_effects():
-    ways = [
-        {"why": "it turns", "first": "turn the rig", "command": "mazeplan collect -o apart.mcap"},
-        {"why": "more", "first": "", "command": "mazeplan collect --seconds 900 -o apart.mcap"},
-    ]
-    document = {"ring": 2, "separate_by": ways, "notes": ["n"], "report": "report.html", "model": None}
-    assert result_lines("The model lacks x.", document) == [
-        "Ring 2: The model lacks x.",
-        "to separate them: turn the rig, then mazeplan collect -o apart.mcap",
-        "to separate them: mazeplan collect --seconds 900 -o apart.mcap",
-        "note: n",
-        "report: report.html",
-    ]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--declare", "viscous_friction"), "got 'viscous_friction', expected EFFECT.PARAM=VALUE, such as"),
-        (("--radius", "92.5"), "--radius: got 92.5, expected 0.002 to 2 m"),
         (("--declare", "magic.size=1"), "--declare: got effect 'magic', expected one of rolling_inertia"),
-        (("--declare", "viscous_friction.size=1"), "got parameter 'size' of viscous_friction, expected one of coeff"),
         (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),
-        (("--declare", "viscous_friction.coefficient=-3"), "got viscous_friction.coefficient -3, expected 0 to 20"),
         (("--declare", "viscous_friction.coefficient=0,35"), "with a number, as 0.35"),
-        ((*KNOWN, "--declare", KNOWN[3]), "--declare: got rolling_inertia.factor twice, expected it once"),
         (("--radius", "0.3"), "--radius: got 0.3 m, expected where the ball is: 0.092 to 0.093 m from the centre"),
         (("--radius", "-1"), "--radius"),
-        (("--ring", "9"), "--ring: got 9, expected 1 to 5"),
         (("--ring", "5"), "--ring: got 5, a disc"),
-        (("--model", "nowhere", "--radius", "0.09"), "no such model"),
         ((*KNOWN, "-o", "file/report"), "is a file; expected a folder that can be made or written to"),
-        (("--reference", "a.mcap", "--ring", "1"), "--ring: got 1, expected none with --reference"),
         (("--system", "pendulum"), "--system: got 'pendulum', expected ring, emps or MODULE:CLASS"),
     ],
 )

@@ -117,18 +117,11 @@ def test_your_own_effects_may_use_inputs(call, words, desk):
     ("arguments", "message"),
     [
         (("--system", "nowhere:Pendulum"), "--system: module 'nowhere' cannot be imported: there is none of that name"),
-        (("--system", "MODULE:Cart"), "has no 'Cart', expected the name of a class in it"),
         (("--system", "MODULE:"), "has no '', expected the name of a class in it"),
-        (("--system", ":Pendulum"), "--system: got '', expected the name of a Python module"),
         (("--ring", "2"), "--ring: got 2, expected none with --system"),
-        (("--declare", "motion.length"), "--declare: got 'motion.length', expected EFFECT.PARAM=VALUE"),
         (("--declare", "motion.weight=1"), "got parameter 'weight' of motion, expected one of mass, length"),
-        (("--declare", "motion.length=9"), "got motion.length 9, expected 0.1 to 2"),
-        (("--declare", "wind"), "got effect 'wind', expected one of motion, viscous_friction"),
         (("--effects", "MODULE"), "--effects: got 'pendulum_"),
-        (("--effects", "MODULE:nothing"), "gives no effects: AttributeError"),
         (("--effects", "MODULE:Pendulum"), "gives no effects: "),
-        (("--test", "nowhere.csv"), "nowhere.csv: no such file"),
         (("nowhere.csv",), "nowhere.csv: no such file, expected a table (CSV) with t, theta, torque"),
     ],
 )
@@ -140,13 +133,10 @@ def test_bad_options(refused, words, arguments, message):
     ("change", "message"),
     [
         (("def motion(", "def movement("), "Pendulum: got no motion(s, p), expected"),
-        (("unit =", "unity ="), "unit: got '', expected rad or m"),
         (('("torque",)', '("force",)'), "the formula of motion cannot be used: got torque in a formula"),
         (('"dry_friction"', '"wet_friction"'), "effects: got 'wet_friction', expected an Effect or one of"),
-        (('Parameter("kg", 0.2, 0.01, 5.0)', 'Parameter("kg")'), "cannot be imported: "),
         (('Parameter("kg", 0.2, 0.01, 5.0)', "0.25"), "motion.mass: got 0.25, expected Parameter(unit, value"),
         (("sin(s.theta)", "sin(s.theta"), "cannot be imported: "),
-        (("p.mass * p.length", "p.mass * p.long"), "the formula of motion cannot be used: "),
         (('"torque"', '"tork"'), "the formula of motion cannot be used: got torque"),
     ],
 )
@@ -167,7 +157,6 @@ def cell(row, column, value):
     [
         (lambda c: c[:, :2], "t,theta", "column torque is missing; there are t, theta"),
         (lambda c: c[:, 1:], "theta,torque", "column t is missing"),
-        (lambda c: c[:50], "t,theta,torque", "t: got 50 samples, expected at least 60"),
         (
             lambda c: c * [1000.0, 1.0, 1.0],
             "t,theta,torque",
@@ -175,7 +164,6 @@ def cell(row, column, value):
         ),
         (lambda c: c[::-1], "t,theta,torque", "bad.csv:3: t: got 59.96 after 59.98, expected it to grow"),
         (cell(9, 2, np.nan), "t,theta,torque", "bad.csv:11: torque: got 'nan', expected a finite number"),
-        (cell(9, 1, np.inf), "t,theta,torque", "bad.csv:11: theta: got 'inf', expected a finite number"),
         (lambda c: c * [1.0, 0.0, 1.0], "t,theta,torque", "theta: got 3000 samples of one position"),
         (lambda c: c * [1.0, np.nan, 1.0], "t,theta,torque", "theta: got no position"),
     ],

@@ -10,8 +10,6 @@ from email.message import Message
 import pytest
 
 from mazeplan.apps.cli import doctor
-from mazeplan.apps.view import server
-from mazeplan.core.errors import InputError
 
 
 @pytest.fixture
@@ -91,11 +89,3 @@ def test_without_a_checkout_the_installed_metadata_count(monkeypatch, tmp_path, 
     found = {extra: [str(r).split(";")[0] for r in group] for extra, group in doctor.requirements().items()}
     assert found == expected
     assert doctor.advice("view") == "pip install --upgrade 'mazeplan[view]'"
-
-
-def test_the_page_gives_the_advice_of_the_doctor(monkeypatch):
-    monkeypatch.setattr(server, "find_spec", lambda name: None)
-    with pytest.raises(InputError) as problem:
-        server.check_installed()
-    assert str(problem.value) == f"the page needs viser: {doctor.advice('view')}"
-    assert "-e '.[view]' in " in str(problem.value)

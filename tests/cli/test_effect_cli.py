@@ -71,7 +71,3 @@ def test_markdown_has_a_row_for_each_effect(call):
     rows = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[1:]] == NAMED
     assert all(row.count("|") == 6 for row in rows), "no formula with a bar in it"
-
-
-def test_a_slip_in_a_name_is_answered(refused):
-    assert refused("effect", "show", "dry-friction").rstrip().endswith("; did you mean dry_friction?")

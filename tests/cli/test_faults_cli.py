@@ -53,12 +53,6 @@ def test_a_run_without_recovery_is_status_1(call, few):
     assert "out_of_time 1" in out.splitlines()[1]
 
 
-def test_a_fault_after_the_time_limit_is_warned_of(call, few):
-    code, _, err = call(*EVALUATE, "--faults", few, "--runs", "1", "--time-limit", "0.25")
-    assert code == 1
-    assert "--faults: opening_closed: begins only after the time limit of 0.25 s" in err
-
-
 @pytest.mark.parametrize(
     ("text", "more", "message"),
     [

@@ -12,7 +12,6 @@ from commands import plain
 from planar_rig import PlanarRig
 from ring_record import write_csv
 
-from mazeplan.apps.cli.learn import rows_line
 from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.rig.reference_file import load_reference
@@ -52,23 +51,15 @@ STATES = RingKinematics(
 )
 
 
-def test_rows_without_the_ball_are_counted():
-    theta = np.array([0.1, np.nan, 0.2, np.nan])
-    table = Table({"t": np.arange(4.0), "theta": theta})
-    assert rows_line(table) == "log          4 rows, 2 of them without the ball: gaps"
-    assert rows_line(Table({"t": np.arange(1.0), "theta": theta[:1]})) == "log          1 row"
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["p", "pi"])
 def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     code, out, _ = learn(log, "--kind", kind)
     assert code == 0
-    for begin in ("log          1800 rows", "stage beta", "stage gamma", "camera", "ring 1", "ring 5", "wrote "):
+    for begin in ("stage:", "camera_delay_s: ", "  ring 1:", "  ring 5:", "rigid ball: ", "wrote "):
         assert any(line.startswith(begin) for line in out.splitlines())
-    assert "Gaussian process" not in out
-    assert "rigid ball   none: it was not looked at" in out
+    assert "learned part" not in out
     model = load_model(tmp_path / "model")
     assert (model.kind, dict(model.processes)) == (kind, {})
     nominal = RigModel.nominal(MAZE).ball(2).parameter("rolling_inertia", "factor", 1.0)
@@ -86,8 +77,7 @@ def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
     model = load_model(tmp_path / "model")
     assert model.kind == kind
     for ring, process in model.processes.items():
-        [line] = [line for line in out.splitlines() if line.startswith(f"ring {ring} Gaussian process: ")]
-        assert f"{len(process)} rows, nRMSE of theta_dd on test blocks" in line
+        assert f"learned part of ring {ring}: {len(process)} rows" in out
         assert len(process) <= 300
     scores = model.scores
     with_it, before = scores[f"nrmse_test_{kind}"], scores["nrmse_test_effects"]
@@ -117,7 +107,7 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypat
     assert body.ball == reference.body.model.ball
     assert document["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
     assert "ring2" in document["scores"]["nrmse_test_sp"]
-    for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d? %  left 0:00:\d\d"):
+    for words in (r"stage", r"ring 2: rbf, start 1 of 2", r"ring 2: rbf, refinement", r"[1-9]\d?%"):
         assert re.search(rf"learning .*{words}", plain(err)), words
     # the written model predicts, and not the same everywhere
     assert all(np.ptp(process.mean(inputs(STATES))) > 0.01 for process in model.processes.values())
@@ -141,16 +131,12 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
     ("arguments", "said"),
     [
         (["log.mcap", "--smoothing", "none"], "--smoothing: 'none' is not one of"),
-        (["log.mcap", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
         (["log.mcap", "--most", "10"], "--most"),
         (["log.mcap", "--map", "none.yaml"], "none.yaml"),
-        (["swapped.csv"], "swapped.csv: ring 2: the ball does not follow the tilt: its acceleration is -"),
         (["exchanged.csv"], "exchanged.csv: beta follows u_gamma and gamma follows u_beta"),
         (["short.csv"], "short.csv: got 20 samples, expected at least 60: record for longer"),
-        (["none.mcap"], "none.mcap: no such file"),
         (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
         (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig: got t, x, y"),
-        (["named.csv"], "beta, gamma, ubeta, ugamma, theta, r; did you mean ubeta?"),
         ([], "Missing argument 'LOG'"),
     ],
 )

@@ -13,14 +13,12 @@ import subprocess
 import sys
 from functools import partial
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from mazeplan.apps.cli.log import summary
-from mazeplan.core.events import FailureReported, OpeningPassed, OtherEvent, RecoveryChosen, RingEntered
-from mazeplan.core.logs.run_log import CHUNK_S, RunLogWriter, read_log
-from mazeplan.core.records import Command, Observation, Plan, State, StopReason
+from mazeplan.core.events import FailureReported, OpeningPassed, RecoveryChosen, RingEntered
+from mazeplan.core.logs.run_log import CHUNK_S, RunLogWriter
+from mazeplan.core.records import Command, Observation, State
 
 STATE = State(0.0, 0.08, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, ring=2)
 
@@ -122,37 +120,6 @@ def test_info_of_a_log_of_a_killed_program_tells_what_is_kept_and_what_is_missin
         assert got["missing"] == [f"what came after t = {last:.2f} s", "the result", "the index"]
     assert f"  ticks       kept {got['ticks']} over" in text
     assert f"  missing     {', '.join(got['missing'])}\n" in text + "\n"
-
-
-def test_nothing_is_missing_in_a_whole_log_and_all_in_one_with_a_header_alone(run, log, tmp_path):
-    assert json.loads(run("info", log, "--json")[1])["missing"] == []
-    text = run("info", log)[1]
-    assert "\n  missing" not in text
-    assert "ticks       91 over" in text
-    path = tmp_path / "begun.mcap"
-    begun = RunLogWriter(path, {})
-    begun.close()
-    path.write_bytes(path.read_bytes()[:-8])
-    assert json.loads(run("info", path, "--json")[1])["missing"] == ["all ticks", "the result", "the index"]
-
-
-def test_info_of_an_empty_log(run, tmp_path):
-    path = tmp_path / "empty.mcap"
-    with RunLogWriter(path, {}) as writer:
-        writer.event(0.0, OtherEvent("ring"))
-        writer.event(0.0, OtherEvent("failure"))
-    got = summary(read_log(path))
-    assert (got["ticks"], got["rate_hz"], got["ball_seen"]) == (0, None, None)
-    assert run("info", path)[0] == 0
-
-
-def test_planner_time_counts_plans(tmp_path):
-    path = tmp_path / "run.mcap"
-    with RunLogWriter(path, {}) as writer:
-        for ms in (1.0, 3.0):
-            states, controls = np.zeros((2, 6)), np.zeros((1, 2))
-            writer.plan(Plan(states, controls, np.zeros((1, 2, 6)), 0.0, StopReason.CONVERGED, 1, ms))
-    assert summary(read_log(path))["planner_ms"] == {"p50": 2.0, "p99": pytest.approx(2.98), "max": 3.0}
 
 
 def rows_of(text: str) -> list[dict[str, str]]:

@@ -18,7 +18,6 @@ from typer.main import get_command
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
-from mazeplan.apps.cli.live import numbered
 from mazeplan.control.policy_file import save_policy
 from mazeplan.core.whole_file import is_stream, whole_file
 from mazeplan.rigs.hardware.tiltcalibration import Reading, write_readings
@@ -40,7 +39,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("behavior palette", "-o"): ((), "palette.xml"),
     ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
     ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),
-    ("policy export", "-o"): (("policy",), "policy.onnx"),
     ("new rig", "-o"): (("cart",), "there/cart.py"),
     ("new map", "-o"): (("detour",), "mine.yaml"),
     ("new tree", "-o"): ((), "mine.xml"),
@@ -160,24 +158,9 @@ def test_a_file_in_the_place_of_a_folder_and_a_folder_of_a_file(refused):
     assert "folder/file is a file; expected a folder" in refused("learn", "a.csv", "-o", "folder/file", "--force")
 
 
-def test_each_page_of_a_sheet_is_looked_for(call, refused):
-    assert call("calibrate", "camera", "--sheet", "sheet.svg")[0] == 0
-    pages = sorted(path.name for path in Path().glob("sheet*"))
-    assert pages[0] == "sheet-1.svg"
-    Path("sheet-1.svg").unlink()
-    assert f"--sheet: {pages[1]} exists; expected" in refused("calibrate", "camera", "--sheet", "sheet.svg")
-    assert not Path("sheet-1.svg").exists()
-    assert call("calibrate", "camera", "--sheet", "sheet.svg", "--force")[0] == 0
-
-
 def test_a_default_name_that_exists_is_refused(refused):
     there("maze.png")
     assert "maze.png exists" in refused("map", "show")
-
-
-def test_further_runs_of_a_page_write_no_log_that_exists():
-    there("runs/a-2.mcap")
-    assert numbered(Path("runs/a.mcap"), 1) == Path("runs/a-3.mcap")
 
 
 # -- whole files ----------------------------------------------------------------------------------------------------
@@ -204,12 +187,6 @@ def test_a_failure_leaves_the_old_file_and_nothing_else():
         interrupted()
     assert path.read_bytes() == MINE
     assert sorted(os.listdir()) == before
-
-
-def test_an_error_names_the_file_itself():
-    with pytest.raises(FileNotFoundError) as caught, whole_file("none/a.txt") as beside:
-        beside.write_text("")
-    assert caught.value.filename == "none/a.txt"
 
 
 def test_rights_and_links_stay():

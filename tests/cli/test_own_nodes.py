@@ -81,14 +81,11 @@ def test_a_run_uses_them(call, place):
     ("body", "message"),
     [
         ("return {}['nothing']", "KeyError: 'nothing', raised by the node at "),
-        ("import sys; sys.exit(0)", "RuntimeError: sys.exit(0) in a node, which ends no run, raised by the node at "),
         ("return None", "tree.xml:2: Main/Mine: Mine.run returned None, expected RUNNING, SUCCESS, FAILURE or SKIPPED"),
-        ("return Status.INVALID", "tree.xml:2: Main/Mine: Mine.run returned "),
         (
             "return self.tick_child(1)",
             "tree.xml:2: Main/Mine: tick_child of Mine: got 1, expected 0: it has one child",
         ),
-        ("return self.tick_child(None)", "tree.xml:2: Main/Mine: tick_child of Mine: got None, expected 0"),
         ("return self.get('none')", "tree.xml:2: Main/Mine: get: got 'none', expected one of its ports: it has none"),
     ],
 )
@@ -107,13 +104,11 @@ def test_one_that_goes_wrong_is_one_line_with_its_place(call, place, body, messa
     ("source", "message"),
     [
         ("class Mine(Control):\n    pass", "there is no node in module 'nodes'; expected a class derived from"),
-        ("class Sequence(Control):\n    def run(self): ...", "nodes.Sequence: this name is taken"),
         (
             "class Mine(Control):\n    least = 0\n    def run(self): ...",
             "nodes.Mine: least: got 0, expected a number of",
         ),
         ("class Mine(Decorator):\n    most = 'x'\n    def run(self): ...", "nodes.Mine: most: got 'x', expected a"),
-        ("class Mine(Decorator):\n    ports = [1]\n    def run(self): ...", "nodes.Mine: ports: got [1], expected"),
         (
             "from enum import IntEnum\nclass A(IntEnum):\n    RED = 1\nclass B(IntEnum):\n    RED = 2",
             "nodes: got RED = 2, which is 1 elsewhere",
@@ -124,13 +119,3 @@ def test_one_that_nobody_could_use_is_refused(refused, place, source, message):
     (place / "nodes.py").write_text(IMPORT + source + "\n")
     (place / "tree.xml").write_text(TREE.format("<AlwaysSuccess/>"))
     assert message in refused("behavior", "check", "tree.xml", *MODULE)
-
-
-def test_a_list_has_the_whole_first_paragraph_of_each_docstring(call, place):
-    doc = (
-        "Waits for the ball,\n    and levels the plate\n    meanwhile.\n\n    More for those who read the source.\n    "
-    )
-    (place / "nodes.py").write_text(f'{IMPORT}class Mine(Control):\n    """{doc}"""\n    def run(self): ...\n')
-    whole = "Waits for the ball, and levels the plate meanwhile."
-    assert f"\nMine: {whole}\n" in call("behavior", "list", *MODULE)[1]
-    assert json.loads(call("behavior", "list", *MODULE, "--json")[1])["nodes"]["Mine"]["what"] == whole

@@ -63,17 +63,6 @@ def test_each_event_of_a_run_is_a_plain_line(stream):
     ]
 
 
-def test_a_failed_run_names_the_reason_and_events_need_no_ring():
-    stream = io.StringIO()
-    with NavigationProgress(stream) as progress:
-        progress.tick(0.0, 1, "Wait")
-        progress.passed(1, "1-2@45", 0.0)
-        progress.event(0.1, "ball_lost")
-        progress.finished(outcome(success=False))
-    assert "ball_lost" in stream.getvalue()
-    assert stream.getvalue().endswith("2.00 s  did not arrive: out_of_time (rig toy, seed 3, 1 failure)\n")
-
-
 def campaign(stream):
     with campaign_progress(4, stream) as advance:
         for finished in range(1, 5):

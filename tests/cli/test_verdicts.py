@@ -7,11 +7,9 @@ import math
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from planar_rig import PlanarRig
 
-from mazeplan.apps.cli.learn import model_lines
 from mazeplan.apps.report.model_score import RingError, ring_errors, score_document, whole
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.ball_models import effect_ball
@@ -98,26 +96,6 @@ def test_a_log_without_windows_has_no_verdict():
     assert document["verdict"] == "unknown"
     assert "expected at least 5" in document["because"]
     assert not any(isinstance(v, float) and math.isnan(v) for v in document.values())
-
-
-def test_the_tilt_of_the_table_is_told_once_and_rings_without_data_have_no_errors(fit, fitted):
-    lines = model_lines(fit, fitted)
-    assert sum("tilt_offset beta" in line for line in lines) == 1
-    assert next(line for line in lines if "tilt_offset" in line).startswith("table ")
-    rings = {line.split()[1]: line for line in lines if line.startswith("ring")}
-    assert list(rings) == ["1", "2", "3", "4", "5"]
-    assert "±" in rings["2"]
-    assert "±" in rings["3"]
-    for ring in "145":
-        assert "(no data of its own)" in rings[ring]
-        assert "±" not in rings[ring]
-
-
-def test_offsets_that_differ_are_told_for_each_ring(fit, fitted):
-    other = effect_ball(np.full(5, 0.1), np.full(5, 0.01))
-    lines = model_lines(fit, replace(fitted, balls=fitted.balls | {1: other}))
-    assert sum("tilt_offset beta" in line for line in lines) == 5
-    assert not any(line.startswith("table") for line in lines)
 
 
 @pytest.mark.slow

@@ -181,25 +181,6 @@ def test_a_failing_rig_leaves_one_document_with_json(place, bad, call):
     assert err.count("OSError") == 1
 
 
-def test_a_rig_that_fails_before_its_first_tick_names_the_reason_once(place, bad, call):
-    bad("observe", "raise", "1")
-    code, _, err = call(*NAVIGATE)
-    assert code == 3
-    assert err.splitlines()[-1].startswith("mazeplan: observe() of the rig raised")
-    assert err.count("raised") == 1
-    assert "rig_failed" not in err
-
-
-def test_the_first_failure_is_the_last_line_if_close_fails_too(place, bad, call):
-    (place / "worse.py").write_text(
-        "from bad_rig import Bad\nclass Worse(Bad):\n    def close(self):\n        raise OSError('close, too')\n"
-    )
-    bad("observe", "raise")
-    code, _, err = call("navigate", "--rig", "worse:Worse", "--model", "ideal")
-    assert code == 3
-    assert "observe() of the rig raised" in err.splitlines()[-1]
-
-
 def test_the_result_is_printed_if_only_closing_failed(place, bad, call):
     (place / "shut_rig.py").write_text((place / "bad_rig.py").read_text().replace("    realtime = True\n", ""))
     bad("close", "raise")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +13,8 @@ from policies import LIMIT, drawn, hand_made
 
 from mazeplan.control.policy import INPUTS, KNOWN, policy_inputs
 from mazeplan.control.policy_file import load_policy, save_policy
-from mazeplan.control.policy_onnx import save_onnx
 from mazeplan.control.tilt import Plate
-from mazeplan.core.errors import InputError, ModelError
+from mazeplan.core.errors import ModelError
 from mazeplan.core.records import State
 from mazeplan.maze.mapfile import load_map
 
@@ -143,25 +141,3 @@ def test_a_folder_without_a_policy_is_named(tmp_path):
 
 
 # -- ONNX -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("hidden", [(), (16,), (5, 40, 7)])
-def test_the_onnx_graph_decides_as_the_policy_does(tmp_path, hidden):
-    reference = pytest.importorskip("onnx.reference", reason="the extra onnx is not installed")
-    policy = drawn(7, hidden, centres=40)
-    save_onnx(policy, tmp_path / "policy.onnx")
-    graph = reference.ReferenceEvaluator(str(tmp_path / "policy.onnx"))
-    x = np.random.default_rng(2).normal(size=(200, len(INPUTS))).astype(np.float32)
-    tilt, distance = graph.run(None, {"inputs": x})
-    wide = x.astype(float)
-    assert tilt == pytest.approx(policy.tilt(wide), abs=1e-6)
-    assert distance == pytest.approx([policy.distance(row) for row in wide], rel=1e-4)
-    one, _ = graph.run(None, {"inputs": x[:1]})
-    assert one.shape == (1, 2)
-
-
-def test_a_missing_onnx_is_told_with_the_command_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(InputError, match=r"needs onnx: pip install .*\[onnx\]"):
-        save_onnx(drawn(7, (16,)), tmp_path / "policy.onnx")
-    assert not list(tmp_path.iterdir())

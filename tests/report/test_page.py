@@ -66,26 +66,6 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
         write_page(tmp_path / "file" / "page.html", "t", [])
 
 
-def test_a_long_name_to_type_may_wrap_at_its_points(tmp_path):
-    table = PageTable("c", ("name",), [["viscous_friction.<coefficient>"]], code=frozenset({0}))
-    write_page(tmp_path / "page.html", "t", [PageSection("t", "Told.", [], [table])])
-    assert "<code>viscous_friction<wbr>.&lt;coefficient&gt;</code>" in (tmp_path / "page.html").read_text()
-
-
-def test_no_line_ends_within_figures(tmp_path):
-    """Neither in a cell of a column that has words, too, nor between a number and its unit in a sentence."""
-    rows = [["0.26\u00a0±\u00a00.14", "0.5 / 0.6 [0.41, 0.72]"], ["a word", "another"]]
-    told = PageSection("t", "Off by 3.2 deg.", [("late by", "66.7 ms")], [PageTable("c", ("a", "b"), rows)])
-    write_page(tmp_path / "page.html", "t", [told])
-    text = (tmp_path / "page.html").read_text()
-    assert re.findall(r'<td class="v">([^<]*)</td>', text) == rows[0]
-    assert re.findall(r"<td>([^<]*)</td>", text) == rows[1]
-    assert "td.v { white-space: nowrap" in text
-    assert "Off by 3.2\u00a0deg." in text
-    assert "<dd>66.7\u00a0ms</dd>" in text
-    assert "anywhere" not in next(line for line in text.splitlines() if line.startswith("td {"))
-
-
 def test_a_page_of_several_parts_has_contents(tmp_path):
     write_page(tmp_path / "page.html", "t", [section("one"), section("two")])
     text = (tmp_path / "page.html").read_text()

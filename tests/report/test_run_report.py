@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from report_documents import EVIL, LEAVES, MAZE, STEP, a_log, drawn
 
-from mazeplan.apps.report import run_record
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.run import lead, run_section, spread_of
 from mazeplan.apps.report.run_record import (
@@ -26,7 +24,6 @@ from mazeplan.apps.report.run_record import (
 )  # fmt: skip
 from mazeplan.apps.report.words import setup_facts
 from mazeplan.core.errors import LogError
-from mazeplan.core.events import RingEntered, TimedEvent
 from mazeplan.core.logs.run_log import STATUSES, RunLogWriter, read_log
 from mazeplan.core.logs.run_log_reader import LoggedTree
 from mazeplan.core.records import TreeOutline
@@ -96,38 +93,6 @@ def test_the_section_says_how_it_went(log):
     assert [p.name for p in section.parts if isinstance(p, PagePicture)] == ["path", "theta", "tree", "tilt"]
 
 
-def test_pictures_over_time_begin_and_end_alike_so_that_an_instant_is_read_straight_downwards(log):
-    parts = run_section(log).parts
-    sizes = {part.name: part.size[0] for part in parts if isinstance(part, PagePicture)}
-    found = {name: drawn(parts, name).axes for name in ("theta", "tree", "tilt")}
-    panels = [axes for several in found.values() for axes in several]
-    assert len(panels) == 5
-    assert {sizes[name] for name in found} == {9.0}
-    assert len({(axes.get_position().x0, axes.get_position().x1, *axes.get_xlim()) for axes in panels}) == 1
-    first, last = panels[0].get_xlim()
-    assert first <= 0.0
-    assert last >= 90 * STEP
-    assert {several[-1].get_xlabel() for several in found.values()} == {"time, s"}
-    assert [axes.get_ylabel() for axes in found["theta"]] == [
-        "angle of the ball, degrees",
-        "real less\nplanned, degrees",
-    ]
-    assert all(axes.get_ylabel().endswith("degrees") for axes in found["tilt"])
-
-
-@pytest.mark.parametrize("name", ["theta", "tree", "tilt"])
-def test_nothing_of_a_picture_over_time_is_cut_however_long_a_leafs_name_is(log, name):
-    tree = replace(log.trees[0], outline=replace(log.trees[0].outline, paths=tuple(
-        path + " of a tree whose leaves have very long names" for path in log.trees[0].outline.paths)))  # fmt: skip
-    figure = drawn(run_section(replace(log, trees=[tree])).parts, name)
-    figure.draw_without_rendering()
-    everything, page = figure.get_tightbbox(), figure.get_size_inches()
-    assert everything.x0 >= 0.0
-    assert everything.y0 >= 0.0
-    assert everything.x1 <= page[0]
-    assert everything.y1 <= page[1]
-
-
 def test_the_balls_angle_reads_0_to_360_over_whole_turns_like_the_names_of_openings(log):
     """A ball that rolls from 350 on to 370 and over three turns."""
     t = log.ticks["t"]
@@ -170,31 +135,6 @@ def test_spread_of_nothing():
     assert all(math.isnan(value) for value in spread_of(np.array([math.nan])))
 
 
-def test_plans_are_sought_once_for_all_rings(log, monkeypatch):
-    asked = []
-    monkeypatch.setattr(run_record, "followed_plans", lambda log: asked.append(log) or followed_plans(log))
-    entered = tuple(TimedEvent(0.2 * k, RingEntered(1 + k % 2)) for k in range(10))
-    assert len(theta_lines(replace(log, events=entered), MAZE)) > 5
-    assert len(asked) == 1
-
-
-def test_bars_of_leaves_fill_the_picture_and_none_looks_at_all_others(log, monkeypatch):
-    looked, view = [], Axes.autoscale_view
-
-    def counted(axes, *arguments, **more):
-        looked.append(axes.get_autoscalex_on())
-        view(axes, *arguments, **more)
-
-    monkeypatch.setattr(Axes, "autoscale_view", counted)
-    outline = TreeOutline(("a",), ("Wait",), ("a",), (-1,), ())
-    tree = LoggedTree(0.0, outline, tuple((0.03 * k, "RS"[k % 2]) for k in range(100)))
-    (axes,) = drawn(run_section(replace(log, trees=(tree,), events=())).parts, "tree").axes
-    assert sum(looked) < 10
-    low, high = axes.get_xlim()
-    assert -1.0 < low <= 0.0
-    assert 2.97 <= high < 3.2
-
-
 def test_a_condition_that_answers_no_is_no_failure(log):
     """It has a word of its own, and no cross; another leaf that fails has."""
     failed = STATUSES["FAILURE"]
@@ -221,13 +161,6 @@ def test_intervals_are_those_of_the_statuses(tmp_path):
     ]  # fmt: skip
     assert not any(path == passing for path, *_ in bars)  # it was never ticked
     assert not any(path == "Root/Go" for path, *_ in bars)  # no leaf
-
-
-def test_at_every_tick_a_leaf_runs_that_the_log_says_did(tmp_path):
-    log = read_log(a_log(tmp_path / "a"))
-    running = [b for b in leaf_bars(log) if b.status == "R"]
-    for t, leaf in zip(log.ticks["t"][:-1], log.ticks["leaf"][:-1], strict=True):
-        assert [b.path.split("/")[-1] for b in running if b.start <= t + 1e-9 < b.end] == [leaf]
 
 
 def test_names_are_as_short_as_they_can_be():

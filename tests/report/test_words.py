@@ -38,13 +38,5 @@ def test_every_effect_and_parameter_of_the_library_has_words():
         assert not [text for text in told if "_" in text]
 
 
-def test_remarks_are_sentences():
-    assert words.sentence("the model lacks outer_gates") == "The model lacks outer gates."
-    assert words.sentence("placebo: friction with it explains 0") == (
-        "Placebo: friction by tilt played backwards explains 0."
-    )
-    assert words.sentence("nRMSE of theta_dd 0.3.") == "NRMSE of angular acceleration 0.3."
-
-
 def test_what_is_missing_has_one_sign():
     assert {words.number(math.nan, 3), words.seconds(math.inf)} == {words.MISSING}

@@ -48,25 +48,12 @@ def test_text_file_and_list_say_the_same(tmp_path):
     ("text", "error"),
     [
         ("- camera_blind: {}\n- ball_stuk: {}\n", "2: [1].ball_stuk: unknown mishap, expected one of ball_stuck, open"),
-        (
-            "- ball_stuck:\n    theta: 30\n",
-            "2: [0].ball_stuck.theta: unknown key, expected one of from_s, to_s, theta_deg",
-        ),
         ("- ball_stuck: {from_s: -1}\n", "1: [0].ball_stuck.from_s: got -1, expected greater than or equal to 0"),
-        ("- ball_stuck: {from_s: 2, to_s: 1}\n", "1: [0].ball_stuck.to_s: got 1, expected to_s > from_s, 2"),
         ("- ball_stuck: {theta_deg: nan}\n", "1: [0].ball_stuck.theta_deg: got nan, expected "),
-        ("- camera_blind: soon\n", "1: [0].camera_blind: got 'soon', expected "),
         ("- opening_blocked: {}\n", "1: [0].opening_blocked.opening: is missing"),
-        (
-            "- opening_blocked: {opening: 2b}\n",
-            "1: [0].opening_blocked.opening: got '2b', expected one of 1-2@45, 1-2@135",
-        ),
         ("- ball_teleported: {ring: 6}\n", "1: [0].ball_teleported.ring: got 6, expected 1 to 5"),
-        ("- ball_pushed: {in_ring: 9}\n", "1: [0].ball_pushed.in_ring: got 9, expected 1 to 5"),
         ("- axis_dead: {axis: x}\n", "1: [0].axis_dead.axis: got 'x', expected 'beta', 'gamma' or 'both'"),
-        ("- {ball_stuck: {}, camera_blind: {}}\n", "1: [0]: got 2 keys, expected one of ball_stuck"),
         ("- ball_stuck\n", "1: [0]: got 'ball_stuck', expected one of ball_stuck, opening_blocked"),
-        ("ball_stuck: {}\nmore: 1\n", "1: got a mapping, expected a list such as `- camera_blind"),
         ("- camera_blind: {to_s: 1, to_s: 2}\n", "1: not valid YAML: got the key to_s twice"),
     ],
 )

@@ -64,8 +64,8 @@ def test_what_does_not_hold_is_said_with_what_happened_instead(held, claim, said
     with pytest.raises(AssertionError, match="^" + re.escape(said)) as caught:
         claim(held)
     text = str(caught.value)
-    assert "Navigate ended after 4.000 s: out_of_time\n     t, s  ring   deg  what\n" in text
-    assert "failure stuck Track standing on the way to 1-2@45" in text
+    assert "Navigate ended after 4.000 s: out_of_time\n" in text
+    assert "failure stuck" in text
     assert len(text.splitlines()) <= 18
 
 

@@ -79,15 +79,6 @@ def test_there_are_balls_of_every_kind(wanted):
     assert len(ball.unseen) <= 1
 
 
-@pytest.mark.slow
-def test_without_jumps_there_are_none():
-    def jumps(ball):
-        return any(isinstance(move, Jump) for move in ball.moves)
-
-    with pytest.raises(Exception, match=r"."):
-        find(ball_behaviours("cme", jumps=False), jumps, settings=settings(FEW, max_examples=300))
-
-
 def test_a_move_that_the_map_does_not_allow_is_refused():
     with pytest.raises(InputError, match="Pass: got '2-3@90', expected one of ring 1: 1-2@45"):
         BallBehaviour(moves=(Pass("2-3@90"),)).path(MAZE)

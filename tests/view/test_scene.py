@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.view.meshes import gap_box, ring_floor, sector, wall_mesh
+from mazeplan.apps.view.meshes import gap_box, ring_floor, wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.scene import FLOORS, GOAL_FLOOR, UNIT, Scene, attitude, opening_colour, resampled
@@ -123,17 +123,6 @@ def test_walls_are_where_the_map_has_them(wall):
         assert np.abs(radii * np.sin(turned))[near].min() == pytest.approx(0.5 * opening.width, abs=1e-9)
 
 
-def test_faces_look_outwards():
-    """Of a closed body the volume by its faces is what it is; a face that looked inwards would take from it."""
-    angles = np.linspace(0.0, 0.5, 30)
-    vertices, faces = sector((0.05, angles), (0.06, angles), 0.0, 0.02, ends=True)
-    floor = sector((0.05, angles), (0.06, angles), 0.0, 0.0, ends=False)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    volume = np.sum(a * np.cross(b, c)) / 6.0
-    assert volume == pytest.approx(0.5 * 0.5 * (0.06**2 - 0.05**2) * 0.02, rel=1e-3)
-    assert floor[0][:, 2].max() == 0.0
-
-
 def test_floors_and_marks_fill_their_places():
     vertices, _ = ring_floor(MAZE, 5)
     assert np.hypot(*vertices[:, :2].T).min() == 0.0
@@ -178,11 +167,6 @@ def test_a_record_without_tree_and_goal_says_what_it_is():
     assert "planner" not in told
     assert "no tree<" in tree_html(Moment(tick=1))
     assert "no tree yet<" in tree_html(Moment())
-
-
-def test_no_goal_is_shown_that_another_may_replace():
-    assert "→ 5" not in facts_html(Moment(run=1, task=TaskShown(goal=5)))
-    assert "→ 5" in facts_html(Moment(run=1, tick=1, task=TaskShown(ring=1, goal=5)))
 
 
 def test_radial_walls_are_solid_and_in_their_places():

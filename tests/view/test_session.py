@@ -167,7 +167,7 @@ def test_a_closed_stderr_ends_nothing(running, monkeypatch):
 
     monkeypatch.setattr(live.sys, "stderr", Gone())
     assert running[0].press("fault", kind="frames_lost") == ("running", "injected: frames_lost")
-    NavigationProgress(Gone(), live=False).event(0.0, "stuck")
+    NavigationProgress(Gone()).event(0.0, "stuck")
 
 
 def refuses():

@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from commands import call
 from fake_scene import FakeServer
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import mazeplan
-from mazeplan.apps.report.run import lead, run_section
+from mazeplan.apps.report.run import run_section
 from mazeplan.apps.report.run_record import followed_plans, second_trail
 from mazeplan.apps.view.moment import BallShown, Moment
 from mazeplan.apps.view.scene import UNIT, Scene
@@ -74,16 +73,6 @@ def test_a_drawing_of_a_map_has_it(told, tmp_path):
     np.testing.assert_allclose(np.array(axes.lines[0].get_data()).T, 1e3 * trail)
     save_drawing(MAZE, tmp_path / "two.png", second=trail)
     assert (tmp_path / "two.png").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-def test_the_map_of_a_log_is_the_same_with_two_balls(tmp_path, monkeypatch, capsys):
-    path = tmp_path / "two.mcap"
-    assert mazeplan.navigate(rig="ideal", balls=2, seed=7, log=path).success
-    assert lead(read_log(path)).startswith("Both balls arrived after")
-    status, _, err = call(monkeypatch, capsys, "map", "show", "cme", "--log", path, "-o", tmp_path / "two.png")
-    assert status == 0
-    assert "another map" not in err
 
 
 def test_a_run_with_one_ball_has_no_second(tmp_path):

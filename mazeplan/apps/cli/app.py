@@ -18,7 +18,6 @@ from mazeplan.apps.cli.improve import improve
 from mazeplan.apps.cli.learn import learn
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.report import report
-from mazeplan.apps.cli.score import score
 from mazeplan.apps.cli.view import view
 
 app = typer.Typer(
@@ -41,7 +40,7 @@ def options(version: Version = False) -> None:
     """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
 
 
-for command in (navigate, evaluate, collect, learn, score, compare, diagnose, improve, report, view, doctor):
+for command in (navigate, evaluate, collect, learn, model.score, compare, diagnose, improve, report, view, doctor):
     app.command()(command)
 for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
-from mazeplan.apps.cli import calibrate_options as own
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.calibrate_camera import camera
+from mazeplan.apps.cli.option_checks import file, new_file
 from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
@@ -21,6 +22,21 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Calibrate a real rig, and write the result into its file.", no_args_is_help=True)
 LARGEST_ERROR_DEG = 0.1
+Readings = Annotated[
+    Path | None,
+    Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
+]
+Keep = Annotated[
+    Path | None,
+    Option(
+        "--keep",
+        parser=file(".csv"),
+        callback=new_file,
+        metavar="FILE",
+        help="CSV for the typed readings. Default: a new one.",
+    ),
+]
+Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
 
 app.command("camera")(camera)
 
@@ -28,9 +44,9 @@ app.command("camera")(camera)
 @app.command("tilt")
 def tilt(
     rig: opt.RigFileName = "hardware",
-    readings: own.Readings = None,
-    keep: own.Keep = None,
-    grid: own.Grid = 7,
+    readings: Readings = None,
+    keep: Keep = None,
+    grid: Grid = 7,
     map_: opt.Map = "cme",
     dry_run: opt.DryRun = False,
     force: opt.Force = False,

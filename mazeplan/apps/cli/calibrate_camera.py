@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mazeplan.apps.cli import calibrate_options as own
+from typer import Option
+
 from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.option_checks import file, new_file, number
 from mazeplan.apps.cli.output import check_new, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
@@ -22,16 +24,46 @@ if TYPE_CHECKING:
     from mazeplan.rigs.hardware.files import RigFile
 
 PLATES, BOARDS = 20, 40  # frames of the empty plate and of the chessboard, from a camera or video
+Boards = Annotated[
+    str | None,
+    Option(
+        "--boards",
+        metavar="PICTURES",
+        help="Chessboard pictures: folder, pattern, video or device. Default: keep the lens.",
+    ),
+]
+Plate = Annotated[
+    str | None,
+    Option(
+        "--plate",
+        metavar="PICTURES",
+        help="Pictures of the level plate without a ball. Default: from the rig's camera.",
+    ),
+]
+Corners = Annotated[str, Option("--corners", metavar="NxN", help="Inner corners of the chessboard, across x down.")]
+SquareMm = Annotated[
+    float, Option("--square-mm", parser=number(), metavar="MM", help="Side of a chessboard square in mm.")
+]
+Sheet = Annotated[
+    Path | None,
+    Option(
+        "--sheet",
+        parser=file(".pdf", ".svg", ".png", chosen=True),
+        callback=new_file,
+        metavar="FILE",
+        help="Only draw the markers to scale (PDF; SVG or PNG: one file per page).",
+    ),
+]
 
 
 def camera(
     rig: opt.RigFileName = "hardware",
-    boards: own.Boards = None,
-    plate: own.Plate = None,
-    corners: own.Corners = "9x6",
-    square_mm: own.SquareMm = 20.0,
+    boards: Boards = None,
+    plate: Plate = None,
+    corners: Corners = "9x6",
+    square_mm: SquareMm = 20.0,
     map_: opt.Map = "cme",
-    marker_sheet: own.Sheet = None,
+    marker_sheet: Sheet = None,
     dry_run: opt.DryRun = False,
     force: opt.Force = False,
     as_json: opt.AsJson = False,

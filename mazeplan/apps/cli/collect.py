@@ -34,8 +34,8 @@ def collect(
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
     from mazeplan.apps.cli.emergency import interrupt, stop_key
+    from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.progress import campaign_progress
-    from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig, rig_label
     from mazeplan.rigs.watchdog import watched

@@ -29,7 +29,6 @@ FEATURES = {
     "docs": "the documentation as a site: make docs",
     "gym": "the maze as a Gymnasium environment: reinforcement learning",
     "campaign": "evaluate on other machines: --dask; tables of runs in Parquet: --store",
-    "onnx": "policies for other runtimes: policy export -o policy.onnx",
     "tune": "search of costs and gains: tools/tune.py",
     "dev": "make test",
 }

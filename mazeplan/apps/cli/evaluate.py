@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, evaluate_learning
+from mazeplan.apps.cli.navigate import note_missing_model
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.apps.cli.runs import note_missing_model
 
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from mazeplan.run.campaign.store import Store
 
 RUNS, FAULT_RUNS = 16, 10
-MOST_OTHERS = 3  # maximum number of other campaigns in the store that are named
 
 
 def evaluate(
@@ -171,8 +170,8 @@ def _executor(
 
     count = runs * campaigns
     kept = _kept(stores, runs)
-    if stores:
-        _report_store(stores, kept, count)
+    if kept:
+        say(f"{kept} of {count} runs are in {stores[0].folder} already")
     try:
         opened = open_executor(workers, dask, say=say) if kept < count else open_executor()
         with opened as executor, campaign_progress(count, begin=kept) as advance:
@@ -184,17 +183,6 @@ def _executor(
         else:
             say("no run is kept; use --store DIR to keep runs and to continue with the same command")
         raise
-
-
-def _report_store(stores: Sequence[Store], kept: int, count: int) -> None:
-    """Print how many runs the store holds already, and which other campaigns it holds."""
-    others = stores[0].others([store.name for store in stores])
-    for other in others[:MOST_OTHERS]:
-        say(f"{stores[0].folder} also holds runs of another campaign, which stay apart: {other}")
-    if len(others) > MOST_OTHERS:
-        say(f"and of {len(others) - MOST_OTHERS} more")
-    if kept:
-        say(f"{kept} of {count} runs are in {stores[0].folder} already")
 
 
 def _kept(stores: Sequence[Store], runs: int) -> int:

@@ -53,11 +53,6 @@ HELP = {  # what it does in one line of 50 characters, and an example
     "model list": ("List the packaged models.", "mazeplan model list"),
     "model show": ("Show plate, camera and effects of a model.", "mazeplan model show toy"),
     "policy train": ("Train a network that imitates the planner.", "mazeplan policy train --rig toy -o runs/policy"),
-    "policy show": ("Show the network of a policy, and its training.", "mazeplan policy show runs/policy"),
-    "policy export": (
-        "Write the network of a policy as plain C or ONNX.",
-        "mazeplan policy export runs/policy -o policy.onnx",
-    ),
     "effect list": ("List the physical effects.", "mazeplan effect list"),
     "effect show": ("Show formula, source and parameters of an effect.", "mazeplan effect show viscous_friction"),
     "calibrate camera": (

@@ -30,9 +30,9 @@ def improve(
     """Collect, diagnose, update the model, and navigate with the old and the new model.
 
     Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
+    from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.plugins import added_effects
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.core.logs.table import read_table
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig

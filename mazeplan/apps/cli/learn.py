@@ -7,22 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.table import Table
-    from mazeplan.learning.ball_models import BallModel
-    from mazeplan.learning.identification import RigFit
     from mazeplan.learning.modelfile import RigModel
-    from mazeplan.learning.rig_gp import RingLearning
-    from mazeplan.learning.stage_fit import StageFit
     from mazeplan.maze.geometry import Maze
-    from mazeplan.physics.rig.stage import StageAxis
     from mazeplan.run.learn import Drive, Learned
 
 RUNS = 8  # of each model on a simulated rig
-TABLE = "tilt_offset"  # an effect of the table, the same for all rings
 
 
 def learn(
@@ -44,9 +38,9 @@ def learn(
     for log in logs:  # checked before torch loads
         check_there(log)
     from mazeplan.apps.cli.log_context import logged_map
+    from mazeplan.apps.cli.model import model_lines
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.words import verdict_lines
-    from mazeplan.core.logs.table import join
     from mazeplan.learning.fits import fits_words
     from mazeplan.learning.fitting import FitOptions
     from mazeplan.learning.gp_training import TrainingOptions
@@ -81,15 +75,11 @@ def learn(
         judged = {"fits": done.fits(), "judged": done.judgement.document()}
         print_json(written | judged | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        lines = [rows_line(join(tables)), *model_lines(done.fit, done.model), *_learned_lines(done.rings, kind)]
-        lines += [
-            _ball_line(done),
-            f"fit          {fits_words(done.model)}",
-            done.judgement.words(),
-            *_driven_line(done.model),
-            f"wrote {path}",
-        ]
-        print("\n".join([*lines, *verdict_lines(verdict)]))
+        lines = [*model_lines(done.model), f"fit: {fits_words(done.model)}", done.judgement.words()]
+        lines += [f"rigid ball: {done.why}"] if done.model.body is None and done.why else []
+        driven: dict[str, float] = done.model.scores.get("driven_s", {})
+        lines += [f"driven: {', '.join(f'{name} {time:.2f} s' for name, time in driven.items())}"] if driven else []
+        print("\n".join([*lines, f"wrote {path}", *verdict_lines(verdict)]))
 
 
 def _drive(rig: str, maze: Maze) -> Drive:
@@ -114,22 +104,6 @@ def _drive(rig: str, maze: Maze) -> Drive:
     return times
 
 
-def _learned_lines(learned: dict[int, RingLearning], kind: str) -> list[str]:
-    """What was learned beside the effects, ring by ring."""
-    return [
-        f"ring {ring} Gaussian process: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by effects "
-        f"alone, {x.after:.3f} with it"
-        for ring, x in learned.items()
-    ]
-
-
-def rows_line(table: Table) -> str:
-    """How many rows the logs have, and in how many of them the ball was not seen."""
-    unseen = sum(not math.isfinite(theta) for theta in table["theta"])
-    gaps = f", {unseen} of them without the ball: gaps" if unseen else ""
-    return f"log          {plural(len(table), 'row')}{gaps}"
-
-
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> dict[str, Any]:
     """The score of the model on the logs that it was learned from."""
     from mazeplan.apps.report.model_score import ring_errors, score_document
@@ -152,83 +126,3 @@ def _keep_reference(done: Learned, folder: Path) -> str | None:
         reference_path(folder).unlink(missing_ok=True)
         return None
     return str(save_reference(done.reference, done.model, folder))
-
-
-def _ball_line(done: Learned) -> str:
-    """The rigid ball of the model, or why it has none."""
-    body = done.model.body
-    if body is None:
-        return f"rigid ball   none: {done.why or 'a bead in each ring predicts as well, or the kind leaves it out'}"
-    shown = (
-        ("rolling", "rolling friction", " m/s^2"),
-        ("wall", "friction at walls", ""),
-        ("restitution", "rebound", ""),
-    )
-    words = [
-        f"{name} {body.values.get(key, 0.0):.3f} ± {body.stderr.get(key, math.nan):.3f}{unit}"
-        for key, name, unit in shown
-    ]
-    return f"rigid ball   {', '.join(words)}"
-
-
-def _driven_line(model: RigModel) -> list[str]:
-    """How each model drove the simulated rig."""
-    driven: dict[str, float] = model.scores.get("driven_s", {})
-    return [f"driven       {', '.join(f'{name} {time:.2f} s' for name, time in driven.items())}"] if driven else []
-
-
-def _measured_by(found: StageFit) -> str:
-    """What an axis was fitted to."""
-    if math.isnan(found.rms):
-        return "by the ball, as no tilt was measured"
-    return f"{found.times_noise:.1f} times the noise of the tilt sensor"
-
-
-def axis_words(axis: StageAxis) -> str:
-    """How an axis follows its commands, with standard errors."""
-    e = {**dict.fromkeys(("gain", "natural_frequency", "damping", "dead_time"), math.nan), **axis.stderr}
-    kind = (
-        f"follows at once: faster than {axis.natural_frequency:.0f} rad/s",
-        f"first order, {axis.natural_frequency:.1f} ± {e['natural_frequency']:.1f} rad/s",
-        f"second order, {axis.natural_frequency:.1f} ± {e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} "
-        f"± {e['damping']:.2f}",
-    )[axis.order]
-    more = [f"gain {axis.gain:.4f} ± {e['gain']:.4f}"]
-    more += [f"dead time {1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms"] if axis.dead_time else []
-    more += [f"rate at most {math.degrees(axis.rate_limit):.0f} deg/s"] if math.isfinite(axis.rate_limit) else []
-    more += [f"backlash {math.degrees(axis.backlash):.2f} deg"] if axis.backlash else []
-    more += [f"steps of {math.degrees(axis.resolution):.2f} deg"] if axis.resolution else []
-    return ", ".join([kind, *more])
-
-
-def model_lines(fit: RigFit, model: RigModel) -> list[str]:
-    """The fitted parameters with their standard errors."""
-    lines = [
-        f"stage {name:5s}  {axis_words(axis)}; {_measured_by(found)}"
-        for name, axis, found in zip(("beta", "gamma"), (model.stage.beta, model.stage.gamma), fit.stage, strict=True)
-    ]
-    delay, error = 1e3 * model.camera_delay, 1e3 * (model.camera_delay_stderr or 0.0)
-    lines.append(f"camera       {delay:.1f} ± {error:.1f} ms behind the tilt sensor")
-    own = {*fit.windows, *model.processes}
-    table = {"; ".join(_parameters(ball, TABLE, True)) for ball in model.balls.values()} - {""}
-    once = len(table) == 1  # the same in each ring that has it, so one line is enough
-    lines += [f"table        {text}" for text in table if once]
-    for ring, ball in sorted(model.balls.items()):
-        names = [effect.name for effect in ball.effects if not (once and effect.name == TABLE)]
-        words = [text for name in names for text in _parameters(ball, name, ring in own)]
-        note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else ""
-        note = note if ring in own else " (no data of its own)"
-        lines.append(f"ring {ring}{note}  {'; '.join(words)}")
-    return lines
-
-
-def _parameters(ball: BallModel, name: str, measured: bool) -> list[str]:
-    """The fitted parameters of an effect of a ring. measured: whether to add their standard errors"""
-    texts, errors = [], ball.stderr.get(name, {})
-    for effect in ball.effects:
-        for key, value in effect.values().items():
-            if effect.name == name and key in errors:
-                unit = effect.effect.parameters[key].unit
-                error = f" ± {errors[key]:.4f}" if measured else ""
-                texts.append(f"{name} {key} {value:.4f}{error} {'' if unit == '1' else unit}".rstrip())
-    return texts

@@ -14,8 +14,8 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.emergency import stop_key
+from mazeplan.apps.cli.navigate import navigate_once
 from mazeplan.apps.cli.output import free_name, print_json, say
-from mazeplan.apps.cli.runs import navigate_once
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.records import NavigationResult
 from mazeplan.maze.geometry import Maze

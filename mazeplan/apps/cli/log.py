@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Iterable
@@ -18,7 +17,7 @@ from mazeplan.apps.cli.output import finite, print_json, say, write_text
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog
-    from mazeplan.run.replay import Difference, Replay
+    from mazeplan.run.replay import Replay
 
 app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help=True)
 
@@ -38,7 +37,6 @@ RunTree = Annotated[
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
-LONGEST = 200  # maximum number of characters of a shown message
 
 
 @app.command("info")
@@ -96,29 +94,9 @@ def replay_lines(log: Path, outcome: Replay) -> list[str]:
     if first is None:
         return [f"{log}: identical: {same}"]
     lines = [f"{log}: different at t = {first.t:.3f} s, tick {first.tick}, {first.what}: {', '.join(first.fields)}"]
-    lines += [f"  {name}  {_decision(first, name)}" for name in ("recorded", "replayed")]
-    lines.append(f"  the same until then: {same}")
     if told_by_another_version(outcome):
         lines.append(f"  recorded by another version of mazeplan, {outcome.recorded_by}")
     return lines
-
-
-def _decision(difference: Difference, which: str) -> str:
-    """Status, leaf and command of the first tick that differs, and the message that differs.
-
-    which: recorded or replayed"""
-    d = getattr(difference, which)
-    text = "the run was over"
-    if d:
-        degrees = ", ".join(f"{math.degrees(d[name]):+.3f}" for name in ("u_beta", "u_gamma"))
-        text = f"{d['status']} {d['leaf'] or 'no leaf'} ({degrees}) deg, opening {d['opening'] or 'none'}"
-    message = difference.messages[which == "replayed"]
-    if message is None:
-        return f"{text}; no such {difference.what}"
-    if difference.what == "tick":
-        return text
-    fields = json.dumps({name: message[name] for name in difference.fields if name in message} or message)
-    return f"{text}; {difference.what} {fields if len(fields) <= LONGEST else fields[:LONGEST] + '...'}"
 
 
 def summary(log: RunLog) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`model list` and `model show`: the contents of a model of a rig."""
+"""`model list` and `model show`: the contents of a model of a rig; `score`: how well it predicts a log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from mazeplan.learning.rig_model import RigModel
@@ -45,15 +45,20 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
     if as_json:
         print_json({**model_document(model), **_summary(model)})
         return
-    document = model_document(model)
-    print(f"{name}: {_sentence(model)}")
-    for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
-        if key in document:
-            print("\n".join(_lines(key, document[key], "")))
-    for ring, process in sorted(model.processes.items()):
-        print(f"learned part of ring {ring}: {len(process)} rows")
+    print("\n".join([f"{name}: {_sentence(model)}", *model_lines(model)]))
     for entry in model.data:
         print("fitted on: " + ", ".join(f"{key} {value}" for key, value in entry.items()))
+
+
+def model_lines(model: RigModel) -> list[str]:
+    """Plate, camera and effects in each ring, with standard errors and units."""
+    from mazeplan.learning.modelfile import model_document
+
+    document, lines = model_document(model), list[str]()
+    for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
+        if key in document:
+            lines += _lines(key, document[key], "")
+    return lines + [f"learned part of ring {n}: {len(part)} rows" for n, part in sorted(model.processes.items())]
 
 
 def _summary(model: RigModel) -> dict[str, Any]:
@@ -78,3 +83,44 @@ def _lines(key: Any, value: Any, indent: str) -> list[str]:
     title = f"ring {key}" if isinstance(key, int) else key
     inner = [line for name, part in value.items() for line in _lines(name, part, f"{indent}  ")]
     return [f"{indent}{title}:", *inner]
+
+
+def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_json: opt.AsJson = False) -> None:
+    """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
+    from mazeplan.apps.cli.log_context import logged_map
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.report.model_score import learned_from, ring_errors, score_document
+    from mazeplan.core.logs.table import read_table
+    from mazeplan.learning.fits import fits_words
+    from mazeplan.learning.modelfile import load_model
+
+    found, maze = load_model(model), logged_map(map_, *logs).maze
+    with ProgressBar("scoring") as bar:
+        bar.show("reading")
+        tables = [read_table(log) for log in logs]
+        bar.show("rolling out")
+        document = score_document(
+            ring_errors(found, tables, maze), model, str(logs[0]), [r.number for r in maze.rings[:-1]]
+        )
+    document["learned_from"] = learned_from(found, logs)
+    document["fits"] = found.scores.get("fits")
+    if words := fits_words(found):
+        say(words)
+    if document["learned_from"]:
+        say(f"the model was learned from {', '.join(document['learned_from'])}: on new logs it may be worse")
+    if as_json:
+        print_json(document)
+    else:
+        print("\n".join(score_lines(document)))
+
+
+def score_lines(document: dict[str, Any]) -> list[str]:
+    """A table of the rings, and the verdict."""
+    from mazeplan.apps.report.words import verdict_lines
+
+    lines = ["mean absolute error of theta after 40 samples, rad", "ring  windows   model  without  noise  verdict"]
+    lines += [
+        f"{ring:>4s}  {r['windows']:7d}  {r['error']:6.3f}  {r['persistence']:7.3f}  {r['noise']:5.3f}  {r['verdict']}"
+        for ring, r in document["rings"].items()
+    ]
+    return [*lines, *verdict_lines(document)]

@@ -12,18 +12,18 @@ from dataclasses import dataclass, field
 from typing import NoReturn
 
 from mazeplan.apps.testing.leafscript import Player
-from mazeplan.apps.testing.timeline import excerpt, rows
 from mazeplan.apps.testing.watch import HALTED, NodeInfo, Step, Tick
 from mazeplan.btree.ports import shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
-from mazeplan.core.maths.angles import difference
+from mazeplan.core.maths.angles import difference, place_deg
 from mazeplan.core.records import FailureKind, NavigationResult
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.resolve import ring_number
 
 OUTSIDE = "outside limits"
 TOLERANCE = 1e-9  # rad
+NEAR = 7  # lines before and after a moment
 RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  # of the packaged leaves
 
 
@@ -88,10 +88,28 @@ class Record:
         known = self._nodes(name)
         return [step.what for step in self.steps if step.node in known]
 
-    def timeline(self) -> str:
-        """All rows of the timeline, as text."""
-        lines = rows(self.ticks, self.events, self.reason)
-        return "\n".join(map(str, lines))
+    def timeline(self, around: float | None = None) -> str:
+        """What changed, one line each: leaves that take over, rings, failures, recoveries.
+
+        around: only the lines near this time, s"""
+        found = [
+            (event.t, f"{event.kind} {' '.join(str(v) for v in event.detail.values() if v)}") for event in self.events
+        ]
+        ring, leaf, seen = None, "", True
+        for tick in self.ticks:
+            if tick.ring != ring:
+                found.append((tick.t, f"ball in ring {tick.ring}, {place_deg(tick.theta, 0):.0f} deg"))
+            if tick.seen != seen:
+                found.append((tick.t, "ball seen again" if tick.seen else "ball not seen"))
+            if tick.leaf and tick.leaf != leaf:
+                found.append((tick.t, f"{tick.leaf} commands"))
+            ring, leaf, seen = tick.ring, tick.leaf or leaf, tick.seen
+        found.sort(key=lambda line: line[0])
+        lines = [*found, (self.time_s, f"ended: {self.reason}")]
+        if around is not None:
+            middle = sum(t < around - 1e-9 for t, _ in lines)
+            lines = lines[max(0, middle - NEAR) : middle + NEAR]
+        return "\n".join(f"  {t:7.3f} s  {text}" for t, text in lines)
 
     # -- claims -----------------------------------------------------------------------------------------------------
 
@@ -193,7 +211,5 @@ class Record:
         return found
 
     def _fail(self, problem: str, around: float | None) -> NoReturn:
-        lines = rows(self.ticks, self.events, self.reason)
-        raise AssertionError(
-            f"{problem}; {self.tree} ended after {self.time_s:.3f} s: {self.reason}\n{excerpt(lines, around)}"
-        )
+        shown = self.timeline(self.time_s if around is None else around)
+        raise AssertionError(f"{problem}; {self.tree} ended after {self.time_s:.3f} s: {self.reason}\n{shown}")
