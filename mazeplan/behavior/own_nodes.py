@@ -1,14 +1,13 @@
-"""Nodes from users' modules, `--behavior-module MODULE`, and from installed packages.
+"""Nodes from users' modules, `--behavior-module MODULE`.
 
 A node is a public class of the module. A leaf derives from `leaf.Leaf` and has a `step`. A control node or decorator
 derives from `controls.Control` or `decorators.Decorator` and has a `run`. The name of the node is that of the class.
-Scripts know the members of a public `enum.IntEnum` by name. An installed package offers a node by an entry point of the
-group `mazeplan.leaves` with the node's name; it is imported only when a tree names it.
+Scripts know the members of a public `enum.IntEnum` by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import IntEnum
 from types import ModuleType
 from typing import Any
@@ -22,7 +21,6 @@ from mazeplan.btree.node import Node, TreeNode
 from mazeplan.btree.ports import CONVERSIONS, REQUIRED, Port, shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
-from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 
 OF_THE_MAP = ("openings", "rings")
@@ -36,90 +34,21 @@ MOST_WIND_DOWN = 90  # maximum ticks of a wind-down; 3 s at 30 Hz: nobody waits 
 RESERVED = (*CATEGORIES, *BUILTIN, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
 
 
-class Registry(Mapping[str, type[TreeNode]]):
-    """Leaves and users' nodes by name. Nodes of installed packages are imported when they are looked up; a broken one
-    raises InputError.
+class Registry(dict[str, type[TreeNode]]):
+    """Packaged leaves and users' nodes by name. enums: {name: number} for scripts"""
 
-    enums: {name: number} for scripts
-    owners: {name: plug-in} of the nodes of installed packages that were looked up
-    """
-
-    def __init__(self, known: Mapping[str, type[TreeNode]], enums: Mapping[str, int] | None = None) -> None:
-        self._known, self.enums, self.owners = dict(known), dict(enums or {}), dict[str, Plugin]()
-
-    def __getitem__(self, name: str) -> type[TreeNode]:
-        if name not in self._known:
-            found = plugin(LEAVES, name)
-            if found is None or not_a_name(found):
-                raise KeyError(name)
-            self._known[name], self.owners[name] = installed_leaf(found), found
-        return self._known[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._known or name in self.installed
-
-    def __iter__(self) -> Iterator[str]:
-        yield from self._known
-        yield from (name for name in self.installed if name not in self._known)
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
-
-    @property
-    def installed(self) -> dict[str, Plugin]:
-        """Entry points by the names of the nodes that they offer. Imports none of their code."""
-        return {found.name: found for found in plugins(LEAVES) if not_a_name(found) is None}
+    def __init__(self, known: Mapping[str, type[TreeNode]], enums: Mapping[str, int]) -> None:
+        super().__init__(known)
+        self.enums = dict(enums)
 
     @property
     def of_modules(self) -> frozenset[str]:
         """Names of the nodes from users' modules."""
-        return frozenset(name for name in self._known if name not in REGISTRY and name not in self.owners)
-
-    def usable(self, tell: Callable[[str], object]) -> dict[str, type[TreeNode]]:
-        """All nodes that can be used. `tell` gets the problem of each installed node that is broken."""
-        out = {}
-        for name in self:
-            try:
-                out[name] = self[name]
-            except InputError as problem:
-                tell(str(problem))
-        return out
-
-
-def not_a_name(found: Plugin) -> str | None:
-    """Why no tree can name this node of a package; None: trees can name it."""
-    if found.name in REGISTRY or found.name in RESERVED:
-        return "the program has a node of this name, which comes first"
-    return None if found.name.isidentifier() and not found.name.startswith("_") else "expected the name of a class"
-
-
-def installed_leaf(found: Plugin) -> type[TreeNode]:
-    """The node that a package offers. Raises InputError if it is no usable node."""
-    leaf = found.load()
-    if not is_node(leaf):
-        raise found.problem(f"got {shown(leaf)}, expected {EXPECTED}")
-    if leaf.__name__ != found.name:
-        raise found.problem(f"got the class {leaf.__name__}, expected one whose name is that of the entry point")
-    _check(leaf, found.label)
-    return leaf
-
-
-def installed_in(names: Iterable[str], modules: Iterable[str] = ()) -> tuple[Plugin, ...]:
-    """The plug-ins of installed packages whose nodes a tree uses. Raises InputError if a module cannot be imported.
-
-    names: of the tree's nodes
-    modules: of the user; their nodes come before those of packages
-    """
-    beyond = [name for name in sorted(set(names)) if name not in REGISTRY and name not in RESERVED]
-    if not beyond:
-        return ()
-    own = {name for module in modules for name in _nodes(module)}
-    found = (plugin(LEAVES, name) for name in beyond if name not in own)
-    return tuple(one for one in found if one is not None)
+        return frozenset(name for name in self if name not in REGISTRY)
 
 
 def registry_with(modules: Iterable[str] = ()) -> Registry:
-    """The nodes that a tree may name: packaged leaves, nodes of the modules, and nodes of installed packages.
+    """The nodes that a tree may name: packaged leaves, and nodes of the modules.
 
     Raises InputError if a module cannot be imported or has neither nodes nor enums, if a name is taken, or if a node
     cannot be used in a file."""

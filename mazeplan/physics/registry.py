@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.plugins import EFFECTS as GROUP
-from mazeplan.core.plugins import plugins
 from mazeplan.core.user_modules import reason, user_module
 from mazeplan.physics.effect import BALL, Effect, Parameter, Term
 from mazeplan.physics.effects import ball, openings, rig
@@ -20,10 +18,7 @@ TILT = (0.02, 0.1, -1.0, -0.03, -0.2, 2.0, 0.07, 0.006, *([0.01] * 7))  # inputs
 
 
 def make_term(name: str, values: Mapping[str, Any]) -> Term:
-    """The effect `name` with values; also finds effects of installed packages. Raises ValueError with the allowed
-    names."""
-    if name not in EFFECTS:
-        _look_into_packages(name)
+    """The effect `name` with values. Raises ValueError with the allowed names."""
     if name not in EFFECTS:
         own = "; an effect of your own needs --effects MODULE:FUNCTION"
         raise ValueError(f"got effect {name!r}, expected one of {', '.join(ring_effects())}{own}")
@@ -43,16 +38,6 @@ def register(effects: Iterable[Effect]) -> None:
         if problem is not None:
             raise InputError(problem)
         EFFECTS[effect.name] = effect
-
-
-def _look_into_packages(name: str) -> None:
-    """Register the effect `name` from installed packages; broken packages are ignored."""
-    for plugin in plugins(GROUP):
-        try:
-            found = [e for e in offered(plugin.load()) if getattr(e, "name", "") == name and problem_of(e) is None]
-        except Exception:  # foreign code may raise anything
-            continue
-        register(found)
 
 
 def own_effects(spec: str | None) -> list[Effect]:

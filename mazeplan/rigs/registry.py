@@ -1,13 +1,8 @@
-"""Makes the rig that `--rig` names: a packaged rig, a YAML file, module:Class, or a rig of an installed package.
-
-An installed package offers a rig by the entry point `mazeplan.rigs`. The entry point names a class or the path of a
-YAML file.
-"""
+"""Makes the rig that `--rig` names: a packaged rig, a YAML file, or module:Class."""
 
 from __future__ import annotations
 
 import math
-import re
 import traceback
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +11,6 @@ from typing import Any
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.core.name_hints import one_of
-from mazeplan.core.plugins import RIGS, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -46,35 +40,10 @@ def rig_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in PACKAGED.glob("*.yaml")))
 
 
-def unusable(found: Plugin) -> str | None:
-    """Why the name of an installed rig cannot be used; None if it can."""
-    if found.name in rig_names():
-        return "the program has a rig of this name, which comes first"
-    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", found.name) is None:
-        return "expected a name of letters, digits, - and _"
-    return None
-
-
-def installed_rigs() -> dict[str, Plugin]:
-    """Rigs of installed packages with a usable name. Does not import the packages' code."""
-    return {found.name: found for found in plugins(RIGS) if unusable(found) is None}
-
-
-def installed_rig(found: Plugin) -> type | Path:
-    """The class or the YAML file that a package offers. Raises InputError if the package offers something else."""
-    rig = found.load()
-    if isinstance(rig, str | Path):
-        if not Path(rig).is_file():
-            raise found.problem(f"got {str(rig)!r}, expected an existing YAML file, or a class")
-        return Path(rig)
-    _check_class(rig, found.label)
-    return rig
-
-
 def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec names, or None for a class.
 
-    Raises SettingsError for an unknown rig, InputError for an installed rig that is broken."""
+    Raises SettingsError for an unknown rig."""
     packaged = PACKAGED / f"{spec}.yaml"
     if spec == HARDWARE and Path(packaged.name).is_file():  # the user's hardware.yaml comes before the packaged one
         return Path(packaged.name)
@@ -87,11 +56,7 @@ def rig_file(spec: str) -> Path | None:
         return path
     if ":" in spec:
         return None
-    found = plugin(RIGS, spec)
-    if found is not None:
-        rig = installed_rig(found)
-        return rig if isinstance(rig, Path) else None
-    names = one_of((*rig_names(), *installed_rigs()), spec, ", a YAML file, or module:Class")
+    names = one_of(rig_names(), spec, ", a YAML file, or module:Class")
     what = f", {file_kinds.got(path)}" if path.is_dir() else ""
     raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
 
@@ -160,13 +125,8 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
     where: dict[str, Any] = {}
     if settings is not None:
         where = {"file": settings.file, "line": settings.tree.line(("class",))}
-    found = None if ":" in spec else plugin(RIGS, spec)
-    name = f"{spec!r}" if found is None else found.label
-    kind: Any = rig_class(spec, where) if found is None else installed_rig(found)
-    if found is None:
-        _check_class(kind, name, where)
-    elif isinstance(kind, Path):
-        raise SettingsError(f"{name} is a YAML file, expected a class", **where)
+    name, kind = f"{spec!r}", rig_class(spec, where)
+    _check_class(kind, name, where)
     given = {} if settings is None else settings
     try:
         rig = kind(maze, given)
@@ -204,7 +164,7 @@ def rig_class(spec: str, where: dict[str, Any]) -> Any:
     return getattr(module, class_name)
 
 
-def _check_class(kind: Any, name: str, where: dict[str, Any] | None = None) -> None:
+def _check_class(kind: Any, name: str, where: dict[str, Any]) -> None:
     missing = [method for method in METHODS if not callable(getattr(kind, method, None))]
     if missing or not isinstance(kind, type):
-        raise SettingsError(f"{name} is no rig: it lacks {', '.join(missing) or 'a class'}", **(where or {}))
+        raise SettingsError(f"{name} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)

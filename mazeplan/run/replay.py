@@ -33,7 +33,6 @@ from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
 from mazeplan.core.logs.run_log_reader import checked_fields, read_attachment, read_messages
 from mazeplan.core.maths.fingerprint import fingerprint
-from mazeplan.core.plugins import LEAVES, plugin
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import FailureKind, Observation
 from mazeplan.core.user_modules import user_module
@@ -166,10 +165,6 @@ def _setup_of(
     for name, module in facts.modules.items():
         file = user_module(name, "--behavior-module").__file__ or ""
         _check_file("module", f"{name} ({file})", file, module.sha256, path)
-    for name, leaf in (facts.leaves or {}).items():
-        found = plugin(LEAVES, name)
-        file = str((found and found.file()) or "")
-        _check_file("leaf", f"{name} ({file or leaf.file})", file, leaf.sha256 if found else None, path)
     if facts.effects is not None:
         own_effects(facts.effects.spec)
         file = user_module(facts.effects.spec.partition(":")[0], "--effects").__file__ or ""

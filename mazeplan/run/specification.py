@@ -15,15 +15,13 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.own_nodes import installed_in
 from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy, policy_sha256
 from mazeplan.core import resources
-from mazeplan.core.errors import LogError, ModelError, TreeError
+from mazeplan.core.errors import LogError, ModelError
 from mazeplan.core.maths.fingerprint import fingerprint
-from mazeplan.core.plugins import Plugin
 from mazeplan.core.records import Latency
 from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, packed_model, unpacked_model
@@ -138,7 +136,6 @@ class ReplayFacts:
 
     settings: `Settings.text`
     modules: modules of the user, by name
-    leaves: leaves of installed packages, by name
     memory: `OpeningMemory.document`
     start_theta: start angle, rad; None: drawn by the seed
     model: folder or packaged name; None if the log holds the model, or the model is the nominal one
@@ -152,7 +149,6 @@ class ReplayFacts:
     behavior_file: str
     behavior_sha256: str
     modules: dict[str, SourceFile]
-    leaves: dict[str, SourceFile] | None = None
     memory: dict[str, Any] | None = None
     start_theta: float | None = None
     model: str | None = None
@@ -225,7 +221,6 @@ def model_to_keep(setup: Setup) -> bytes | None:
 def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
     behavior = resources.find("behaviors", setup.behavior, ".xml")
     modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
-    installed = [(plugin.name, str(plugin.file() or "")) for plugin in installed_leaves(setup)]
     policy = None if setup.policy is None else setup.policy.source
     return ReplayFacts(
         format=REPLAY_FORMAT,
@@ -236,7 +231,6 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         behavior_file=str(behavior.absolute()),
         behavior_sha256=file_sha256(*read_tree(setup.behavior).files),
         modules={name: SourceFile(file, file_sha256(file)) for name, file in modules},
-        leaves={name: SourceFile(file, file_sha256(file)) for name, file in installed} or None,
         memory=None if setup.memory is None else setup.memory.document(),
         start_theta=job.theta,
         model=setup.model_source,
@@ -251,14 +245,6 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
 def effects_sha256(spec: str) -> str:
     """SHA-256 of the file that defines a user's effects, MODULE:FUNCTION."""
     return file_sha256(user_module(spec.partition(":")[0], "--effects").__file__ or "")
-
-
-def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
-    """Entry points of the leaves of installed packages that the tree names; empty if the tree cannot be read."""
-    try:
-        return installed_in(read_tree(setup.behavior).kinds, setup.behavior_modules)
-    except TreeError:
-        return ()
 
 
 def file_sha256(*paths: str | Path) -> str:

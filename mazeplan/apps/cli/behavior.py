@@ -126,7 +126,7 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = F
     from mazeplan.btree.conditions import CONDITIONS, DECISIONS
 
     registry = registry_with(behavior_module or ())
-    usable = dict(sorted(registry.usable(_report_unusable).items()))
+    usable = dict(sorted(registry.items()))
     nodes = {**usable, **BUILTIN}
     leaves = {name: node for name, node in usable.items() if node.category in LEAVES}
     controls = [*(name for name, node in nodes.items() if node.category not in LEAVES), "SubTree"]
@@ -142,8 +142,7 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = F
         print(f"{plural}:")
         for name, node in nodes.items():
             if node.category in (kind, "Condition" if kind == "Action" else kind):
-                owner = f" (package {registry.owners[name].source})" if name in registry.owners else ""
-                _print_node(name, node, owner)
+                _print_node(name, node)
     print("SubTree: the tree of that ID; attributes are keys of its blackboard")
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
     print(f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"')
@@ -151,8 +150,8 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = F
         print("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
 
 
-def _print_node(name: str, node: type[TreeNode], owner: str) -> None:
-    print(f"{name}: {_purpose(node) or 'no docstring'}{owner}")
+def _print_node(name: str, node: type[TreeNode]) -> None:
+    print(f"{name}: {_purpose(node) or 'no docstring'}")
     for port_name, port in node.ports.items():
         print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
 
@@ -189,10 +188,6 @@ def _document(leaf: type[TreeNode]) -> dict[str, Any]:
     return {"what": _purpose(leaf), "category": leaf.category, "ports": ports}
 
 
-def _report_unusable(problem: str) -> None:
-    say(f"mazeplan: leaf ignored: {problem}")
-
-
 def _allowed(port: Port) -> str:
     """The allowed values of a port, if they are limited."""
     if port.choices is None:
@@ -207,7 +202,7 @@ def palette(output: Palette = None, behavior_module: opt.BehaviorModule = None, 
     from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.btree.palette import write_palette
 
-    text = write_palette(registry_with(behavior_module or ()).usable(_report_unusable))
+    text = write_palette(registry_with(behavior_module or ()))
     if output is None:
         print(text, end="")
     else:

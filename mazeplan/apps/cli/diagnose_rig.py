@@ -10,7 +10,6 @@ from typing import Any
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, write_reports
 from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.apps.cli.output import print_json
-from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig.evidence import rig_evidence
@@ -20,6 +19,7 @@ from mazeplan.diagnosis.rig.result import RigVerdict, advice, words_on_test
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.physics.registry import own_effects
 
 
 def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
@@ -27,14 +27,14 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     further = [] if request.test is None else [request.test]
     found = logged_map(request.map, *request.logs, *further, *request.references)
     maze, known = found.maze, None if request.model is None else load_model(request.model)
-    added = added_effects(request.effects, report=True)
+    added = own_effects(request.effects)
     with ProgressBar("diagnosing") as bar:
         bar.show("reference")
         references = [read_table(path) for path in request.references]
         was = reference_of(references, maze, known) if references else known_reference(request.model, known, maze)
         test = None if request.test is None else read_table(request.test)
         table = tables[0] if len(tables) == 1 else join(tables)
-        done = verdict_on(table, maze, was, bar.show, test, list(added.effects))
+        done = verdict_on(table, maze, was, bar.show, test, added)
     document: dict[str, Any] = done.document() | {"model": None, "report": None}
     names = [path.name for path in request.logs]
     title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")

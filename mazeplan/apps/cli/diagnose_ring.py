@@ -11,8 +11,6 @@ import numpy as np
 
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
 from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
-from mazeplan.apps.cli.output import say
-from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, read_table
@@ -28,6 +26,7 @@ from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effects.openings import Openings, wall_library
 from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
+from mazeplan.physics.registry import own_effects
 from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
@@ -83,7 +82,7 @@ def _diagnose(
     log: Path, maze: Maze, model: RigModel | None, request: DiagnosisRequest
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
     """Diagnose a ring. Returns the diagnosis and its document."""
-    added = added_effects(request.effects)
+    added = own_effects(request.effects)
     raw = read_table(log)
     camera, of_positions = _known_camera(raw, model, request.declare)
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
@@ -92,10 +91,7 @@ def _diagnose(
     if "x" not in data.table and (camera.offset_x or camera.offset_y):  # angles alone are not corrected by `centred`
         known["camera_offset"] = {"x": camera.offset_x, "y": camera.offset_y}
     library = [*ring_library(), *wall_library(data.openings or Openings()), *RIG_EFFECTS]
-    added.check_declared(request.declare, {effect.name for effect in (*library, *added.effects)})
-    for problem in added.problems.values():
-        say(f"mazeplan: effect ignored: {problem}")
-    declare_known(known, request.declare, [*library, *added.effects])
+    declare_known(known, request.declare, [*library, *added])
     of_angles = {name: values for name, values in known.items() if name not in of_positions}
     known |= of_positions
     if request.radius is None:
@@ -111,13 +107,12 @@ def _diagnose(
     with ProgressBar("diagnosing") as bar:
         done = ring_diagnosis.diagnose(
             record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
-            more=list(added.effects), test=test, progress=bar.show,
+            more=added, test=test, progress=bar.show,
             known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
             as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
             corrected=seen_by, test_as_model=test_as_model,
         )  # fmt: skip
     document = done.document()
-    document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]
     more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
     return done, {**document, **more}
 

@@ -79,11 +79,10 @@ def table(effects: list[Effect]) -> list[str]:
 
 
 def _known(spec: str | None) -> dict[str, Effect]:
-    """Effects by name: of mazeplan, of installed packages, and of a user's module."""
-    from mazeplan.apps.cli.plugins import added_effects
-    from mazeplan.physics.registry import EFFECTS
+    """Effects by name: of mazeplan, and of a user's module."""
+    from mazeplan.physics.registry import EFFECTS, own_effects
 
-    added_effects(spec)
+    own_effects(spec)
     return {name: effect for name, effect in EFFECTS.items() if effect.named}
 
 

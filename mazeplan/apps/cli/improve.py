@@ -31,15 +31,15 @@ def improve(
 
     Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
     from mazeplan.apps.cli.navigate import note_missing_model
-    from mazeplan.apps.cli.plugins import added_effects
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.core.logs.table import read_table
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.physics.registry import own_effects
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.campaign import improve as campaign
 
     maze = load_map(map_)
-    own = added_effects(effects).effects
+    own = own_effects(effects)
     make_rig(rig, maze)
     note_missing_model(rig, model)
     options = campaign.Options(rounds, runs, seconds, seed, workers, map_, True, effects)

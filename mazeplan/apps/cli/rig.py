@@ -139,9 +139,8 @@ def _ask(question: str) -> bool:
 
 @app.command("list")
 def list_rigs(as_json: opt.AsJson = False) -> None:
-    """List packaged and installed rigs, and the keys of a simulated rig's YAML file."""
-    from mazeplan.core.plugins import RIGS, plugins
-    from mazeplan.rigs.registry import PACKAGED, installed_rigs, rig_names, unusable
+    """List packaged rigs, and the keys of a simulated rig's YAML file."""
+    from mazeplan.rigs.registry import PACKAGED, rig_names
     from mazeplan.rigs.sim.settings import SimulatedSettings
 
     keys = {
@@ -149,11 +148,7 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
         for name, info in SimulatedSettings.model_fields.items()
     }
     if as_json:
-        installed = {
-            name: {"package": found.package, "version": found.version, "object": found.value}
-            for name, found in installed_rigs().items()
-        }
-        print_json({"rigs": [*rig_names(), *installed], "installed": installed, "settings": keys, "what": {
+        print_json({"rigs": [*rig_names()], "settings": keys, "what": {
             name: headline(PACKAGED / f"{name}.yaml") for name in rig_names()
         }})  # fmt: skip
         return
@@ -161,9 +156,6 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
     print("packaged rigs:")
     for name in rig_names():
         print(f"  {name:{width}s}  {headline(PACKAGED / f'{name}.yaml')}")
-    for found in plugins(RIGS):
-        problem = unusable(found)
-        print(f"of package {found.source}: {found.name} ({found.value}){f': not used: {problem}' if problem else ''}")
     print("keys of a simulated rig (default; meaning):")
     for name, key in keys.items():
         print(f"  {name:28s} {key['default']!s:12s} {key['what']}")

@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from mazeplan.core import resources
@@ -19,9 +18,8 @@ from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_label
 from mazeplan.run.campaign.one_run import Campaign, job_of, setup_of
-from mazeplan.run.campaign.user_files import content_sha256, installed_rig, user_files
+from mazeplan.run.campaign.user_files import content_sha256, user_files
 from mazeplan.run.campaign.versions import program
-from mazeplan.run.specification import Setup, file_sha256, installed_leaves
 
 LETTERS = 16  # length of a digest: these letters of a SHA-256 are enough for the few campaigns of a folder
 
@@ -45,7 +43,6 @@ def identity(campaign: Campaign) -> dict[str, Any]:
         "goal_ring": job.goal,
         "seed": campaign.seed,
         "time_limit_s": campaign.time_limit,
-        "packages": _packages_of(campaign, setup),
         "files": {name: digest for name, digest in digests.items() if "/" in name and not name.startswith("model/")},
     }
 
@@ -57,13 +54,6 @@ def _rig_of(campaign: Campaign) -> dict[str, Any]:
     kind, data = read_rig_file(path)
     settings = {key: value for key, value in data.items() if key != "model"}
     return {"name": rig_label(campaign.rig), "class": kind, "settings": settings, "sense": campaign.sense}
-
-
-def _packages_of(campaign: Campaign, setup: Setup) -> dict[str, list[str]]:
-    """{plug-in of an installed package that the campaign uses: package and version, SHA-256 of its file}."""
-    rig = installed_rig(campaign.rig)
-    used = [*installed_leaves(setup), *([] if rig is None else [rig])]
-    return {found.name: [found.source, file_sha256(found.file() or Path())] for found in used}
 
 
 def digest_of(document: Mapping[str, Any]) -> str:

@@ -22,12 +22,11 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.control.policy_file import ARRAYS, YAML
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError, TreeError
-from mazeplan.core.plugins import RIGS, Plugin, plugin
 from mazeplan.core.user_modules import user_module, user_module_folders
 from mazeplan.learning.modelfile import is_packaged_model
 from mazeplan.maze.mapfile import find_map
 from mazeplan.rigs.files import read_rig_file
-from mazeplan.rigs.registry import rig_file, rig_names
+from mazeplan.rigs.registry import rig_file
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.resolve import model_source
 
@@ -46,7 +45,7 @@ def user_files(campaign: Campaign) -> dict[str, Path]:
     files |= {} if campaign.settings is None else {"settings": Path(campaign.settings)}
     tree = resources.find("behaviors", campaign.behavior, ".xml")
     files |= {"behavior": tree, **{f"behavior/{os.path.relpath(p, tree.parent)}": p for p in _included(tree)}}
-    rig = None if installed_rig(campaign.rig) else rig_file(campaign.rig)
+    rig = rig_file(campaign.rig)
     if rig is not None and not _packaged(rig):
         files |= {"rig": rig, **{f"rig/{name}": path for name, path in _named_by_rig(rig).items()}}
     model = model_source(campaign.model, campaign.rig)
@@ -64,15 +63,8 @@ def effect_modules(campaign: Campaign) -> list[str]:
     return [] if campaign.effects is None else [campaign.effects.partition(":")[0]]
 
 
-def installed_rig(rig: str) -> Plugin | None:
-    """The plug-in of an installed package with the name of this rig; None for any other rig."""
-    if ":" in rig or rig in rig_names() or Path(rig).suffix in (".yaml", ".yml") or Path(rig).is_file():
-        return None
-    return plugin(RIGS, rig)
-
-
 def rig_modules(rig: str) -> list[str]:
-    """The user's module with the class of a rig; none for a rig of an installed package."""
+    """The user's module with the class of a rig; none for a simulated rig."""
     path = rig_file(rig)
     kind = rig if path is None else read_rig_file(path)[0]
     return [kind.partition(":")[0]] if kind is not None and ":" in kind else []

@@ -7,17 +7,13 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 
 import pytest
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.plugins import RIGS, Plugin
 from mazeplan.core.resources import share
 from mazeplan.learning.modelfile import PACKAGED
-from mazeplan.rigs import registry
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.campaign import user_files as files
 from mazeplan.run.campaign.evaluate import Campaign
 from mazeplan.run.campaign.identity import difference, digest_of, identity
 from mazeplan.run.campaign.one_run import measured
@@ -137,17 +133,6 @@ def test_files_that_a_tree_includes_are_found(including):
     for behavior in ("trees/my.xml", str(including / "trees" / "my.xml")):
         files = user_files(Campaign(1, behavior=behavior))
         assert set(files) == {"behavior", "behavior/inc.xml", "behavior/../shared/far.xml"}
-
-
-def test_a_rig_of_an_installed_package_stays_a_name(monkeypatch):
-    entry = EntryPoint("cart", "mazeplan.apps.testing.lightrig:LightRig", RIGS)
-    cart = Plugin(RIGS, "cart", entry.value, "carts", "1.2", entry)
-    monkeypatch.setattr(files, "plugin", lambda group, name: cart if name == "cart" else None)
-    monkeypatch.setattr(registry, "plugin", lambda group, name: cart if name == "cart" else None)
-    assert user_files(Campaign(1, "cart")) == {}
-    source, digest = of(Campaign(1, "cart"))["packages"]["cart"]
-    assert source == "carts 1.2"
-    assert len(digest) == 64
 
 
 def test_a_file_that_is_not_there_is_named(desk):
