@@ -113,7 +113,7 @@ pictures: $(VENV)/installed
 	@mkdir -p build
 	$(BIN)/mazeplan navigate --rig toy --seed 3 --log build/run.mcap --force
 	$(BIN)/mazeplan map show --labels --log build/run.mcap -o docs/run.png --force
-	$(BIN)/mazeplan map show --labels --route --start-angle 20 -o docs/map.png --force
+	$(BIN)/mazeplan map show --labels --route -o docs/map.png --force
 	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap --force
 	$(BIN)/mazeplan map show detour --labels --route --log build/detour.mcap -o docs/detour.png --force
 	$(BIN)/python tools/draw_reports.py

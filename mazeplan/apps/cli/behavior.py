@@ -14,7 +14,6 @@ from mazeplan.core.errors import TreeError
 
 if TYPE_CHECKING:
     from mazeplan.btree.node import TreeNode
-    from mazeplan.btree.ports import Port
     from mazeplan.btree.tree import BehaviorTree
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
@@ -142,7 +141,7 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = F
         print(f"{plural}:")
         for name, node in nodes.items():
             if node.category in (kind, "Condition" if kind == "Action" else kind):
-                _print_node(name, node)
+                print("\n".join(_lines(name, _document(node))))
     print("SubTree: the tree of that ID; attributes are keys of its blackboard")
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
     print(f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"')
@@ -150,26 +149,22 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = F
         print("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
 
 
-def _print_node(name: str, node: type[TreeNode]) -> None:
-    print(f"{name}: {_purpose(node) or 'no docstring'}")
-    for port_name, port in node.ports.items():
-        print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
+def _lines(name: str, node: dict[str, Any]) -> list[str]:
+    """A node and its ports, a line each."""
+    lines = [f"{name}: {node['what'] or 'no docstring'}"]
+    for port_name, port in node["ports"].items():
+        kind = "output" if port["direction"] == "out" else port["type"]
+        default = ", needed" if port["needed"] else "" if port["default"] is None else f", default {port['default']}"
+        allowed = f"{port['allowed_of_map']} of the map" if port["allowed_of_map"] else ""
+        allowed = allowed or ", ".join(map(str, port["allowed"] or ()))
+        lines.append(f"    {port_name} ({kind}{default}): {port['what']}{f'; allowed: {allowed}' if allowed else ''}")
+    return lines
 
 
 def _purpose(node: type[TreeNode]) -> str:
     """The first paragraph of a node's docstring, in one line."""
     paragraph, _, _ = cleandoc(node.__doc__ or "").partition("\n\n")
     return " ".join(paragraph.split())
-
-
-def _port_kind(port: Port) -> str:
-    """Type and default of a port."""
-    from mazeplan.btree.ports import REQUIRED
-
-    kind = "output" if port.direction == "out" else port.type.__name__
-    if port.default is REQUIRED:
-        return f"{kind}, needed"
-    return kind if port.default is None else f"{kind}, default {port.default}"
 
 
 def _document(leaf: type[TreeNode]) -> dict[str, Any]:
@@ -186,14 +181,6 @@ def _document(leaf: type[TreeNode]) -> dict[str, Any]:
         for name, port in leaf.ports.items()
     }  # fmt: skip
     return {"what": _purpose(leaf), "category": leaf.category, "ports": ports}
-
-
-def _allowed(port: Port) -> str:
-    """The allowed values of a port, if they are limited."""
-    if port.choices is None:
-        return ""
-    by_map = isinstance(port.choices, str)
-    return "; allowed: " + (f"{port.choices} of the map" if by_map else ", ".join(map(str, port.choices)))
 
 
 @app.command("palette")

@@ -37,15 +37,12 @@ Picture = Annotated[
     ),
 ]  # fmt: skip
 Watch = Annotated[bool, typer.Option("--watch", help="Draw again at each save of the map.")]
-WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
+WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route to the centre, or to the goal of --log.")]
 WithLabels = Annotated[
     bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")
 ]
 TrailLog = Annotated[
     Path | None, typer.Option("--log", metavar="LOG", help="Run log: also draw the trail of the ball.")
-]
-ShowFrom = Annotated[
-    str | None, typer.Option("--from", metavar="RING", help="Ring to start in. Default: where --log begins, or ring1.")
 ]
 
 
@@ -78,18 +75,11 @@ def show(
     with_route: WithRoute = False,
     labels: WithLabels = False,
     log: TrailLog = None,
-    start: ShowFrom = None,
-    goal: opt.MapGoal = None,
-    start_angle: opt.MapAngle = None,
-    close: opt.Close = None,
     watch: Watch = False,
     force: opt.Force = False,
 ) -> None:
     """Draw a map to scale, with --route the route of `map route`, with --log the trail of a run."""
-    draw = partial(
-        _draw, map_, with_route=with_route, labels=labels, log=log, start=start, goal=goal, start_angle=start_angle,
-        close=listed(close),
-    )  # fmt: skip
+    draw = partial(_draw, map_, with_route=with_route, labels=labels, log=log)
     if watch:
         from mazeplan.apps.cli.map_watch import watch as watch_file
         from mazeplan.maze.mapfile import find_map
@@ -100,34 +90,24 @@ def show(
     say(f"wrote {output}")
 
 
-def _draw(
-    map_: str, output: Path, *, with_route: bool, labels: bool, log: Path | None, start: str | None, goal: str | None,
-    start_angle: float | None, close: Iterable[str],
-) -> None:  # fmt: skip
+def _draw(map_: str, output: Path, *, with_route: bool, labels: bool, log: Path | None) -> None:
     """Draw a map into a file, with the options of `map show`."""
     from mazeplan.maze.drawing import save_drawing
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
-    read = None if log is None else _log_of(log, maze)
-    trail, second, found, title = None, None, None, f"map {maze.name}"
-    if read is not None:
+    trail, second, start, goal, title = None, None, ("ring1", 0.0), None, f"map {maze.name}"
+    if log is not None:
         from mazeplan.apps.report.run import lead
         from mazeplan.apps.report.run_record import second_trail
         from mazeplan.apps.report.run_record import trail as trail_of
 
+        read = _log_of(log, maze)
         trail, second = trail_of(read), second_trail(read)
+        start, number = _beginning(trail, maze), read.header.get("goal_ring")
+        goal = f"ring{number}" if number else None
         title += f", rig {read.header.get('rig')}, seed {read.header.get('seed')}\n{lead(read)}"
-        goal = goal or (f"ring{read.header['goal_ring']}" if read.header.get("goal_ring") else None)
-    if with_route:
-        ring, angle = _beginning(trail, maze)
-        found = _find(maze, start or ring, goal, start_angle, angle, close)
-        best = found.require_route(maze)
-        title += "" if read is not None else (
-            f"\nroute from ring {found.first} at {place_deg(math.radians(found.angle), 1):.4g}° to ring {found.last}, "
-            f"{best.expected_s:.1f} s expected"
-        )  # fmt: skip
-    best = None if found is None else found.route
+    best = _find(maze, start[0], goal, None, start[1], ()).require_route(maze) if with_route else None
     save_drawing(maze, output, route=best, trail=trail, names=labels, title=title, second=second)
 
 
@@ -170,11 +150,11 @@ def _log_of(log: Path, maze: Maze) -> RunLog:
     return read
 
 
-def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
-    """Ring and angle (degrees) where a trail begins; ring1 and 0 without a trail."""
+def _beginning(trail: Array, maze: Maze) -> tuple[str, float]:
+    """Ring and angle (degrees) where a trail begins; ring1 and 0 for a ball that was never seen."""
     import numpy as np
 
-    seen = np.empty((0, 3)) if trail is None else trail[np.isfinite(trail).all(axis=1)]
+    seen = trail[np.isfinite(trail).all(axis=1)]
     if not len(seen):
         return "ring1", 0.0
     x, y = seen[0, :2]

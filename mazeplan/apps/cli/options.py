@@ -56,7 +56,7 @@ StartAngle = Annotated[
 ]
 MapAngle = Annotated[
     float | None,
-    Option("--start-angle", parser=_degrees, metavar="DEG", help="Start angle in degrees. Default: of --log, or 0."),
+    Option("--start-angle", parser=_degrees, metavar="DEG", help="Start angle in degrees. Default: 0."),
 ]
 Via = Annotated[
     list[str] | None,
