@@ -33,7 +33,8 @@ def levels_of(model: Model) -> tuple[Level, ...]:
     """Windows of several lengths, the shortest first."""
     record, out = model.record, []
     longest = max(len(record) // WHOLE, FEWEST_ROWS)
-    for rows in dict.fromkeys(np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()):
+    lengths = np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()
+    for rows in model.system.lengths or dict.fromkeys(lengths):
         windows = cut(record, rows)
         if len(windows) < 4:
             continue

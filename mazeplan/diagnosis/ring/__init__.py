@@ -1,1 +1,0 @@
-"""The diagnosis of a ball in one ring, as a bead on a circle."""
