@@ -168,10 +168,10 @@ class MotionDiagnosis:
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
         """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
         gains = {e["name"]: e["evidence"] for e in self.effects if e.get("evidence") is not None}
-        gains |= {t.name: t.gain for t in self.finding.tried}
+        gains |= {t.name: fall(t.gain) for t in self.finding.tried}
         nameless = {"oscillation", *(e.name for e in NAMELESS)}
         candidates = [
-            {"name": name, "gain": round(100.0 * (1.0 - math.exp(-max(gain, 0.0))), 2), "named": name not in nameless}
+            {"name": name, "gain": round(gain, 1), "named": name not in nameless}
             for name, gain in gains.items()
         ]
         unit = self.after.unit
@@ -208,6 +208,11 @@ def _words(effect: Entry) -> str:
         numbers.append(f"{name} {sure}")
     where = f" of {effect['on']}" if "on" in effect else ""
     return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(numbers)})"
+
+
+def fall(gain: float) -> float:
+    """By how much the error of a window falls, %, with a gain."""
+    return 100.0 * (1.0 - math.exp(-max(gain, 0.0)))
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
@@ -341,7 +346,7 @@ def found_entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
             if (name, n) in fit.at_bound:
                 entry["parameters"][n]["stderr"] = None
     if name in finding.found:
-        entry["evidence"] = rounded(finding.gains.get(name, math.nan), 3)
+        entry["evidence"] = rounded(fall(finding.gains.get(name, math.nan)), 1)
     return entry
 
 
