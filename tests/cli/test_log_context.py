@@ -13,12 +13,7 @@ from mazeplan.apps.cli.diagnose_ring import diagnose_ring
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest
 from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.core.errors import InputError, ShortWarning
-<<<<<<< HEAD
 from mazeplan.core.logs.run_log import RunLogWriter
-=======
-from mazeplan.core.logs.run_log import RunLogWriter, read_log
-from mazeplan.diagnosis.ambiguity import experiment_for
->>>>>>> 9a0d3140 (One diagnosis engine: a table of one ring is a System of it, the filter's search leaves)
 from mazeplan.maze.mapfile import dump_map, load_map, packaged_maps
 
 CME, SEVEN = dump_map(load_map("cme")), dump_map(load_map("seven"))

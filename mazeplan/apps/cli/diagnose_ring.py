@@ -15,7 +15,6 @@ from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis import ring_table
-from mazeplan.diagnosis.ambiguity import on_machine
 from mazeplan.diagnosis.engine.ring import ring_library
 from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
 from mazeplan.diagnosis.maze_camera import camera_effects
