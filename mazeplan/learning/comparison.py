@@ -22,7 +22,6 @@ import numpy as np
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words, piece
-from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.camera_center import find_centre, smoothing_of, straightened
 from mazeplan.learning.features import paper_features
 from mazeplan.learning.fitting import FitOptions
@@ -40,12 +39,11 @@ from mazeplan.learning.samples import (
     rings_wanted,
 )
 from mazeplan.learning.smoothing import Smoothing
-from mazeplan.learning.split import Split, block_bootstrap, block_split
+from mazeplan.learning.split import Split, block_split
 from mazeplan.maze.geometry import Maze
 
 BLOCK_S = 5.0  # s; every fourth block is test, and smoothing and the delayed rate reach 7 samples across a border
 SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
-SPLITS: dict[str, dict[str, Any]] = {"blocks": SPLIT, "time": {**SPLIT, "test_share": 0.4, "mode": "tail"}}
 LONGEST_LAG = 5.0  # samples
 FEWEST = 50  # training rows; a ring with fewer is left out
 CLEAN = 0.1  # noise of a difference of angles over the spread of rates; below this, delayed rates are used
@@ -94,51 +92,10 @@ def compare(
             continue
         angles = np.array([o.angle for o in maze.openings_of(ring)]) if openings_known else None
         words = led_by(f"ring {ring}: ", progress)
-        found = score(ring, data, options, rates, signs, angles, words, share)
-        scores.append(
-            replace(found, carried=drift_scores(data, data.test, options.seed)) if options.split == "time" else found
-        )
+        scores.append(score(ring, data, options, rates, signs, angles, words, share))
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
     return scores
-
-
-def drift_scores(data: RingData, samples: RingSamples, seed: int = 0) -> dict[str, Any]:
-    """nRMSE of the linear model (pi) on a ring for a split in time; its test rows are the later rows.
-
-    time:     trained on the earlier rows, tested on the later rows
-    own:      trained on half of the blocks of the later rows, tested on the other half, and the other way round
-    blocks:   trained and tested on blocks all over the record, as usual
-    changed:  95 % interval of time - own
-
-    If the rig changed, `own` is better than `time`. If the later rows are only harder to predict, it is not. The result
-    is empty with too few rows."""
-    y, late = samples.theta_ddot, data.test_rows
-
-    def error(train: IntArray, test: IntArray) -> Array:
-        fit = fit_linear(paper_features(samples.at(train)), y[train])
-        return fit.mean(paper_features(samples.at(test))) - y[test]
-
-    half = data.block[late] % 2 == 0
-    near = np.isin(np.arange(len(late)), np.flatnonzero(np.diff(data.block[late]))[:, None] + np.arange(-8, 9))
-    parts = [(late[here & ~near], late[~here & ~near]) for here in (half, ~half)]
-    if min(len(part) for pair in parts for part in pair) < FEWEST:
-        return {}
-    spread = float(np.std(y[late]))
-    own = np.concatenate([error(a, b) for a, b in parts])
-    earlier = np.concatenate([error(data.train_rows, b) for _, b in parts])
-    usual = block_split(samples.segment, samples.dt, **SPLIT)
-    train, test = (np.flatnonzero(mask & samples.good) for mask in (usual.train, usual.test))
-    pairs, rng = np.stack([earlier, own], axis=1) / spread, np.random.default_rng(seed)
-    where = np.concatenate([data.block[b] for _, b in parts])
-    gain = block_bootstrap(pairs, where, lambda e: rms(e[:, 0]) - rms(e[:, 1]), rng)
-    found = {"time": rms(pairs[:, 0]), "own": rms(pairs[:, 1]), "changed": gain}
-    return {**found, "blocks": rms(error(train, test)) / float(np.std(y[test]))}
-
-
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> Sequence[Table]:
@@ -174,7 +131,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
         rest = 0.0
         for part in by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
             try:
-                rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLITS[options.split]).train & part.good)
+                rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
             except TableError:  # the ball only passed through
                 continue
             if len(rows) > FEWEST:
@@ -226,7 +183,7 @@ def prepare(train: RingSamples, test: RingSamples | None, options: CompareOption
     """Rows to train and to test on. Raises TableError if there are too few."""
     other = test if test is not None else train
     if test is None:
-        split = block_split(train.segment, train.dt, **SPLITS[options.split])
+        split = block_split(train.segment, train.dt, **SPLIT)
     else:
         block = np.arange(len(test)) // max(1, round(BLOCK_S / test.dt))
         split = Split(np.ones(len(train), bool), np.ones(len(test), bool), block)

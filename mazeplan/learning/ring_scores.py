@@ -50,7 +50,6 @@ class CompareOptions:
     rates:      rates of the samples; "auto": chosen by the noise of the angle
     fit:        settings of the fits
     kinds:      names in `fitting.KINDS`
-    split:      a name in `comparison.SPLITS`
     seed:       for all random draws"""
 
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
@@ -59,7 +58,6 @@ class CompareOptions:
     rates: str = "auto"
     fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
     kinds: tuple[str, ...] = PREDICTED
-    split: str = "blocks"
     seed: int = 0
 
 
@@ -139,8 +137,7 @@ class RingScores:
     rollout:           mean absolute error of theta, rad, by kind and sample
     interval, bands:   95 % intervals of the scores, and bands of the roll-out errors
     blocks:            number of blocks of time with test rows, and with windows
-    best:              None with fewer than two kinds of roll-outs
-    carried:           see `comparison.drift_scores`"""
+    best:              None with fewer than two kinds of roll-outs"""
 
     ring: int
     n_train: int
@@ -157,7 +154,6 @@ class RingScores:
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     blocks: dict[str, int] = field(default_factory=dict)
     best: Best | None = None
-    carried: dict[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
         """For JSON, rounded."""
@@ -171,8 +167,7 @@ class RingScores:
         }  # fmt: skip
         if self.best is not None:
             out["best"] = asdict(self.best)
-        more = {"bands": self.bands, "carried_over": self.carried}
-        return _rounded(out | {name: value for name, value in more.items() if value})
+        return _rounded(out | ({"bands": self.bands} if self.bands else {}))
 
 
 def _rounded(value: Any) -> Any:

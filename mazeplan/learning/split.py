@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -42,7 +41,6 @@ def block_split(
     block_s: float = 10.0,
     test_share: float = 0.3,
     guard: int = 3,
-    mode: Literal["interleaved", "tail"] = "interleaved",
 ) -> Split:
     """Train and test rows by blocks of about `block_s` seconds; deterministic.
 
@@ -51,17 +49,15 @@ def block_split(
     test_share:  share of the test blocks, in (0, 1)
     guard:       rows on either side of a border within a segment that belong to neither set; use (window - 1) / 2 of
                  a smoothing
-    mode:        interleaved: test blocks all over the record, the first block is train; tail: the last rows are test
 
-    A record with fewer than two test blocks gets shorter blocks. Raises SettingsError for a bad setting, TableError if
-    no row is left to train or to test on.
+    Test blocks are all over the record; the first block is train. A record with fewer than two test blocks gets shorter
+    blocks. Raises SettingsError for a bad setting, TableError if no row is left to train or to test on.
     """
     for name, value, good, allowed in (
         ("dt", dt, 0.0 < dt < math.inf, "a number > 0"),
         ("block_s", block_s, 0.0 < block_s < math.inf, "a number > 0"),
         ("test_share", test_share, 0.0 < test_share < 1.0, "a number between 0 and 1"),
         ("guard", guard, isinstance(guard, int) and guard >= 0, "a whole number >= 0"),
-        ("mode", mode, mode in ("interleaved", "tail"), "interleaved or tail"),
     ):
         if not good:
             raise SettingsError(f"got {value!r}, expected {allowed}", key=name)
@@ -70,11 +66,8 @@ def block_split(
     every = math.ceil(1.0 / test_share)
     length = max(1, min(round(block_s / dt), n // (2 * every)))
     block = np.arange(n) // length
-    if mode == "tail":
-        wanted = np.arange(n) >= n - round(test_share * n)
-    else:  # a block is test when test_share times the number of blocks so far passes a whole number (1e-9: rounding)
-        due = np.floor((block + 1) * test_share + 1e-9) - np.floor(block * test_share + 1e-9)
-        wanted = due > 0.5
+    # a block is test when test_share times the number of blocks so far passes a whole number (1e-9: rounding)
+    wanted = np.floor((block + 1) * test_share + 1e-9) - np.floor(block * test_share + 1e-9) > 0.5
     kept = ~near_border(wanted, segment, guard)
     split = Split(kept & ~wanted, kept & wanted, block.astype(np.int64))
     for name, mask in (("train", split.train), ("test", split.test)):

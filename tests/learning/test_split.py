@@ -11,11 +11,10 @@ from mazeplan.learning.split import block_bootstrap, block_split, uniform_downsa
 DT = 1.0 / 30.0
 
 
-@pytest.mark.parametrize("mode", ["interleaved", "tail"])
 @pytest.mark.parametrize("guard", [0, 3, 7])
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.3, 0.5, 0.7])
-def test_no_row_is_near_the_other_set(mode, guard, share):
-    split = block_split(9000, DT, test_share=share, guard=guard, mode=mode)
+def test_no_row_is_near_the_other_set(guard, share):
+    split = block_split(9000, DT, test_share=share, guard=guard)
     assert not np.any(split.train & split.test)
     used = np.flatnonzero(split.train | split.test)
     apart = np.diff(used)[np.diff(split.test[used])]
@@ -25,13 +24,10 @@ def test_no_row_is_near_the_other_set(mode, guard, share):
     assert np.count_nonzero(split.test) == pytest.approx(share * 9000, abs=2 * guard * borders + 300)  # whole blocks
 
 
-def test_interleaved_blocks_are_every_third_and_tail_is_the_end():
+def test_a_third_of_test_rows_is_every_third_block():
     split = block_split(900, DT, block_s=1.0, test_share=1 / 3, guard=0)
     assert list(np.unique(split.block[split.test])) == list(range(2, 30, 3))
     assert np.array_equal(split.block, np.arange(900) // 30)
-    tail = block_split(900, DT, block_s=1.0, test_share=1 / 3, guard=2, mode="tail")
-    assert list(np.flatnonzero(tail.test)) == list(range(602, 900))
-    assert list(np.flatnonzero(tail.train)) == list(range(598))
 
 
 def test_nothing_is_guarded_where_a_segment_begins():
@@ -58,7 +54,6 @@ def test_short_records_get_shorter_blocks_or_are_refused():
         ("test_share", float("nan")),
         ("guard", -1),
         ("guard", 1.5),
-        ("mode", "random"),
     ],
 )
 def test_settings_are_checked(setting, value):
