@@ -172,7 +172,8 @@ def simulate(problem, p, x0):
                     events += 1
                     if which < 0 or events > EVENTS:
                         if len(openings):
-                            _pass_openings(openings, angles, x, t, pw, pp, c, out)
+                            middle = pointer_to(inputs, (row * 3 + 1) * u)
+                            _pass_openings(openings, angles, x, t, middle, pp, c, out)
                         for i in range(size):
                             x[i] = out[i]
                         break
