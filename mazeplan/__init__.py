@@ -10,8 +10,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.core import gymnasium_names
-
 if TYPE_CHECKING:
     from mazeplan.behavior.mazeleaf import MazeLeaf
     from mazeplan.btree.controls import Control
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from mazeplan.run.navigate import navigate
 
 __version__ = "0.1.0"
-
-gymnasium_names.install()
 
 _HOMES = {
     "Goals": "mazeplan.run.goals",

@@ -1,6 +1,6 @@
 """The maze as a Gymnasium environment.
 
-`import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")` (`mazeplan.core.gymnasium_names` registers it).
+`import mazeplan.apps.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
 
 task.py       the options of an environment
 worlds.py     the rigs of an environment
@@ -10,15 +10,13 @@ episodes.py   episodes of N rigs, from these parts; also the observation "pixels
 single.py     the Gymnasium environment with one rig
 expert.py     the planner as a policy
 
-Only this package imports Gymnasium. A program that has not imported mazeplan can name the module instead:
+Only this package imports Gymnasium. A program that has not imported it can name the module, too:
 `gymnasium.make("mazeplan.apps.environment:mazeplan/CircularMaze-v1")`.
 """
 
 from __future__ import annotations
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.gymnasium_names import ID as ID
-from mazeplan.core.gymnasium_names import register
 from mazeplan.core.resources import to_install
 
 try:
@@ -26,4 +24,8 @@ try:
 except ImportError:
     raise SettingsError(f"the environment needs Gymnasium: {to_install('gym')}") from None
 
-register(gymnasium)
+ID = "mazeplan/CircularMaze-v1"
+STEPS = 600  # samples after which an episode is cut off: 20 s at 30 Hz, as for `navigate`
+
+if ID not in gymnasium.registry:
+    gymnasium.register(ID, entry_point="mazeplan.apps.environment.single:CircularMazeEnv", max_episode_steps=STEPS)

@@ -7,7 +7,6 @@ from typing import Any, Literal
 from pydantic import Field
 
 from mazeplan.core.errors import InputError, SettingsError
-from mazeplan.core.gymnasium_names import STEPS as STEPS
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.sections import Section
 from mazeplan.rigs.files import validated
