@@ -71,6 +71,7 @@ LEANS_AT = tuple(
     (size * math.cos(way * math.pi / 4.0), size * math.sin(way * math.pi / 4.0)) for size in (0.006, 0.015)
     for way in range(8)
 )  # fmt: skip
+GAINS_AT = tuple((beta, gamma) for beta in (-0.15, 0.0, 0.15) for gamma in (-0.15, 0.0, 0.15) if beta or gamma)
 CANDIDATES = (
     Candidate("dry_friction", ("rolling",), far=((-0.02,), (0.03,), (0.1,))),
     Candidate("viscous_friction", ("viscous",), far=((0.1,), (0.3,))),
@@ -79,7 +80,7 @@ CANDIDATES = (
     Candidate("wall_friction", ("wall",), far=((-0.2,), (-0.1,), (0.2,))),
     Candidate("wall_friction", ("wall_rolling",), far=((0.02,), (0.05,))),
     Candidate("tilt_offset", ("tilt_beta", "tilt_gamma"), far=LEANS_AT),
-    Candidate("tilt_gain", ("gain_beta", "gain_gamma")),
+    Candidate("tilt_gain", ("gain_beta", "gain_gamma"), far=GAINS_AT),
     Candidate("camera_offset", ("offset_x", "offset_y")),
     Candidate("axis_misalignment", ("angle",), far=((-0.05,), (0.05,))),
     Candidate("camera_scale", ("scale",), far=((-0.04,), (-0.02,), (0.02,), (0.04,))),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.diagnosis.rig.candidates import Candidate
@@ -17,13 +17,16 @@ from mazeplan.diagnosis.rig.search import (
     ENOUGH,
     MOST_FOUND,
     NOISE,
+    STDERR_SCALE,
     STEPS,
+    SURE,
     Reference,
     SearchResult,
     Tried,
     alternate,
     noisy,
     search_rig,
+    smallest_reportable,
     surely_differs,
     zero_effect,
 )
@@ -33,6 +36,8 @@ from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect, Term
 
 THE_SAME = "the reference shows it as well"
+STOOD_IN = "in the reference, its number stood in for something else: here it has its textbook value"
+TEXTBOOK = ("viscous", "quadratic", "tilt_beta", "tilt_gamma", "gain_beta", "gain_gamma", "angle", "scale", "bend")
 
 
 def search_against(
@@ -47,16 +52,34 @@ def search_against(
     for _ in range(MOST_FOUND):
         if then is None or not searched.found:
             break
-        tell("what was found, in the reference")
-        was, news = _in_reference(then, was, searched)
-        if len(news) == len(searched.found):
-            break
-        gains = zip(searched.found, searched.gains, strict=True)
-        no_news += [Tried(c, gain, THE_SAME) for c, gain in gains if c not in news]
+        gains = dict(zip(searched.found, searched.gains, strict=True))
+        stood_in = [c for c in searched.found[1:] if _is_textbook(c, was, searched.fit)]
+        if stood_in:
+            now = {name: value_of(searched.fit.model, name) for c in stood_in for name in c.sizes}
+            was = replace(was, model=with_values(was.model, now))
+            no_news += [Tried(c, gains[c], STOOD_IN) for c in stood_in]
+        else:
+            tell("what was found, in the reference")
+            was, news = _in_reference(then, was, searched)
+            if len(news) == len(searched.found):
+                break
+            no_news += [Tried(c, gain, THE_SAME) for c, gain in gains.items() if c not in news]
         searched = search_rig(body, was, maze, tell, own)
     again = {one.candidate for one in no_news} | set(searched.found)
     others = tuple(one for one in searched.tried if one.candidate not in again)
     return was, replace(searched, tried=(*(one for one in no_news if one.candidate not in searched.found), *others))
+
+
+def _is_textbook(c: Candidate, was: Reference, fit: BodyFit) -> bool:
+    """Whether a number that was fitted to the reference goes to its textbook value, within its errors.
+
+    A lean or a friction hardly vanishes at the moment when something else changes. Rather, the number of the reference
+    stood in for something that the model lacks, and the change made that visible."""
+    return set(c.sizes) <= set(TEXTBOOK) and all(
+        abs(value_of(fit.model, name) - value_of(BodyModel(), name))
+        <= max(SURE * STDERR_SCALE * was.misfit * fit.stderr[name], smallest_reportable(fit.model, name))
+        for name in c.sizes
+    )
 
 
 def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> tuple[Reference, list[Candidate]]:

@@ -282,7 +282,7 @@ def _best(
     close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
     told.update({c: Tried(c, gained[c], BEATEN) for c in sure})
-    rivals = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
+    rivals = tuple(c for c in close if c is not chosen and chosen.effect not in c.simpler)
     return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
 
 
