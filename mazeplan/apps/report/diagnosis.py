@@ -52,8 +52,8 @@ def diagnosis_section(given: Input) -> PageSection:
 def _ring_section(name: str, document: dict[str, Any], evidence: dict[str, Any]) -> PageSection:
     """The section about one ring of a maze, or another system. evidence: empty for a document alone"""
     labels = dict(words.SCORES)
-    if evidence and "rollout40" not in evidence["labels"]:  # a system without a ball has its own scores
-        labels |= evidence["labels"]
+    if evidence and "rollout40" not in evidence.get("labels", {}):  # a system without a ball has its own scores
+        labels |= evidence.get("labels", {})
     drawn = evidence.get("drawn", "rollout40")
     parts: list[Any] = [_scores(document, labels, drawn)]
     if document.get("effects"):
