@@ -96,7 +96,6 @@ def test_the_verdict_is_said_in_words(changed, told):
 
 def test_a_system_that_is_no_ball_keeps_its_own_words():
     shown = evidence() | {"labels": {"nrmse": "relative force error"}, "drawn": "nrmse"}
-    del shown["accept"]
     document = {**diagnosis(), "verdict": "effect_found", "before": {"nrmse": 0.5}, "after": {"nrmse": 0.25}}
     assert section(shown, document).lead.endswith("Relative force error: 0.5 before, 0.25 after.")
 
