@@ -24,8 +24,8 @@ from mazeplan.core.logs.table import Table, join
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
-from mazeplan.diagnosis.rig.reference import FIRST_ENOUGH, RigReference, reference_by_filter, shortened
-from mazeplan.diagnosis.rig.search import alternate
+from mazeplan.diagnosis.rig.reference import RigReference, reference_by_filter, shortened
+from mazeplan.diagnosis.rig.search import ENOUGH, alternate
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
@@ -125,7 +125,7 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> StageModel:
     if why_not_whole([table]):
         return stage
     first = filter_on_stage(table, maze, stage)
-    ball = fit_body(alternate(alternate(first)), BodyModel(), enough=FIRST_ENOUGH).model
+    ball = fit_body(alternate(first), BodyModel(), enough=ENOUGH).model
     total, best = stage.lag + ball.view.delay, (math.inf, stage)
     for axis in finer_axes():
         part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))

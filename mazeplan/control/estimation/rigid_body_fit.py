@@ -30,6 +30,7 @@ from mazeplan.core.records import Array
 STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 DAMPING = (1e-4, 1e6)
 BLOCK_S = 10.0  # s; blocks of this length are independent of one another
+NEAR = 200.0  # of -2 log L; a step that gains less is in the valley of the maximum
 FLOOR = 1e-12  # minimum diagonal element of the information, so that a parameter without influence does no harm
 
 
@@ -173,7 +174,8 @@ def fit_body(
             new = _stepped(search, x, scores, damping)
             there = search.run(new)
             if there.minus2 < best.minus2:
-                new, there = _further(search, x, new, there, enough)
+                if best.minus2 - there.minus2 < NEAR:
+                    new, there = _further(search, x, new, there, enough)
                 gained, x, best = best.minus2 - there.minus2, new, there
                 damping = max(damping / 10.0, DAMPING[0])
                 break
