@@ -172,8 +172,7 @@ def simulate(problem, p, x0):
                     events += 1
                     if which < 0 or events > EVENTS:
                         if len(openings):
-                            middle = pointer_to(inputs, (row * 3 + 1) * u)
-                            _pass_openings(openings, angles, x, t, middle, pp, c, out)
+                            _pass_openings(openings, angles, x, t, pw, pp, c, out)
                         for i in range(size):
                             x[i] = out[i]
                         break
