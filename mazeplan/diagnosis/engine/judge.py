@@ -74,7 +74,7 @@ class Judge:
         disturbed = self.model.system.disturbed  # a few blows then hide what happens all the time: windows count alike
         for i in valid:
             gain = self.gains(before, after, i)
-            total = max(total, float(gain.mean())) if disturbed else total + float(gain.mean()) / len(valid)
+            total = max(total, gain.mean()) if disturbed else total + float(gain.mean()) / len(valid)
             fewer = before.rms(i) ** 2 - after.rms(i) ** 2
             good = self.t(gain) > BETTER and (fewer > 0.0 or disturbed)
             clear = self.clear(after, name, i) > CLEAR and self._steady(after, name, i, valid)

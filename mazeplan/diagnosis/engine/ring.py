@@ -37,7 +37,7 @@ GAP = 6  # samples; a ball that was not seen for longer may have turned any numb
 NODES = 3  # moments of a step at which the plate's motion is known
 KEPT = 40  # cached inputs
 # rows of the windows: errors grow with time, as those of a pendulum; on a rig without commands, blows come often
-LONG, SHORT = (12, 36, 108), (8, 12)
+LONG, SHORT = (24, 54, 120), (8, 12)
 WEAKEST = 0.1  # rad/s^2; smallest amplitude of a force that swings in time
 STAGE = "stage"  # errors of the fitted stage, in standard errors along its directions
 COUNT = len(INPUTS)  # number of inputs; the coefficients of the plate follow them
