@@ -33,7 +33,7 @@ def forecast(search: Search, current: Trial, candidates: Sequence[str]) -> dict[
             for name, ways in starts.items():
                 free = tuple(key for key in search.free([name]) if key not in fit.free)
                 found = np.array([base.gain({**fit.values, name: way}, free) for way in ways])
-                n = len(pairs) * float(windows.count.sum())  # more parameters always fit better
+                n = len(pairs) * len(windows.windows)  # more parameters always fit better
                 gains[name].append((found - 0.5 * len(free) * np.log(n) / n) / len(pairs))
     out = {}
     for name, ways in starts.items():

@@ -24,7 +24,6 @@ from mazeplan.physics.effect import INPUT
 
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
 EQUAL = 0.99  # of the best gain: candidates that the class names first go first
-NEARLY = 0.5  # of the forecast of a found effect, at which a plainer one may take its place
 LEAST = 0.005  # forecast gain below which no candidate is fitted
 LIKELY = 6  # candidates that are fitted at some lengths
 KEPT = 3  # candidates that are fitted at all lengths
@@ -76,8 +75,6 @@ class Search:
         always = [name for name in (model.system.motion.name, *known, *along) if name not in self.given]
         self.always = tuple(dict.fromkeys(always))
         self.cache: dict[frozenset[str], Trial] = {}
-        self.last: dict[str, float] = {}  # forecasts of the last round
-        self.promised: dict[str, dict[str, float]] = {}  # forecasts of the round in which an effect was taken
         self.starts: dict[str, list[dict[str, float]]] = {}  # of candidates, where a linear step promises most
 
     def values(self, names: Sequence[str], like: Values | None = None, at_rest: bool = False) -> Values:
@@ -185,7 +182,6 @@ class Search:
             if not judged:
                 break
             best, gain = judged[0]
-            self.promised[best.names[-1]] = self.last
             current, found = best, [*found, best.names[-1]]
             gains[best.names[-1]] = gain
             self.tell(f"{best.names[-1]}: explains more")
@@ -222,7 +218,7 @@ class Search:
         """Trials of the candidates that are accepted, the best first."""
         scored = []
         which = sorted({0, len(self.levels) // 2})
-        forecasts = self.last = forecast(self, current, candidates)
+        forecasts = forecast(self, current, candidates)
         likely = sorted(candidates, key=lambda name: -forecasts[name])[:LIKELY]
         likely = [name for name in likely if forecasts[name] > LEAST]
         tried |= {name: Tried(name, forecasts[name], "others explain more") for name in candidates}
@@ -258,13 +254,14 @@ class Search:
         """Exchange effects for plainer ones that explain as much: an early effect also took a share of later ones."""
         for i, name in enumerate(found if len(found) > 1 and self.model.system.disturbed else []):
             rest, count = [n for n in found if n != name], len(self.free([name]))
-            forecasts = self.promised[name]  # of the round in which it was taken
-            others = [n for n in forecasts if n in library and n not in found and 0 < len(self.free([n])) < count]
+            others = [n for n in library if n not in found and 0 < len(self.free([n])) < count]
+            without = self.trial(rest, current)
+            forecasts = forecast(self, without, others)
             best = max(others, key=lambda n: forecasts[n], default="")
-            if not best or forecasts[best] < NEARLY * forecasts[name]:
+            if not best or forecasts[best] < LEAST:
                 continue
-            instead = self.trial((*rest, best), current)
-            gain, why_not = self.judge.reason(self.trial(rest, current), instead, best)
+            instead = self.trial((*rest, best), without)
+            gain, why_not = self.judge.reason(without, instead, best)
             valid = self.judge.valid(instead, current)
             if not why_not and all(self.judge.gains(instead, current, level).mean() < TYPICAL for level in valid):
                 found = [*found[:i], best, *found[i + 1 :]]
