@@ -111,11 +111,7 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
     if circle is not None and circle.shifted:
         effects.append(circle.entry(corrected or Camera()))
-    shown = [c for c in ring_library() if not (record.r is not None and c.name == "camera_offset")]
-    if record.u is None:  # then hardly anything tells the scale of the tilt sensor from that of gravity
-        shown = [c for c in shown if c.name != rig.tilt_gain.name]
-    library = [c for c in (*shown, *wall_library(openings or Openings()), *more) if c.name not in without]
-    bead = _Ring(radius, declared, tuple(from_declared(c, declared) for c in library))
+    bead = _Ring(radius, declared, _library(declared, record.r is not None, openings, more, without))
     whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
     record = _straight(record, circle)
     model = bead.model(record, tilt, rows)
@@ -166,6 +162,15 @@ def diagnose(
         _as_it_was(bead, _straight(test, circle), moved, every=True).score(final.values),
     )
     return replace(done, test=scores)
+
+
+def _library(
+    declared: Values, measured: bool, openings: Openings | None, more: Sequence[Effect], without: Container[str]
+) -> tuple[Effect, ...]:
+    """Effects to look for. measured: whether the record has radii, which show the camera's offset"""
+    named = [c for c in ring_library() if not (measured and c.name == "camera_offset")]
+    named = [*named, *wall_library(openings or Openings()), *more]
+    return tuple(from_declared(c, declared) for c in named if c.name not in without)
 
 
 def _gain_effect(stage: Stage | None, known: Known, bead: _Ring, model: Model) -> tuple[Entry | None, tuple[str, ...]]:

@@ -143,7 +143,7 @@ def _effects(effects: list[dict[str, Any]]) -> PageTable:
             rows.append([first[0], label, size, first[1], f"{effect['name']}.{name}"])
             first = ["", ""]
     head = ("effect", "parameter", "value ± standard error", "evidence", "name")
-    title = "What was found; evidence: fall of the error of a window by it, %"
+    title = "What was found; evidence: growth of -2 log L (misfit) without it"
     return PageTable(title, head, rows, code=frozenset({4}))
 
 
@@ -165,8 +165,9 @@ def _evidence(evidence: dict[str, Any], found: set[str]) -> list[Any]:
     """The table of candidates, and the picture of the residual. found: names of the found effects"""
     ranked = sorted(evidence["candidates"], key=lambda candidate: -candidate["gain"])
     best = ranked[:CANDIDATES]
+    best += [candidate for candidate in ranked[CANDIDATES:] if candidate.get("placebo")][:1]  # to compare with
     rows = [[words.candidate(c["name"]), f"{c['gain']:.0f}", "yes" if c["name"] in found else "no"] for c in best]
-    title = "Fall of the error of a window by each candidate, %"
+    title = f"Fall of the misfit (-2 log L) with each candidate alone; it counts from {evidence['accept']:g}"
     parts: list[Any] = [PageTable(title, ("candidate", "fall", "found"), rows)]
     if evidence.get("before") is not None and evidence.get("after") is not None:
         parts.append(

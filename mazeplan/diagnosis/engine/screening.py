@@ -11,7 +11,6 @@ from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.windows import Free, Windows
 
-FEW = 300  # windows of a fold; with fewer of them, both folds count
 BEST = 3  # starts of a candidate that are fitted
 PEAK = 18.0  # minimum peak of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
@@ -26,15 +25,11 @@ def forecast(search: Search, current: Trial, candidates: Sequence[str]) -> dict[
     gains: dict[str, list[Array]] = {name: [] for name in candidates}
     starts = {name: starts_of(search, current, name) for name in candidates}
     for level in sorted({0, len(search.levels) // 2}):
-        pairs = list(zip(search.levels[level].folds, current.fits[level], strict=True))
-        pairs = pairs[: 2 if len(pairs[0][0].windows) < FEW else 1]
-        for windows, fit in pairs:
-            base = _Linear(windows, fit.values, fit.states, fit.free)
-            for name, ways in starts.items():
-                free = tuple(key for key in search.free([name]) if key not in fit.free)
-                found = np.array([base.gain({**fit.values, name: way}, free) for way in ways])
-                n = len(pairs) * len(windows.windows)  # more parameters always fit better
-                gains[name].append((found - 0.5 * len(free) * np.log(n) / n) / len(pairs))
+        windows, fit = search.levels[level].folds[0], current.fits[level][0]
+        base = _Linear(windows, fit.values, fit.states, fit.free)
+        for name, ways in starts.items():
+            free = tuple(key for key in search.free([name]) if key not in fit.free)
+            gains[name].append(np.array([base.gain({**fit.values, name: way}, free) for way in ways]))
     out = {}
     for name, ways in starts.items():
         total = np.sum(gains[name], axis=0) if ways else np.zeros(1)
@@ -77,7 +72,6 @@ class _Linear:
         self.by_p, self.by_s = windows.columns(values, states, self.r, free)
         self.cost = windows.sums(self.clean(self.r[:, None])[:, 0] ** 2)
         self.clean_p = self.clean(self.by_p)
-        self.root = np.sqrt(windows.shares(self.r))[:, None]
 
     def clean(self, x: Array) -> Array:
         """Columns (K, P) without what initial states can copy."""
@@ -92,7 +86,8 @@ class _Linear:
             return 0.0
         left = self.clean(r[:, None])[:, 0]
         columns = np.hstack([self.clean_p, self.clean(by_p)])
-        columns /= np.maximum(np.linalg.norm(self.root * columns, axis=0), 1e-300)
-        left = left - columns @ np.linalg.lstsq(self.root * columns, self.root[:, 0] * left, rcond=1e-10)[0]
+        columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-10)[0]
         n = self.windows.count
-        return float(np.mean(0.5 * np.log((self.cost + n) / (self.windows.sums(left**2) + n))))
+        price = 0.5 * len(free) * np.log(len(n)) / len(n)  # more parameters always fit better
+        return float(np.mean(0.5 * np.log((self.cost + n) / (self.windows.sums(left**2) + n)))) - price

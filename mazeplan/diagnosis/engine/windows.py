@@ -207,7 +207,7 @@ class Windows:
             s_r, s_p = self.eliminated(by_s, r[:, None], by_p, damping=weight)
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
             left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
-            share = self.shares(r)
+            share = self._shares(r)
             gram, slope = clean.T @ (share[:, None] * clean), clean.T @ (share * left)
             for _ in range(8):
                 new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
@@ -233,7 +233,7 @@ class Windows:
         mean = self.sums(r * r) / np.maximum(self.count, 1)
         return TAILS * self.count * max(1.0, float(np.median(mean)))
 
-    def shares(self, r: Array) -> Array:
+    def _shares(self, r: Array) -> Array:
         """Weight of each residual (K,): windows with a blow that nothing explains count little, by Student's t."""
         if not self.model.system.disturbed:
             return np.ones(len(r))
@@ -265,7 +265,7 @@ class Windows:
             by_p, by_s = self.columns(values, states, r, tuple(key for key in free if key not in at_bound))
             (s_p,) = self.eliminated(by_s, by_p)
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
-            root = np.sqrt(self.shares(r))
+            root = np.sqrt(self._shares(r))
             covariance[np.ix_(inside, inside)] = sandwich(root[:, None] * clean, root * r, self.sums, self.count)
         return Fit(
             values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), self.windows, covariance,
