@@ -14,13 +14,12 @@ from mazeplan.diagnosis.ambiguity import confounded_effects, experiment_for
 from mazeplan.diagnosis.camera_circle import Circle, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.effect_entry import Entry, Values, values_of, with_plan
 from mazeplan.diagnosis.engine import diagnosis as engine
-from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.record import noise_of
 from mazeplan.diagnosis.engine.ring import STAGE, from_declared, ring_library, ring_record, ring_system
 from mazeplan.diagnosis.engine.ring_scores import RingScore, RingScores
 from mazeplan.diagnosis.engine.search import Finding, Search
 from mazeplan.diagnosis.engine.sizes import scales
-from mazeplan.diagnosis.engine.windows import Fit, Windows
+from mazeplan.diagnosis.engine.windows import Fit, Model, Windows
 from mazeplan.diagnosis.held_out import seen_and_held
 from mazeplan.diagnosis.record import RingRecord, runs
 from mazeplan.diagnosis.stage.comparison import DECISIVE, Known, changed_gain, stage_effects

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
-from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.ring import ring_record, ring_system
 from mazeplan.diagnosis.engine.ring_scores import accelerations
+from mazeplan.diagnosis.engine.windows import Model
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Tilt
 from mazeplan.learning.modelfile import RigModel, load_model, save_model

@@ -62,10 +62,9 @@ def _declared(declare: Sequence[str], machine: System) -> tuple[Values, list[str
     """The declared effects: those with known values, and the names of those with unknown values."""
     fitted = [text for text in declare if "=" not in text and "." not in text]
     known: Values = {}
-    library = [effect for effect in machine.library if effect.named]
-    names = [effect.name for effect in library]
+    names = [effect.name for effect in machine.library]
     valued = [text for text in declare if text not in fitted]
-    declare_known(known, valued, library, machine.motion.name)
+    declare_known(known, valued, machine.library, machine.motion.name)
     for name in fitted:
         if name not in names:
             raise InputError(f"--declare: got effect {name!r}, expected {one_of(names, name)}")

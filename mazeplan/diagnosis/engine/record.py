@@ -109,8 +109,6 @@ def record_of(
             y[seen, i] = np.unwrap(y[seen, i])
     start = float(t[0])
     record = Record(np.asarray(t - start, dtype=np.float64), y, u)
-    if record.step == 1.0 and np.array_equal(t, np.round(t)):
-        notes.append("samples of 1 s each; if t counts milliseconds, give --columns t=t:ms")
     gaps = len(record.stretches) - 1
     if gaps:
         notes.append(f"{gaps} gap{'s' * (gaps > 1)} in time: no simulation crosses them")

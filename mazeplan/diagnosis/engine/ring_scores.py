@@ -20,8 +20,7 @@ from scipy.signal import savgol_coeffs
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.effect_entry import Values
-from mazeplan.diagnosis.engine.model import Model
-from mazeplan.diagnosis.engine.windows import Windows
+from mazeplan.diagnosis.engine.windows import Model, Windows
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.learning.smoothing import Smoothing, derivatives

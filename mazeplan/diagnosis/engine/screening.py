@@ -15,8 +15,7 @@ BEST = 3  # starts of a candidate that are fitted
 PEAK = 18.0  # minimum peak of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
 if TYPE_CHECKING:
-    from mazeplan.diagnosis.engine.judge import Trial
-    from mazeplan.diagnosis.engine.search import Search
+    from mazeplan.diagnosis.engine.search import Search, Trial
 
 
 def forecast(search: Search, current: Trial, candidates: Sequence[str]) -> dict[str, float]:

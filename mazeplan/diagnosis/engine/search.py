@@ -1,13 +1,20 @@
 """The search for missing effects: forward selection and a backward check, judged by windows that were not fitted.
 
 Windows of several lengths cover the record. At each length, the odd windows are fitted and the even ones predicted,
-then the other way round, so each window is held out once.
-A candidate is accepted if its gain is beyond chance at one length at least, if the held-out error shrinks there by more
-than the noise, and if at no length the held-out windows get worse (`judge`).
+then the other way round, so each window is held out once. For a model with cost c_m (sum of squares over the noise) in
+the held-out window m of n_m measurements, the gain of a candidate over another model is
+
+    l_m = 1/2 log (c'_m + n_m k) / (c_m + n_m k)            k: 1, or the square of the misfit that no candidate removes
+
+Its mean over the windows, over its standard error between the windows, is the statistic. Its threshold is that of
+Student's t for so many windows: what counts is how large the gain is beside its own changes along the record. A
+candidate is accepted if the gain is beyond chance at one length at least, if the held-out error shrinks there by more
+than the noise, and if at no length the held-out windows get worse.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,20 +22,40 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Values
-from mazeplan.diagnosis.engine.judge import BETTER, TYPICAL, Judge, Trial, gain_of
 from mazeplan.diagnosis.engine.levels import Level, levels_of, track_of
-from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.screening import forecast
-from mazeplan.diagnosis.engine.windows import Fit, Free, free_of
+from mazeplan.diagnosis.engine.windows import Fit, Free, Model, free_of
 from mazeplan.physics.effect import INPUT
 
+CLEAR = 4.0  # standard errors
+BETTER = 2.0  # standard errors of the gain between held-out windows
+WORSE = 0.02  # relative growth of the held-out error that counts as worse
+WORTH = 0.25  # fall of the squared error, over the noise and over what remains, that is worth a word
+TYPICAL = 0.01  # mean gain of the windows that is worth a word where blows disturb some of them
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
+LOST = 0.5  # error over the movement at which a simulation has left the record
 EQUAL = 0.99  # of the best gain: candidates that the class names first go first
 LEAST = 0.005  # forecast gain below which no candidate is fitted
 LIKELY = 6  # candidates that are fitted at some lengths
 KEPT = 3  # candidates that are fitted at all lengths
 MOST = 5  # effects
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with some effects, fitted at each level.
+
+    fits: of both folds, by level; held: cost of each held-out window by level, folds one after the other"""
+
+    names: tuple[str, ...]
+    fits: tuple[tuple[Fit, Fit], ...]
+    held: tuple[Array, ...]
+    count: tuple[Array, ...]
+
+    def rms(self, level: int) -> float:
+        """Held-out error in times the noise."""
+        return math.sqrt(float(np.sum(self.held[level])) / float(np.sum(self.count[level])))
 
 
 @dataclass(frozen=True)
@@ -71,7 +98,6 @@ class Search:
     ) -> None:  # fmt: skip
         self.model, self.known, self.tell, self.given = model, known, tell, given or {}
         self.levels = levels_of(model)
-        self.judge = Judge(model, self.levels)
         always = [name for name in (model.system.motion.name, *known, *along) if name not in self.given]
         self.always = tuple(dict.fromkeys(always))
         self.cache: dict[frozenset[str], Trial] = {}
@@ -185,17 +211,13 @@ class Search:
             current, found = best, [*found, best.names[-1]]
             gains[best.names[-1]] = gain
             self.tell(f"{best.names[-1]}: explains more")
-        current, found = self._exchanged(current, found, library, gains)
         current, found = self._backward(base, current, found, tried, gains)
         unknown = ""
-        wanted = (
-            self.model.system.disturbed or not found
-        )  # a machine's list of effects is often shorter than its causes
-        if wanted and nameless and (judged := self._round(current, nameless, tried)):
+        if nameless and (judged := self._round(current, nameless, tried)):
             unknown = judged[0][0].names[-1]
             current, found = self._backward(base, judged[0][0], [*found, unknown], tried, gains)
             found.remove(unknown)
-        valid = tuple(self.judge.valid(base, current))
+        valid = tuple(self.valid(base, current))
         alike = self._alike(current, found, library, valid)
         for name in found:
             tried.pop(name, None)
@@ -214,6 +236,18 @@ class Search:
                 return False
         return True
 
+    def valid(self, *trials: Trial) -> list[int]:
+        """Levels at which the best of some models stays with the record, in most windows."""
+        out = []
+        for i, level in enumerate(self.levels):
+            moving = level.movement > 4.0 * trials[0].count[i]
+            for error in (trial.held[i] for trial in trials):
+                middle = np.median(error[moving] / level.movement[moving]) if moving.any() else np.inf
+                if max(middle, np.sum(error) / np.sum(level.movement)) < LOST**2:
+                    out.append(i)
+                    break
+        return out
+
     def _round(self, current: Trial, candidates: Sequence[str], tried: dict[str, Tried]) -> list[tuple[Trial, float]]:
         """Trials of the candidates that are accepted, the best first."""
         scored = []
@@ -226,7 +260,7 @@ class Search:
             self.tell(f"trying {name}, {likely.index(name) + 1} of {len(likely)}")
             quick = self._fitted((*current.names, name), current, which, (0,))
             gain = sum(
-                gain_of(current.fits[level][0].cost, quick.fits[i][0].cost, quick.fits[i][0].count, 1.0).mean()
+                _gain(current.fits[level][0].cost, quick.fits[i][0].cost, quick.fits[i][0].count, 1.0).mean()
                 for i, level in enumerate(which)
             )
             scored.append((gain, name))
@@ -237,7 +271,7 @@ class Search:
         order = {name: i for i, name in enumerate(candidates)}
         for _, name in sorted(scored[:KEPT], key=lambda one: order[one[1]]):
             trial = self.trial((*current.names, name), current)
-            gain, why_not = self.judge.reason(current, trial, name)
+            gain, why_not = self.judge(current, trial, name, len(candidates))
             if why_not:
                 tried[name] = Tried(name, gain, why_not)
             else:
@@ -248,25 +282,100 @@ class Search:
             tried[trial.names[-1]] = Tried(trial.names[-1], gain, f"{accepted[0][0].names[-1]} explains more")
         return accepted
 
-    def _exchanged(
-        self, current: Trial, found: list[str], library: Sequence[str], gains: dict[str, float]
-    ) -> tuple[Trial, list[str]]:
-        """Exchange effects for plainer ones that explain as much: an early effect also took a share of later ones."""
-        for i, name in enumerate(found if len(found) > 1 and self.model.system.disturbed else []):
-            rest, count = [n for n in found if n != name], len(self.free([name]))
-            others = [n for n in library if n not in found and 0 < len(self.free([n])) < count]
-            without = self.trial(rest, current)
-            forecasts = forecast(self, without, others)
-            best = max(others, key=lambda n: forecasts[n], default="")
-            if not best or forecasts[best] < LEAST:
+    def judge(self, before: Trial, after: Trial, name: str, candidates: int = 1) -> tuple[float, str]:
+        """Gain of a model over another one (mean over the levels), and why it is not accepted, or an empty text."""
+        valid = self.valid(before, after)
+        if not valid:
+            return 0.0, "the simulation leaves the record with it, too"
+        total, better, sure, worth, worse = 0.0, False, False, False, False
+        disturbed = self.model.system.disturbed  # a few blows then hide what happens all the time: windows count alike
+        for i in valid:
+            gain = self.gains(before, after, i)
+            total = max(total, gain.mean()) if disturbed else total + float(gain.mean()) / len(valid)
+            fewer = before.rms(i) ** 2 - after.rms(i) ** 2
+            good = self._t(gain) > BETTER and (fewer > 0.0 or disturbed)
+            clear = self.clear(after, name, i) > CLEAR and self._steady(after, name, i, valid)
+            better |= good
+            sure |= good and clear
+            worth |= good and clear and (gain.mean() > TYPICAL if disturbed else self._worth(before, after, i))
+            explains = np.sum(before.held[i]) < LOST**2 * np.sum(self.levels[i].bend)  # else there is nothing to lose
+            larger = after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
+            worse |= explains and larger and not disturbed
+        if not self._large(after, name, valid):
+            return total, "it is smaller than the smallest size that matters"
+        if self._within_a_sample(after, name, valid):
+            return total, "it is shorter than a sample: how inputs are held between samples does the same"
+        if not better:
+            return total, "the gain in the held-out windows is not beyond chance"
+        if not sure:
+            return total, "its size is not beyond chance"
+        if worse:
+            return total, "held-out windows of another length get worse"
+        if not worth:
+            return total, "it changes the predictions by less than the noise, or than what remains unexplained"
+        return total, ""
+
+    def gains(self, before: Trial, after: Trial, level: int) -> Array:
+        """Gains of the held-out windows that move."""
+        count = after.count[level]
+        moving = self.levels[level].movement > 2.0 * count
+        k = max(1.0, 0.1 * min(float(np.median(t.held[level] / count)) for t in (before, after)))
+        gain = _gain(before.held[level], after.held[level], count, k)
+        return gain[moving] if moving.sum() >= 4 else gain
+
+    @staticmethod
+    def _worth(before: Trial, after: Trial, level: int) -> bool:
+        """Whether the error falls by more than the noise, and by more than a part of what remains."""
+        left = after.rms(level) ** 2
+        return before.rms(level) ** 2 - left > WORTH * max(1.0, left)
+
+    @staticmethod
+    def _t(gain: Array) -> float:
+        return float(gain.mean()) / max(float(gain.std(ddof=1)) / math.sqrt(len(gain)), 1e-12)
+
+    def clear(self, trial: Trial, name: str, level: int) -> float:
+        """Size of an effect in standard errors; 0 if both folds disagree about its sign."""
+        out, (one, two) = 0.0, trial.fits[level]
+        effect = self.model.effects[name]
+        for n, p in effect.parameters.items():
+            if (name, n) in one.free and n not in effect.places:
+                a, b = (fit.values[name][n] - p.default for fit in (one, two))
+                error = max(math.hypot(one.stderr(name, n), two.stderr(name, n)) / 2.0, abs(a - b) / 4.0, 1e-300)
+                out = max(out, abs(a + b) / 2.0 / error) if a * b > 0.0 else out
+        return out
+
+    def _large(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
+        """Whether an effect is as large as its smallest size, at one level at least."""
+        effect = self.model.effects[name]
+        return any(all(effect.size(fit.values[name], {}) >= 1.0 for fit in trial.fits[i]) for i in valid)
+
+    def _within_a_sample(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
+        """Whether a delay or lag of the inputs is shorter than the time between two samples."""
+        effect = self.model.effects[name]
+        if effect.acts != INPUT or "factor" in effect.parameters:
+            return False
+        (n,) = effect.parameters
+        sizes = [fit.values[name][n] for i in valid for fit in trial.fits[i]]
+        return float(np.median(sizes)) < self.model.record.step
+
+    def _steady(self, trial: Trial, name: str, level: int, valid: Sequence[int]) -> bool:
+        """Whether windows of other lengths give about the same size, where they tell it."""
+        for n in self.model.effects[name].parameters:
+            if (name, n) not in trial.fits[level][0].free:
                 continue
-            instead = self.trial((*rest, best), without)
-            gain, why_not = self.judge.reason(without, instead, best)
-            valid = self.judge.valid(instead, current)
-            if not why_not and all(self.judge.gains(instead, current, level).mean() < TYPICAL for level in valid):
-                found = [*found[:i], best, *found[i + 1 :]]
-                current, gains[best] = instead, gain
-        return current, found
+            sizes = []
+            for i in (level, *valid):
+                one, two = trial.fits[i]
+                p = self.model.effects[name].parameters[n].default
+                sizes.append((one.values[name][n] - p, one.stderr(name, n)))
+                sizes.append((two.values[name][n] - p, two.stderr(name, n)))
+            mean, error = 0.5 * (sizes[0][0] + sizes[1][0]), 0.5 * math.hypot(sizes[0][1], sizes[1][1])
+            for i in range(2, len(sizes), 2):
+                other, wide = 0.5 * (sizes[i][0] + sizes[i + 1][0]), 0.5 * math.hypot(sizes[i][1], sizes[i + 1][1])
+                off = abs(other - mean)
+                if wide < 0.5 * abs(mean) and off > 0.5 * abs(mean) and off > CLEAR * math.hypot(error, wide):
+                    return False
+        return True
 
     def _backward(
         self, base: Trial, current: Trial, found: list[str], tried: dict[str, Tried], gains: dict[str, float]
@@ -278,7 +387,7 @@ class Search:
             for name in list(found[:-1]):
                 rest = tuple(other for other in found if other != name)
                 without = self.trial(rest, current)
-                gain, why_not = self.judge.reason(without, current, name)
+                gain, why_not = self.judge(without, current, name)
                 if why_not:
                     tried[name] = Tried(name, gain, f"beside {', '.join(rest)}: {why_not}")
                     current, found, again = without, list(rest), True
@@ -300,11 +409,10 @@ class Search:
                 if rival in found or frozenset((*rest, rival)) not in self.cache:
                     continue
                 instead = self.cache[frozenset((*rest, rival))]
-                if self.judge.reason(without, instead, rival)[1]:
+                if self.judge(without, instead, rival)[1]:
                     continue
                 clear = any(
-                    self.judge.t(self.judge.gains(instead, current, i)) > BETTER
-                    and self.judge.worth(instead, current, i)
+                    self._t(self.gains(instead, current, i)) > BETTER and self._worth(instead, current, i)
                     for i in valid
                 )
                 if not clear:
@@ -312,3 +420,7 @@ class Search:
             if len(group) > 1:
                 groups.append(tuple(group))
         return tuple(groups)
+
+
+def _gain(before: Array, after: Array, count: Array, k: float) -> Array:
+    return 0.5 * np.log((before + k * count) / (after + k * count))

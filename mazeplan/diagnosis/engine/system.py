@@ -29,7 +29,7 @@ from mazeplan.core.records import Array
 from mazeplan.core.user_modules import reason
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
-from mazeplan.physics.effects.coordinate import FAMILY, INPUTS, NAMELESS
+from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
 from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.formulas.symbols import Symbols
 from mazeplan.physics.registry import EFFECTS
@@ -116,8 +116,8 @@ def system_of(described: Any, more: Sequence[Effect] = ()) -> System:
             if one not in allowed:
                 raise InputError(f"{key}: got {one!r}, expected one of {', '.join(allowed) or 'none'}")
     plain = System(positions, units, motion, inputs, held, (), force, inertia)
-    nameless = [(replace(e, name=e.name.replace(" ", "_")), i) for e in NAMELESS for i in range(len(positions))]
-    return _compiled(plain, [*_effects(effects, plain), *_effects(more, plain), *nameless])
+    candidates = [*_effects(effects, plain), *_effects(more, plain)]
+    return _compiled(plain, candidates)
 
 
 def _coordinates(described: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
