@@ -121,11 +121,11 @@ def evidence(title="log, ring 2"):
         return {"correlations": [0.3, 0.1], "white": 0.05, "position": curve, "speed": steep, "time": curve,
                 "spectrum": spectrum}  # fmt: skip
 
-    names = ("dry_friction", True), ("powers of the speed", False)
-    tried = [{"name": name, "gain": 100.0 - 40 * i, "named": named}
+    names = ("dry_friction", True), ("placebo: noise", True), ("powers of the speed", False)
+    tried = [{"name": name, "gain": 100.0 - 40 * i, "named": named, "placebo": name.startswith("placebo")}
              for i, (name, named) in enumerate(names)]  # fmt: skip
     return {"title": title, "notes": ["Tilt: commands."], "labels": {"nrmse": "nRMSE of theta_dd",
-            "rollout40": "theta error after 40 samples, rad"}, "drawn": "rollout40", "floor": 0.005,
+            "rollout40": "theta error after 40 samples, rad"}, "drawn": "rollout40", "floor": 0.005, "accept": 15.0,
             "peak": 18.0, "axes": ["theta, rad", "theta_dot, rad/s"], "candidates": tried, "before": part(0.8),
             "after": part(0.1)}  # fmt: skip
 

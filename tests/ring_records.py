@@ -6,7 +6,7 @@ from plant import play
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.ring_table import diagnose
+from mazeplan.diagnosis.ring.diagnose import diagnose
 
 DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
 

@@ -19,7 +19,7 @@ from plant_cases import DECLARED, NOISE, RADII, SECONDS, Job, jobs_of
 
 from mazeplan.core.logs.table import Table as Record
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.ring_table import diagnose
+from mazeplan.diagnosis.ring.diagnose import diagnose
 
 
 @dataclass(frozen=True)

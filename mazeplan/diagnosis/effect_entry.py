@@ -10,7 +10,6 @@ from mazeplan.physics.effect import Effect, Parameter
 from mazeplan.physics.registry import EFFECTS
 
 NEAR = 1e-6  # share of its range by which a parameter is at its bound
-Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 Entry = dict[str, Any]  # {"name", "parameters": {parameter: {"value", "stderr", "unit"}}, ...}
 
 

@@ -40,6 +40,7 @@ class Parameter:
     low, high: bounds
     smallest:  smallest relevant size; 0 for a parameter that says where the effect is
     step:      step of numeric derivatives; 0 stands for FINE times `smallest`, or 1e-3 if `smallest` is 0
+    prior:     standard deviation of prior knowledge
     words:     name in reports
     fixed:     True excludes the parameter from fits
     """
@@ -50,6 +51,7 @@ class Parameter:
     high: float
     smallest: float = 0.0
     step: float = 0.0
+    prior: float = math.inf
     words: str = ""
     fixed: bool = False
 
@@ -67,6 +69,7 @@ class FitHints:
     rivals:     effects with the same meaning
     named:      False for a term that only shows a dependence
     depends_on: the variables of such a term
+    placebo:    True for an impossible term, which measures what chance can explain
     """
 
     starts: tuple[tuple[float, ...], ...] = ()
@@ -74,6 +77,7 @@ class FitHints:
     rivals: tuple[str, ...] = ()
     named: bool = True
     depends_on: tuple[str, ...] = ()
+    placebo: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,10 +86,12 @@ class WallPattern:
 
     pattern: angles of the openings in the map, rad
     side:    1 for the outer wall of the ring, -1 for the inner wall
+    own:     names of the parameters that each belong to one opening
     """
 
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
+    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,13 @@ class Effect(WallPattern, FitHints):
     def numbers(self, values: Mapping[str, float]) -> list[float]:
         """Values of the parameters in order; missing values are the defaults."""
         return [values.get(name, parameter.default) for name, parameter in self.parameters.items()]
+
+    def of_opening(self, values: Mapping[str, float], i: int) -> list[float]:
+        """Values of the parameters for opening i of the pattern, in order; missing values are the defaults."""
+        numbers = [values.get(name, one.default) for name, one in self.parameters.items() if name not in self.own]
+        if self.own:
+            numbers[1] += values.get(self.own[i], 0.0)
+        return numbers
 
     def first_guesses(self) -> list[tuple[float, ...]]:
         """Start values of a fit; the defaults if `starts` is empty."""

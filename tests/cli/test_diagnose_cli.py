@@ -50,7 +50,7 @@ def asked_of_ring(monkeypatch):
             asked.update(more, record=given[0], declared=given[2])
             return SimpleNamespace(document=lambda: {"notes": []})
 
-        monkeypatch.setattr(diagnose_ring.ring_table, "diagnose", diagnosis)
+        monkeypatch.setattr(diagnose_ring.ring_diagnosis, "diagnose", diagnosis)
         request = DiagnosisRequest([log], None, radius, list(declare), None, test, None, None, None, [], True)
         diagnose_ring._diagnose(log, MAZE, model, request)
         return asked

@@ -7,8 +7,8 @@ import shlex
 import pytest
 from commands import call
 
-from mazeplan.diagnosis.ambiguity import EXPERIMENTS, experiment_for
-from mazeplan.diagnosis.engine.ring import ring_library
+from mazeplan.diagnosis.ring.ambiguity import EXPERIMENTS, experiment_for
+from mazeplan.diagnosis.ring.candidates import ring_library
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda e: " ".join(sorted(e.effects)))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import axisplant
 import contactplant
@@ -18,7 +20,10 @@ from ring_records import DECLARED, found, names, parameters, record
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of, turned_round
-from mazeplan.diagnosis.ring_table import diagnose
+from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
+from mazeplan.diagnosis.ring.diagnose import diagnose
+from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.stage.plate_motion import plate_motion
 
 
 @pytest.mark.parametrize("truth", [plant, axisplant, contactplant, contactrig, plainball], ids=lambda m: m.__name__)
@@ -36,6 +41,17 @@ def test_where_nothing_is_missing_it_says_so(process):
     assert done.effects == ()
     assert done.sentence().startswith("Nothing is missing" if process == 0.0 else "Nothing that is missing was found")
     assert done.after.rollout40 < 1.5 * done.after.floor if process == 0.0 else done.after.rollout40 > 0.0
+
+
+@pytest.mark.slow
+def test_what_noise_does_not_explain_is_said_where_nothing_was_found():
+    done = found(seed=1)
+    error = 3.0 * done.before.floor
+    more = replace(done, before=replace(done.before, rollout40=error))
+    rest = "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
+    noise = f"noise alone would cause {done.before.floor:.4f}"
+    said = f"Nothing that is missing was found: 40-step error {error:.4f} rad, {noise}; {rest}."
+    assert (more.verdict, more.sentence()) == ("nothing_missing", said)
 
 
 @pytest.mark.slow
@@ -74,8 +90,9 @@ def test_two_effects_at_once():
 
 
 @pytest.mark.slow
-def test_what_swings_with_time_has_no_name_and_a_frequency():
+def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
     done = found(seed=5, hum=(1.7, 0.8))
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     document = done.document()
     assert document["unknown"]["depends_on"] == ["time"]
@@ -84,10 +101,22 @@ def test_what_swings_with_time_has_no_name_and_a_frequency():
 
 
 @pytest.mark.slow
-def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one():
+def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
     done = found(seed=6, lean=8.0)
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect", done.sentence()
     assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
+
+
+@pytest.mark.slow
+def test_beside_an_unknown_what_is_left_is_learned_too():
+    pytest.importorskip("torch")
+    done = found(seed=6, lean=8.0, seconds=40.0)
+    assert done.verdict == "unknown_effect"
+    assert done.remainder is not None
+    assert 700 < done.remainder.rows < 850
+    assert done.remainder.nrmse < 0.6 * done.before.nrmse
+    assert done.document()["remainder"]["nrmse"] == pytest.approx(done.remainder.nrmse, abs=1e-5)
 
 
 @pytest.mark.slow
@@ -114,7 +143,7 @@ def test_without_commands_the_tilt_sensor_stands_in_and_it_says_so():
     bare = {name: column for name, column in columns.items() if name not in ("u_beta", "u_gamma", "r")}
     done = diagnose(record_of(Table(bare)), 0.0925, DECLARED)
     assert "dry_friction" in names(done)
-    assert done.document()["tilt"] == "the tilt sensor, smoothed"
+    assert done.tilt_source == "the tilt sensor, smoothed"
     assert len([n for n in done.notes if "cannot be checked" in n]) == 2
 
 
@@ -135,6 +164,20 @@ def test_a_further_record_is_scored_and_not_looked_at():
     before, after = done.test
     assert after.rollout40 < 0.5 * before.rollout40
     assert set(done.document()["test"]) == {"before", "after"}
+
+
+def test_on_a_further_record_the_model_has_its_own_camera_and_stage(monkeypatch):
+    here, there = record(seed=3, seconds=20.0), record(seed=4, seconds=20.0)
+    tilt = plate_motion(here, None)
+    was = replace(tilt, source="by the model")
+    plain = SimpleNamespace(system=RingSystem(here.t, here.theta, here.begins, 0.0925, tilt, DECLARED), library=[])
+    monkeypatch.setattr(ring_diagnosis, "ring_of", lambda likelihood: likelihood.system)
+    monkeypatch.setattr(ring_diagnosis, "score", lambda likelihood, *_: likelihood.system)
+    done = SimpleNamespace(stage=None, circle=None, finding=SimpleNamespace(final=None))
+    before, after = ring_diagnosis._on_test(here, there, was, done, plain, plain, None)
+    assert before.theta == pytest.approx(there.theta)
+    assert after.theta == pytest.approx(here.theta)
+    assert (before.tilt.source, after.tilt.source) == (was.source, tilt.source)
 
 
 def test_an_axis_that_is_counted_the_other_way_round_is_turned_and_told():

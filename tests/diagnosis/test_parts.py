@@ -9,7 +9,7 @@ from ring_records import DECLARED, names, parameters
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.ring_table import diagnose
+from mazeplan.diagnosis.ring.diagnose import diagnose
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel

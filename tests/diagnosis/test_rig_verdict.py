@@ -17,7 +17,6 @@ from planar_rig import PATIENT
 
 import mazeplan
 from mazeplan.core.logs.table import Table, join, read_table
-from mazeplan.diagnosis.engine.ring import ring_library
 from mazeplan.diagnosis.rig import search, verdict
 from mazeplan.diagnosis.rig.differences import THE_SAME
 from mazeplan.diagnosis.rig.imbalance import BALANCED
@@ -26,6 +25,7 @@ from mazeplan.diagnosis.rig.reference_file import known_reference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.stage import navigation
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map

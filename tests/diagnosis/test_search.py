@@ -2,14 +2,59 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from plant import commands, play
 from ring_records import DECLARED, found, names
 
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.coordinate import search
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.ring_table import diagnose
+from mazeplan.diagnosis.ring.diagnose import diagnose
+from mazeplan.physics.effects.nameless import PLACEBOS
+
+
+@pytest.mark.slow
+def test_placebos_run_along_and_lose():
+    done = found(seed=3, dry=0.3)
+    known = {c.name for c in PLACEBOS}
+    gains = {t.candidate.name: t.gain for t in done.finding.ranked}
+    tried = known & set(gains)
+    assert tried
+    assert max(gains[name] for name in tried) < 0.1 * gains["dry_friction"]
+    assert any(note.startswith("placebo") for note in done.notes)
+
+
+@pytest.mark.parametrize(
+    ("instead", "stands", "alike"),
+    [({}, ("a", "b", "f", "e"), (("e", "g"),)), ({"c": "d"}, ("a", "b", "d", "e"), (("d", "c"), ("e", "g")))],
+)
+def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_found(monkeypatch, instead, stands, alike):
+    """b was found beside a; c was exchanged for f, or for its twin d."""
+
+    def exchanged(self, current):
+        self._instead.update(instead)
+        return fitted(*stands)
+
+    def fitted(*names):
+        return SimpleNamespace(candidates=names, values=dict.fromkeys(names), minus2=0.0)
+
+    groups = [("a", "b"), ("b",), ("c", "d"), ("e", "g", "a")]
+    names = [group[0] for group in groups]
+    trials = [
+        SimpleNamespace(fit=fitted(*names[: i + 1]), candidate=SimpleNamespace(name=name), raw=0.0)
+        for i, name in enumerate(names)
+    ]
+    choices = iter([*((trial, None, group) for trial, group in zip(trials, groups, strict=True)), (None, None, ())])
+    monkeypatch.setattr(search, "fit", lambda *given: fitted())
+    monkeypatch.setattr(search._Search, "_trials", lambda *given: [])
+    monkeypatch.setattr(search._Search, "_choice", lambda *given: next(choices))
+    monkeypatch.setattr(search._Search, "_exchange", exchanged)
+    monkeypatch.setattr(search._Search, "_drop", lambda self, current: (current, {}))
+    likelihood = SimpleNamespace(system=SimpleNamespace(declared={}))
+    assert search.search(likelihood, [], lambda text: None).alike == alike
 
 
 @pytest.mark.slow
@@ -36,7 +81,7 @@ def test_scales_far_off_on_both_axes_alike_may_be_the_ball():
     done = found(seed=0, seconds=100.0, gain=(1.4, 1.4))
     assert (names(done), done.verdict) == (["tilt_gain"], "ambiguous")
     assert done.document()["ambiguous_with"] == [["tilt_gain", "rolling_inertia"]]
-    assert "clinometer" in done.document()["separate_by"][0]["first"]
+    assert "clinometer" in done.apart[0]["first"]
     apart = found(seed=0, seconds=100.0, gain=(1.4, 1.2))
     assert (names(apart), apart.verdict) == (["tilt_gain"], "effect_found")
 
@@ -59,8 +104,9 @@ def test_twenty_seconds_are_enough_for_what_is_large_and_name_nothing_else():
 
 
 @pytest.mark.slow
-def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones():
+def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones(asked):
     done = found(seed=7, seconds=200.0, memory=(1.0, 0.5))
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     assert done.effects == ()
     assert "past of theta_dot" in done.document()["unknown"]["depends_on"]

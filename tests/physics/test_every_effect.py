@@ -1,9 +1,9 @@
 """Every effect that `effect list` prints, in every place that uses effects: one definition, the same numbers.
 
-An effect on the ball, put into a model at twice its smallest size, changes the acceleration alike in the planner's
-step, the planar prediction, the diagnosis and the equation for arrays, to 1e-9. An effect of stage, tilt sensor or
-camera changes what the model says of that part. What is not planned says why. A new name in the registry, or an effect
-of a package outside, passes through the same tests.
+An effect on the ball, put into a model at twice its smallest size, changes the acceleration of the planner's step, of
+the planar prediction, of the filter and of the batch alike, to 1e-9. An effect of stage, tilt sensor or camera changes
+what the model says of that part. What is not planned says why. A new name in the registry, or an effect of a package
+outside, passes through the same tests.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
-from mazeplan.diagnosis.engine.ring import ring_record, ring_system
-from mazeplan.diagnosis.engine.ring_scores import accelerations
-from mazeplan.diagnosis.engine.windows import Model
-from mazeplan.diagnosis.record import RingRecord
-from mazeplan.diagnosis.stage.plate_motion import Tilt
+from mazeplan.diagnosis.coordinate.fit import Likelihood
+from mazeplan.diagnosis.coordinate.kalman import NODES, accelerations
+from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics import Effect, Parameter, cos, registry, sin
@@ -93,18 +91,21 @@ def prediction(model: RigModel) -> float:
     return along - drag * rate - dry / RADIUS * math.copysign(1.0, rate)
 
 
-def diagnosed(model: RigModel, effect: Effect) -> float:
-    """theta_dd of the diagnosis of one ring."""
-    t, zero = np.arange(20) / 30.0, np.zeros(20)
-    motion = np.tile([TILT[0], 0.0, 0.0, TILT[1], 0.0, 0.0], (120, 1))
-    theta, first = AT[0] + 0.01 * t, np.arange(len(t)) == 0
-    record = RingRecord(t, 1.0 / 30.0, theta, None, first, zero, zero, None, zero)
-    tilt = Tilt(np.arange(120) / 180.0, motion, "made")
-    values = {term.name: term.values() for term in model.ball(RING).effects}
-    system = ring_system(record, RADIUS, tilt, [rolling_inertia, effect], values)
-    bead = Model(system, ring_record(record), np.ones(1), {})
-    given = {"axis_misalignment": {"angle": 0.0}, **values}
-    return float(accelerations(bead, given, np.full(20, AT[0]), np.full(20, AT[1]))[5])
+def filtered(model: RigModel, effect: Effect) -> float:
+    """theta_dd of the filter of the diagnosis."""
+    t = np.arange(20) / 30.0
+    grid = np.arange(120) / 180.0
+    motion = np.tile([TILT[0], 0.0, 0.0, TILT[1], 0.0, 0.0], (len(grid), 1))
+    first = np.arange(len(t)) == 0
+    declared = {term.name: term.values() for term in model.ball(RING).effects}
+    system = RingSystem(t, np.full(len(t), AT[0]), first, RADIUS, Tilt(grid, motion, "made"), declared)
+    library = [rolling_inertia, effect]
+    likelihood = Likelihood(system, library, np.ones(len(t), dtype=bool))
+    problem, p = likelihood.system.build(library, {})
+    assert problem.w.shape[1] == NODES
+    out = np.empty(len(t))
+    accelerations(problem, p, np.full(len(t), AT[0]), np.full(len(t), AT[1]), out)
+    return float(out[5])
 
 
 def arrays(model: RigModel) -> float:
@@ -124,7 +125,7 @@ def test_an_effect_on_the_ball_acts_alike_everywhere(name):
     smallest = max(p.smallest for p in effect.parameters.values())
     assert abs(changed) > 1e-3 * smallest, "it does nothing"
     assert prediction(model) - prediction(bare) == pytest.approx(changed, abs=1e-9)
-    assert diagnosed(model, effect) - diagnosed(bare, effect) == pytest.approx(changed, abs=1e-9)
+    assert filtered(model, effect) - filtered(bare, effect) == pytest.approx(changed, abs=1e-9)
     assert arrays(model) - arrays(bare) == pytest.approx(changed, abs=1e-9)
 
 

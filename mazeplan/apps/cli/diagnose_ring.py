@@ -14,13 +14,13 @@ from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_ma
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, read_table
-from mazeplan.diagnosis import ring_table
-from mazeplan.diagnosis.engine.ring import ring_library
 from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
 from mazeplan.diagnosis.maze_camera import camera_effects
 from mazeplan.diagnosis.record import centred, record_of, turned_round
+from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
+from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.diagnosis.update import base_model, updated
+from mazeplan.diagnosis.update import base_model, left_out, updated
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
@@ -48,6 +48,7 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
         stage = None if done.stage is None else StageModel(*done.stage.axes)
         old = base_model(number, known, stage) if model is None else model
         new = updated(old, {number or 1: done.effects})
+        document["notes"] += left_out(done.effects)
         document["model"] = str(save_model(new, request.output / "model").parent)
     finish(done, document, request, f"ring {number} of {log.name}" if number else log.name)
 
@@ -79,7 +80,7 @@ def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData
 
 def _diagnose(
     log: Path, maze: Maze, model: RigModel | None, request: DiagnosisRequest
-) -> tuple[ring_table.RingDiagnosis, dict[str, Any]]:
+) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
     """Diagnose a ring. Returns the diagnosis and its document."""
     added = own_effects(request.effects)
     raw = read_table(log)
@@ -104,7 +105,7 @@ def _diagnose(
         test = record_of(other, in_ring, ring=data.ring)
         test_as_model = record_of(centred(measured, camera), in_ring, ring=data.ring) if picture else None
     with ProgressBar("diagnosing") as bar:
-        done = ring_table.diagnose(
+        done = ring_diagnosis.diagnose(
             record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
             more=added, test=test, progress=bar.show,
             known=None if model is None else _known_stage(model, known, request.declare), camera=picture,

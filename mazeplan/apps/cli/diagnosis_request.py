@@ -14,6 +14,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
+    from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
     from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
     from mazeplan.physics.effect import Effect
 
@@ -83,7 +84,7 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
     write_diagnosis(document, evidence, output / "report.html")
 
 
-def finish(done: MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
+def finish(done: Diagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
     """Write the report of a diagnosis of one mechanism, and print the result."""
 
     if request.output is not None:
@@ -92,7 +93,7 @@ def finish(done: MotionDiagnosis, document: dict[str, Any], request: DiagnosisRe
     if request.as_json:
         print_json(document)
     else:
-        on_test = "" if done.test is None else done.test[0].both(done.test[1])
+        on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
         print("\n".join(result_lines(done.sentence(), document, on_test)))
 
 

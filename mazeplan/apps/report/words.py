@@ -30,6 +30,7 @@ KINDS = {
     "model": "the model",
 }  # fmt: skip
 CANDIDATES = {
+    "placebo: friction with it": "placebo: friction by tilt played backwards",
     "speed and lean": "no name: by speed and wall", "direction and lean": "no name: by direction and wall",
 }  # fmt: skip
 SETUP = {

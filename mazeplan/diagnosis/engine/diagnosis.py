@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry
-from mazeplan.diagnosis.engine.evidence import Evidence
+from mazeplan.diagnosis.coordinate.evidence import Evidence
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry
 from mazeplan.diagnosis.engine.record import Record, noise_of
 from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
-from mazeplan.diagnosis.engine.system import System
+from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.diagnosis.engine.windows import Fit, Model, Windows
-from mazeplan.physics.effects.nameless import NAMELESS
 
 MOST_ROWS = 12000
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
@@ -41,7 +40,6 @@ class MotionScore:
     seconds: float
     unit: str
     forces: bool = False  # nrmse is a relative error of the force
-    drawn: str = "nrmse"  # the error that a report draws
 
     @property
     def _error(self) -> str:
@@ -59,8 +57,8 @@ class MotionScore:
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None where the simulation leaves the record."""
         return {
-            "nrmse": rounded(self.nrmse if self.nrmse < DIVERGED else math.nan),
-            "free_run": rounded(self.free_run),
+            "nrmse": _rounded(self.nrmse if self.nrmse < DIVERGED else math.nan),
+            "free_run": _rounded(self.free_run),
         }
 
     def both(self, after: MotionScore) -> str:
@@ -68,10 +66,6 @@ class MotionScore:
         one, two = (f"{s.nrmse:.2%}" if s.nrmse < 1.0 else "beyond the movement itself" for s in (self, after))
         runs = " -> ".join(self._run(s.free_run) for s in (self, after))
         return f"{self._error} {one} -> {two}, {self.seconds:.3g} s of free run {runs}"
-
-    def nothing_found(self) -> str:
-        """The sentence of a record in which no effect was found."""
-        return f"Nothing is missing: {self.alone()}."
 
     def alone(self) -> str:
         """These errors in words."""
@@ -83,37 +77,7 @@ class MotionScore:
         return f"{times * off:.3g} {unit} off" if math.isfinite(off) else "(the simulation leaves the record)"
 
 
-class Score(Protocol):
-    """Errors of a model."""
-
-    @property
-    def drawn(self) -> str:
-        """The name of the error that a report draws."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """The unit of the position."""
-        ...
-
-    def labels(self) -> dict[str, str]:
-        """Words with the unit for each error."""
-        ...
-
-    def document(self) -> dict[str, float | None]:
-        """The errors, rounded; None if not finite."""
-        ...
-
-    def nothing_found(self) -> str:
-        """The sentence of a record in which no effect was found."""
-        ...
-
-    def both(self, after: Any) -> str:
-        """These errors and those after the effects were found, in words."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MotionDiagnosis:
     """What was found in a record.
 
@@ -121,26 +85,22 @@ class MotionDiagnosis:
     before, after: scores without and with what was found; test: the same on a further record
     remaining: error that is left in the held-out windows, in times the noise
     verdict: nothing_missing, effect_found, ambiguous or unknown_effect
-    unknown: what an effect without a name is like
-    held_out: share of the record that the errors are of
-    more: further keys of the document"""
+    unknown: what an effect without a name is like"""
 
     verdict: str
     effects: tuple[Entry, ...]
     fitted: tuple[Entry, ...]
     finding: Finding
-    before: Any  # Score
-    after: Any
+    before: MotionScore
+    after: MotionScore
     remaining: float
     unknown: dict[str, Any] | None
     notes: tuple[str, ...]
     evidence: tuple[Evidence, Evidence]
     noise_floor: float
     fits: tuple[Fit, Fit]
-    without: dict[str, Fit] = field(default_factory=dict)
-    test: tuple[Any, Any] | None = None
-    held_out: float = 0.5
-    more: dict[str, Any] = field(default_factory=dict)
+    without: dict[str, Fit]
+    test: tuple[MotionScore, MotionScore] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -153,32 +113,26 @@ class MotionDiagnosis:
             "verdict": self.verdict, "sentence": self.sentence(), "effects": list(self.effects),
             "fitted": list(self.fitted), "ambiguous_with": [list(group) for group in self.finding.alike],
             "unknown": self.unknown, "before": self.before.document(), "after": self.after.document(),
-            "noise_floor": rounded(self.noise_floor), "held_out": self.held_out,
-            "remaining": rounded(self.remaining, 3),
-            "fits": {"reference": None, "record": rounded(self.remaining, 3)},
+            "noise_floor": _rounded(self.noise_floor), "held_out": 0.5, "remaining": _rounded(self.remaining, 3),
+            "fits": {"reference": None, "record": _rounded(self.remaining, 3)},
             "tried": [
-                {"name": t.name, "gain": rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried
+                {"name": t.name, "gain": _rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried
             ],
             "notes": list(self.notes),
         }  # fmt: skip
         if self.test is not None:
             out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))
-        return out | self.more
+        return out
 
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
         """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
-        gains = {e["name"]: e["evidence"] for e in self.effects if e.get("evidence") is not None}
-        gains |= {t.name: fall(t.gain) for t in self.finding.tried}
-        nameless = {"oscillation", *(e.name for e in NAMELESS)}
-        candidates = [
-            {"name": name, "gain": round(gain, 1), "named": name not in nameless}
-            for name, gain in gains.items()
-        ]
+        found = [{"name": e["name"], "gain": e["evidence"]} for e in self.effects]
+        tried = [{"name": t.name, "gain": round(t.gain, 2)} for t in self.finding.tried]
         unit = self.after.unit
         return {
-            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(), "drawn": self.after.drawn,
-            "floor": rounded(self.noise_floor), "axes": [f"position, {unit}", f"speed, {unit}/s"],
-            "candidates": candidates,
+            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(), "drawn": "nrmse",
+            "floor": _rounded(self.noise_floor), "axes": [f"position, {unit}", f"speed, {unit}/s"],
+            "candidates": [*found, *tried],
             **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
         }  # fmt: skip
 
@@ -186,9 +140,9 @@ class MotionDiagnosis:
         """The finding in one sentence."""
         left = f"{self.remaining:.3g} times the noise remains" if math.isfinite(self.remaining) else "all remains"
         if self.verdict == "nothing_missing":
-            return self.before.nothing_found()
+            return f"Nothing is missing: {self.before.alone()}."
         names = ", ".join(map(_words, self.effects))
-        change = f"{self.before.both(self.after)}; {left}"
+        change = f"{self.before.both(self.after)}; {left}" if self.effects else f"{self.after.alone()}; {left}"
         if self.verdict == "unknown_effect":
             also = f" besides {names}" if names else ""
             description = (self.unknown or {}).get("description", "")
@@ -210,13 +164,7 @@ def _words(effect: Entry) -> str:
     return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(numbers)})"
 
 
-def fall(gain: float) -> float:
-    """By how much the error of a window falls, %, with a gain."""
-    return 100.0 * (1.0 - math.exp(-max(gain, 0.0)))
-
-
-def rounded(value: float, digits: int = 6) -> float | None:
-    """A number of a document; None if not finite."""
+def _rounded(value: float, digits: int = 6) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
 
 
@@ -232,8 +180,8 @@ def diagnose_motion(
     model, search = _prepared(system, record, known, along, tell)
     finding = search.run()
     tell("scores")
-    level = judged_level(search, finding)
-    base, final = (whole_fit(search, trial, level) for trial in (finding.base, finding.final))
+    level = _judged(search, finding)
+    base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
     places = [system.positions.index(system.on[name]) for name in finding.found if name in system.on]
     shown = (*places, 0)[0]  # the coordinate of the free run
     pairs = ((finding.base, base), (finding.final, final))
@@ -242,31 +190,30 @@ def diagnose_motion(
     without = {
         name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
     }
-    lost = {name: whole_fit(search, trial, level) for name, trial in without.items()}
+    lost = {name: _whole(search, trial, level) for name, trial in without.items()}
     effects = tuple(
-        found_entry(search, finding, final, name)
-        | {"before": rounded(_relative(search, without[name], level)), "after": rounded(after.nrmse)}
+        _entry(search, finding, final, name)
+        | {"before": _rounded(_relative(search, without[name], level)), "after": _rounded(after.nrmse)}
         for name in finding.found
     )
     fitted = tuple(
-        found_entry(search, finding, final, name)
+        _entry(search, finding, final, name)
         for name in search.always
         if any(effect == name for effect, _ in final.free)
     )
     loose = [f"{e['name']}.{n}" for e in fitted for n, p in e["parameters"].items() if not p.get("determined", True)]
-    verdict = verdict_of(search, finding, remaining, loose)
+    verdict = _verdict(effects, finding, remaining, after, loose)
     unknown = None
     if verdict == "unknown_effect":
-        unknown = unknown_of(search, finding, final, remaining, loose)
+        unknown = _unknown(finding, remaining, loose)
     further = None
     if test is not None:
         further = _tested(search, base, final, test)
     floor = math.sqrt(float(np.sum(finding.base.count[level])) / max(float(np.sum(search.levels[level].movement)), 1.0))
     return MotionDiagnosis(
-        verdict=verdict, effects=effects, fitted=fitted, finding=finding, before=before, after=after,
-        remaining=remaining, unknown=unknown, notes=notes_of(search, finding, final, remaining, loose, after),
-        evidence=(evidence_of(model, base), evidence_of(model, final)), noise_floor=floor, fits=(base, final),
-        without=lost, test=further,
+        verdict, effects, fitted, finding, before, after, remaining, unknown,
+        _notes(search, finding, final, remaining, loose, after), (_evidence(model, base), _evidence(model, final)),
+        floor, (base, final), lost, further,
     )  # fmt: skip
 
 
@@ -283,7 +230,7 @@ def _prepared(
     return model, search
 
 
-def judged_level(search: Search, finding: Finding) -> int:
+def _judged(search: Search, finding: Finding) -> int:
     """The level whose numbers are reported: where what was found is clearest, else the longest windows that stay."""
     valid = finding.valid or (0,)
     if not finding.found:
@@ -291,7 +238,7 @@ def judged_level(search: Search, finding: Finding) -> int:
     return max(valid, key=lambda i: min(search.clear(finding.final, name, i) for name in finding.found))
 
 
-def whole_fit(search: Search, trial: Trial, level: int) -> Fit:
+def _whole(search: Search, trial: Trial, level: int) -> Fit:
     """The model fitted to all windows of a level."""
     one, two = trial.fits[level]
     rows = np.concatenate([fold.windows for fold in search.levels[level].folds])
@@ -330,7 +277,7 @@ def free_run(model: Model, values: Values, coordinate: int = 0) -> float:
     return off if off < LOST * float(np.nanstd(y)) else math.nan
 
 
-def found_entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
+def _entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
     """An effect with its numbers; with `determined` false where the record leaves a number open."""
     system, effect = search.model.system, search.model.effects[name]
     free = [n for n in effect.parameters if (name, n) in fit.free]
@@ -346,55 +293,33 @@ def found_entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
             if (name, n) in fit.at_bound:
                 entry["parameters"][n]["stderr"] = None
     if name in finding.found:
-        entry["evidence"] = rounded(fall(finding.gains.get(name, math.nan)), 1)
+        entry["evidence"] = _rounded(finding.gains.get(name, math.nan), 3)
     return entry
 
 
-def verdict_of(
-    search: Search, finding: Finding, remaining: float, loose: Sequence[str], others: Sequence[Entry] = ()
+def _verdict(
+    effects: Sequence[Entry], finding: Finding, remaining: float, after: MotionScore, loose: Sequence[str]
 ) -> str:
-    """The verdict in one word. others: entries of effects that were found in another way
-
-    It is ambiguous if another effect explains the record as well without more parameters."""
-    if finding.unknown:
+    if effects:
+        return "ambiguous" if finding.alike else "effect_found"
+    if not finding.valid or not remaining < NOISE_LEFT or loose:
         return "unknown_effect"
-    effects = search.model.effects
-    for first, *rest in finding.alike:
-        if any(len(effects[name].parameters) <= len(effects[first].parameters) for name in rest):
-            return "ambiguous"
-    if finding.found or others:
-        return "effect_found"
-    if search.model.system.disturbed:
-        return "nothing_missing"
-    return "nothing_missing" if finding.valid and remaining < NOISE_LEFT and not loose else "unknown_effect"
+    return "nothing_missing"
 
 
-def unknown_of(search: Search, finding: Finding, final: Fit, remaining: float, loose: Sequence[str]) -> dict[str, Any]:
+def _unknown(finding: Finding, remaining: float, loose: Sequence[str]) -> dict[str, Any]:
     """What is known about an effect without a name."""
-    depends: list[str] = []
-    if finding.unknown:
-        term = search.model.effects[finding.unknown]
-        values, depends = final.values[finding.unknown], list(term.depends_on)
-        text = f"a force that depends on {', '.join(depends)} ({term.name.replace('_', ' ')})"
-        if "frequency" in values:
-            size, unit = math.hypot(values["cos"], values["sin"]), term.parameters["cos"].unit
-            text = f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} {unit}"
-    elif not finding.valid:
+    if not finding.valid:
         text = "the simulation leaves the record with every effect that was tried"
     elif remaining >= NOISE_LEFT:
         text = "an error that no effect of the list explains"
     else:
         text = f"the record leaves {', '.join(loose)} open"
-    return {"depends_on": depends, "description": text}
+    return {"depends_on": [], "description": text}
 
 
-def notes_of(
-    search: Search,
-    finding: Finding,
-    final: Fit,
-    remaining: float,
-    loose: Sequence[str],
-    after: MotionScore | None = None,
+def _notes(
+    search: Search, finding: Finding, final: Fit, remaining: float, loose: Sequence[str], after: MotionScore
 ) -> tuple[str, ...]:
     """What a reader of the numbers should know."""
     out = list(search.model.record.notes)
@@ -411,7 +336,7 @@ def notes_of(
     if len(finding.valid) < len(finding.levels):
         lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
-    if after is not None and not math.isfinite(after.free_run):
+    if not math.isfinite(after.free_run):
         out.append("the free run leaves the record: small errors grow in this motion, or something is missing")
     values = final.values
     if "viscous_friction" in values and "viscous_asymmetry" in values:
@@ -421,7 +346,7 @@ def notes_of(
     return tuple(out)
 
 
-def evidence_of(model: Model, fit: Fit) -> Evidence:
+def _evidence(model: Model, fit: Fit) -> Evidence:
     """The residual of a fit, with position, speed and time."""
     y = model.record.y[:, 0]
     seen = np.flatnonzero(np.isfinite(y))

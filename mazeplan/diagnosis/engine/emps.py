@@ -23,10 +23,9 @@ import numpy as np
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.system import System, system_of
+from mazeplan.diagnosis.engine.system import System, Values, system_of
 from mazeplan.physics.effect import Parameter
 
 COLUMNS, GAIN = ("t", "qm", "vir"), "gtau"

@@ -33,8 +33,7 @@ def levels_of(model: Model) -> tuple[Level, ...]:
     """Windows of several lengths, the shortest first."""
     record, out = model.record, []
     longest = max(len(record) // WHOLE, FEWEST_ROWS)
-    lengths = np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()
-    for rows in model.system.lengths or dict.fromkeys(lengths):
+    for rows in dict.fromkeys(np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()):
         windows = cut(record, rows)
         if len(windows) < 4:
             continue

@@ -18,7 +18,7 @@ from mazeplan.core.errors import TableError
 from mazeplan.core.logs.column_units import ColumnSource, select_columns
 from mazeplan.core.logs.table import OTHERS, content_of, read_csv
 from mazeplan.core.logs.table_checks import Rows
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.records import Array
 
 FEWEST = 60  # samples
 GAP = 6.0  # usual steps; inputs that were not recorded for longer are unknown
@@ -35,15 +35,13 @@ class Record:
     y: measured coordinates (N, C), NaN where not seen; angles have no jumps
     u: inputs (N, W)
     notes: what was merged or left out
-    means: the inputs of a row are means over the step that follows
-    breaks: rows at which a stretch begins, beside those behind a gap in time"""
+    means: the inputs of a row are means over the step that follows"""
 
     t: Array
     y: Array
     u: Array
     notes: tuple[str, ...] = field(default=())
     means: bool = False
-    breaks: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -62,7 +60,7 @@ class Record:
     def stretches(self) -> list[tuple[int, int]]:
         """First row, and row behind the last one, of each part without a gap."""
         ends = np.flatnonzero(np.diff(self.t) > GAP * self.step) + 1 if self.u.shape[1] else []
-        edges = sorted({0, *np.asarray(ends).tolist(), *self.breaks.tolist(), len(self)})
+        edges = [0, *ends, len(self)]
         return [(int(a), int(b)) for a, b in pairwise(edges) if b - a > 2]
 
 

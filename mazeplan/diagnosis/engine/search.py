@@ -21,9 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.levels import Level, levels_of, track_of
-from mazeplan.diagnosis.engine.screening import forecast
+from mazeplan.diagnosis.engine.system import Values
 from mazeplan.diagnosis.engine.windows import Fit, Free, Model, free_of
 from mazeplan.physics.effect import INPUT
 
@@ -31,12 +30,9 @@ CLEAR = 4.0  # standard errors
 BETTER = 2.0  # standard errors of the gain between held-out windows
 WORSE = 0.02  # relative growth of the held-out error that counts as worse
 WORTH = 0.25  # fall of the squared error, over the noise and over what remains, that is worth a word
-TYPICAL = 0.01  # mean gain of the windows that is worth a word where blows disturb some of them
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
 LOST = 0.5  # error over the movement at which a simulation has left the record
 EQUAL = 0.99  # of the best gain: candidates that the class names first go first
-LEAST = 0.005  # forecast gain below which no candidate is fitted
-LIKELY = 6  # candidates that are fitted at some lengths
 KEPT = 3  # candidates that are fitted at all lengths
 MOST = 5  # effects
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
@@ -72,8 +68,7 @@ class Finding:
     """The result of a search.
 
     base, final: trials without and with what was found; found: names of effects in the order in which they were found
-    alike: groups of names that the record cannot tell apart; valid: levels that could be judged
-    unknown: the term without a name that was found beside them, and is a part of `final`; empty if none was"""
+    alike: groups of names that the record cannot tell apart; valid: levels that could be judged"""
 
     base: Trial
     final: Trial
@@ -83,40 +78,34 @@ class Finding:
     gains: dict[str, float]
     valid: tuple[int, ...]
     levels: tuple[Level, ...]
-    unknown: str = ""
 
 
 class Search:
-    """One search.
-
-    known: declared values; along: names of effects that are fitted in every model
-    given: declared values that may have changed: these effects are candidates, too"""
+    """One search. known: declared values; along: names of effects that are fitted in every model"""
 
     def __init__(
         self, model: Model, known: Values, along: Sequence[str], tell: Callable[[str], None],
-        given: Values | None = None,
+        levels: Sequence[Level] | None = None,
     ) -> None:  # fmt: skip
-        self.model, self.known, self.tell, self.given = model, known, tell, given or {}
-        self.levels = levels_of(model)
-        always = [name for name in (model.system.motion.name, *known, *along) if name not in self.given]
-        self.always = tuple(dict.fromkeys(always))
+        self.model, self.known, self.tell = model, known, tell
+        self.levels = tuple(levels or levels_of(model))
+        self.always = tuple(dict.fromkeys([model.system.motion.name, *known, *along]))
         self.cache: dict[frozenset[str], Trial] = {}
-        self.starts: dict[str, list[dict[str, float]]] = {}  # of candidates, where a linear step promises most
 
     def values(self, names: Sequence[str], like: Values | None = None, at_rest: bool = False) -> Values:
         """Start values of a model: those of another model where it has them, else small ones (at_rest: no effect)."""
         out: Values = {}
-        for name in dict.fromkeys((*self.given, *names)):
+        for name in names:
             effect = self.model.effects[name]
-            if name not in names:
-                out[name] = dict(self.given[name])
-                continue
             if like is not None and name in like:
                 out[name] = dict(like[name])
                 continue
             out[name] = {n: p.default for n, p in effect.parameters.items()}
-            out[name] |= self.starts[name][0] if effect.places and name in self.starts else {}
-            for n in out[name] if name not in (*self.always, *self.given) else ():
+            if effect.starts and effect.places:
+                out[name] = dict(zip(effect.parameters, effect.starts[0], strict=False)) | {
+                    n: out[name][n] for n in list(effect.parameters)[len(effect.starts[0]) :]
+                }
+            for n in out[name] if name not in self.always else ():
                 if effect.parameters[n].fixed or n in effect.places or (effect.acts == INPUT and n == "factor"):
                     continue
                 one = effect.parameters[n]
@@ -139,71 +128,50 @@ class Search:
     def _fitted(
         self, added: tuple[str, ...], parent: Trial | None, which: Sequence[int], folds: Sequence[int]
     ) -> Trial:
-        free, fits, held, count = self.free((*self.always, *added)), [], [], []
-        before: dict[int, Values] = {}
+        names = (*self.always, *added)
+        free, fits, held, count = self.free(names), [], [], []
+        before: list[Values | None] = [None, None]
         track = None  # states along the record, from shorter windows: where longer ones start
         for level in which:
-            pair: dict[int, Fit] = {}
+            pair, costs, counts = [], [], []
             for fold in folds:
-                near = self.levels[level].folds[fold].states_on(track)
-                starts = [(before[fold], near)] if fold in before else []
-                starts += self._starts(added, parent, level, fold)
-                pair[fold] = self._best(level, fold, free, starts)
-            if len(pair) == 2 and added and self.model.effects[added[-1]].places:  # each fold learns from the other one
-                for fold in folds:
-                    starts = [(pair[f].values, pair[fold].states) for f in (fold, 1 - fold)]
-                    pair[fold] = self._best(level, fold, free, starts)
-            before = {fold: fit.values for fold, fit in pair.items()}
-            tests = []
-            for fold in sorted(folds, reverse=True):  # held-out windows in the order of folds
+                windows = self.levels[level].folds[fold]
+                near = windows.states_on(track)
+                starts = [] if before[fold] is None else [(self.values(names, before[fold]), near)]
+                if parent is not None:
+                    own = parent.fits[level][fold]
+                    starts.append((self.values(names, own.values, at_rest=True), own.states))
+                starts = starts or [(self.values(names), windows.guess)]
+                tries = [windows.fit(start, free, states, most=3) for start, states in starts]
+                first = min(tries, key=lambda fit: fit.total)
+                fit = windows.fit(first.values, free, first.states)
+                before[fold] = fit.values
+                pair.append(fit)
                 other = self.levels[level].folds[1 - fold]
-                tests.append(other.held_out(pair[fold].values, other.states_on(track)))
-            if len(pair) == 2:
-                track = track_of(self.levels[level], (pair[0], pair[1]))
-            fits.append((pair[folds[0]], pair[folds[-1]]))
-            held.append(np.concatenate([test.cost for test in tests]))
-            count.append(np.concatenate([test.count for test in tests]))
+                test = other.held_out(fit.values, other.states_on(track))
+                costs.append(test.cost)
+                counts.append(test.count)
+            if len(folds) == 2:
+                track = track_of(self.levels[level], pair)
+            order = slice(None, None, -1) if len(folds) == 2 else slice(None)  # held-out windows in the order of folds
+            fits.append((pair[0], pair[-1]))
+            held.append(np.concatenate(costs[order]))
+            count.append(np.concatenate(counts[order]))
         return Trial(added, tuple(fits), tuple(held), tuple(count))
-
-    def _starts(
-        self, added: tuple[str, ...], parent: Trial | None, level: int, fold: int
-    ) -> list[tuple[Values, Array]]:
-        """Values and initial states at which a fit may start: at those of another model, without the new effect."""
-        names = (*self.always, *added)
-        if parent is None:
-            return [(self.values(names), self.levels[level].folds[fold].guess)]
-        own = parent.fits[level][fold]
-        values = self.values(names, own.values, at_rest=True)
-        new = added[-1] if added and added[-1] not in parent.names else ""
-        ways = self.starts.get(new) or [{}]
-        return [({**values, new: values[new] | way} if way else values, own.states) for way in ways]
-
-    def _best(self, level: int, fold: int, free: Free, starts: Sequence[tuple[Values, Array]]) -> Fit:
-        """The best fit from several starts. A few steps from each of them show which one that is."""
-        windows = self.levels[level].folds[fold]
-        tries = [windows.fit(start, free, states, most=3) for start, states in starts]
-        disturbed = self.model.system.disturbed
-        n = windows.count
-        first = min(tries, key=lambda f: float(np.sum(n * np.log(1.0 + f.cost / n))) if disturbed else f.total)
-        return windows.fit(first.values, free, first.states)
 
     def run(self, most: int = MOST) -> Finding:
         """Add effects until none is accepted, then check each of them again."""
         self.tell("fits of the known motion")
         base = current = self.trial(())
         tried: dict[str, Tried] = {}
-        every = [self.model.system.motion, *self.model.system.effects] if self.given else self.model.system.effects
-        library = [e.name for e in every if e.name not in self.always and e.acts != e.name]
+        library = [e.name for e in self.model.system.effects if e.name not in self.always]
         for name in [name for name in library if self.redundant(base, name)]:
             library.remove(name)
             tried[name] = Tried(name, 0.0, "the fitted numbers of the motion can do the same")
-        nameless = [name for name in library if not self.model.effects[name].named]
-        library = [name for name in library if name not in nameless]
         gains: dict[str, float] = {}
         found: list[str] = []
         while len(found) < most:
-            there = {rival for name in found for rival in self.model.effects[name].rivals}
-            candidates = [name for name in library if name not in found and name not in there and self.free([name])]
+            candidates = [name for name in library if name not in found and self.free([name])]
             judged = self._round(current, candidates, tried)
             if not judged:
                 break
@@ -212,16 +180,11 @@ class Search:
             gains[best.names[-1]] = gain
             self.tell(f"{best.names[-1]}: explains more")
         current, found = self._backward(base, current, found, tried, gains)
-        unknown = ""
-        if nameless and (judged := self._round(current, nameless, tried)):
-            unknown = judged[0][0].names[-1]
-            current, found = self._backward(base, judged[0][0], [*found, unknown], tried, gains)
-            found.remove(unknown)
         valid = tuple(self.valid(base, current))
         alike = self._alike(current, found, library, valid)
         for name in found:
             tried.pop(name, None)
-        return Finding(base, current, tuple(found), alike, tuple(tried.values()), gains, valid, self.levels, unknown)
+        return Finding(base, current, tuple(found), alike, tuple(tried.values()), gains, valid, self.levels)
 
     def redundant(self, base: Trial, name: str) -> bool:
         """Whether the fitted numbers of the motion can copy an effect, at every level."""
@@ -252,12 +215,8 @@ class Search:
         """Trials of the candidates that are accepted, the best first."""
         scored = []
         which = sorted({0, len(self.levels) // 2})
-        forecasts = forecast(self, current, candidates)
-        likely = sorted(candidates, key=lambda name: -forecasts[name])[:LIKELY]
-        likely = [name for name in likely if forecasts[name] > LEAST]
-        tried |= {name: Tried(name, forecasts[name], "others explain more") for name in candidates}
-        for name in likely:
-            self.tell(f"trying {name}, {likely.index(name) + 1} of {len(likely)}")
+        for name in candidates:
+            self.tell(f"trying {name}")
             quick = self._fitted((*current.names, name), current, which, (0,))
             gain = sum(
                 _gain(current.fits[level][0].cost, quick.fits[i][0].cost, quick.fits[i][0].count, 1.0).mean()
@@ -288,21 +247,17 @@ class Search:
         if not valid:
             return 0.0, "the simulation leaves the record with it, too"
         total, better, sure, worth, worse = 0.0, False, False, False, False
-        disturbed = self.model.system.disturbed  # a few blows then hide what happens all the time: windows count alike
         for i in valid:
             gain = self.gains(before, after, i)
-            total = max(total, gain.mean()) if disturbed else total + float(gain.mean()) / len(valid)
+            total += float(gain.mean()) / len(valid)
             fewer = before.rms(i) ** 2 - after.rms(i) ** 2
-            good = self._t(gain) > BETTER and (fewer > 0.0 or disturbed)
+            good = self._t(gain) > BETTER and fewer > 0.0
             clear = self.clear(after, name, i) > CLEAR and self._steady(after, name, i, valid)
             better |= good
             sure |= good and clear
-            worth |= good and clear and (gain.mean() > TYPICAL if disturbed else self._worth(before, after, i))
+            worth |= good and clear and self._worth(before, after, i)
             explains = np.sum(before.held[i]) < LOST**2 * np.sum(self.levels[i].bend)  # else there is nothing to lose
-            larger = after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
-            worse |= explains and larger and not disturbed
-        if not self._large(after, name, valid):
-            return total, "it is smaller than the smallest size that matters"
+            worse |= explains and after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
         if self._within_a_sample(after, name, valid):
             return total, "it is shorter than a sample: how inputs are held between samples does the same"
         if not better:
@@ -343,11 +298,6 @@ class Search:
                 error = max(math.hypot(one.stderr(name, n), two.stderr(name, n)) / 2.0, abs(a - b) / 4.0, 1e-300)
                 out = max(out, abs(a + b) / 2.0 / error) if a * b > 0.0 else out
         return out
-
-    def _large(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
-        """Whether an effect is as large as its smallest size, at one level at least."""
-        effect = self.model.effects[name]
-        return any(all(effect.size(fit.values[name], {}) >= 1.0 for fit in trial.fits[i]) for i in valid)
 
     def _within_a_sample(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
         """Whether a delay or lag of the inputs is shorter than the time between two samples."""
@@ -402,7 +352,7 @@ class Search:
         """Groups of a found effect and others that would explain the record as well in its place."""
         groups = []
         for name in found:
-            rest = tuple(other for other in current.names if other != name)
+            rest = tuple(other for other in found if other != name)
             without = self.trial(rest, current)
             group = [name]
             for rival in library:

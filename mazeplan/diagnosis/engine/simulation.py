@@ -4,7 +4,7 @@
 
 Runge-Kutta 4 from sample to sample, whatever the time between two samples is; a long step is divided. Dry friction has
 no smoothing: a step ends where a speed crosses zero. There, a coordinate stays at rest as long as the other forces are
-smaller than its friction. A coordinate that passes the angle of an opening loses a share of its speed there.
+smaller than its friction.
 
 The terms are called through their addresses (`core.maths.compiled`), so this module is compiled once for all systems.
 """
@@ -29,10 +29,8 @@ class Problem(NamedTuple):
     """What the simulation needs beside states and parameters.
 
     t: times (N,)
-    w: inputs (N, 3, W) at begin, middle and end of the step that follows each sample
+    w: inputs (N, 2, W) at the begin and at the end of the step that follows each sample
     terms, holds: rows of address, coordinate, first parameter (J, 3)
-    openings: rows of address of the angle, address of the loss, first parameter (J, 3), of the first coordinate
-    angles: what is added to the angle of each opening (J,)
     divide: number of parts of each step (N,)
     windows: first row and the row behind the last one (M, 2)
     limit: size of a coordinate at which a simulation has left the record (C,)"""
@@ -41,8 +39,6 @@ class Problem(NamedTuple):
     w: Array
     terms: IntArray
     holds: IntArray
-    openings: IntArray
-    angles: Array
     divide: IntArray
     windows: IntArray
     limit: Array
@@ -66,35 +62,6 @@ def _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold):
         hold[i] += max(_term(holds[j, 0], (x[i], x[c + i], t, pw, shifted(pp, holds[j, 2]))), 0.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _inputs_at(inputs, row, s, w):
-    """Inputs at a share s of a step, by the parabola through begin, middle and end, into w."""
-    for i in range(inputs.shape[2]):
-        a, b, d = inputs[row, 0, i], inputs[row, 1, i], inputs[row, 2, i]
-        if s == 0.0:
-            w[i] = a
-        elif s == 1.0:
-            w[i] = d
-        elif s == 0.5:
-            w[i] = b
-        else:
-            w[i] = a + s * (4.0 * b - 3.0 * a - d + 2.0 * s * (a + d - 2.0 * b))
-
-
-@njit(cache=True, error_model="numpy")
-def _pass_openings(openings, angles, before, t, pw, pp, c, after):
-    """Take the loss of each opening that lies between two states; the rest of the step is slower, too."""
-    turn = 2.0 * np.pi
-    for j in range(len(openings)):
-        own = shifted(pp, openings[j, 2])
-        angle = _term(openings[j, 0], (before[0], after[c], t, pw, own)) + angles[j]
-        if np.floor((before[0] - angle) / turn) != np.floor((after[0] - angle) / turn):
-            at = angle + turn * np.floor((max(before[0], after[0]) - angle) / turn)
-            kept = 1.0 - _term(openings[j, 1], (before[0], after[c], t, pw, own))
-            after[0] = at + kept * (after[0] - at)
-            after[c] *= kept
-
-
 @njit(cache=True, error_model="numpy")
 def simulate(problem, p, x0):
     """Coordinates and speeds (N, 2 C) of windows that start in states x0 (M, 2 C); NaN where no window is.
@@ -104,7 +71,6 @@ def simulate(problem, p, x0):
     c, u = size // 2, problem.w.shape[2]
     times, inputs, windows, limit = problem.t, problem.w, problem.windows, problem.limit
     terms, holds, divide = problem.terms, problem.holds, problem.divide
-    openings, angles = problem.openings, problem.angles
     n_terms, n_holds = len(terms), len(holds)
     y = np.full((n, size), np.nan)
     x, out, xs = np.empty(size), np.empty(size), np.empty(size)
@@ -128,7 +94,8 @@ def simulate(problem, p, x0):
                 while True:
                     t, h = times[row] + s0 * whole, share * (stop - s0) * whole
                     if n_holds and not begun:
-                        _inputs_at(inputs, row, s0, w)
+                        for i in range(u):
+                            w[i] = inputs[row, 0, i] + s0 * (inputs[row, 1, i] - inputs[row, 0, i])
                         _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold)
                         for i in range(c):
                             v = x[c + i]
@@ -145,12 +112,9 @@ def simulate(problem, p, x0):
                         for i in range(size):
                             xs[i] = x[i] if stage == 0 else x[i] + d * h * k[stage - 1, i]
                         s = s0 + d * share * (stop - s0)
-                        here = pw
-                        if c == 1 and (s == 0.0 or s == 0.5 or s == 1.0):
-                            here = pointer_to(inputs, (row * 3 + int(2.0 * s)) * u)
-                        else:
-                            _inputs_at(inputs, row, s, w)
-                        _forces(terms, holds, n_terms, n_holds, c, xs, t + d * h, w, here, pp, u, a, hold)
+                        for i in range(u):
+                            w[i] = inputs[row, 0, i] + s * (inputs[row, 1, i] - inputs[row, 0, i])
+                        _forces(terms, holds, n_terms, n_holds, c, xs, t + d * h, w, pw, pp, u, a, hold)
                         for i in range(c):
                             moves = direction[i] != STUCK
                             k[stage, i] = xs[c + i] if moves else 0.0
@@ -171,8 +135,6 @@ def simulate(problem, p, x0):
                                 which, share = i, here
                     events += 1
                     if which < 0 or events > EVENTS:
-                        if len(openings):
-                            _pass_openings(openings, angles, x, t, pw, pp, c, out)
                         for i in range(size):
                             x[i] = out[i]
                         break

@@ -6,9 +6,8 @@ import numpy as np
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.system import System
+from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.diagnosis.engine.windows import Model, first_states
 from mazeplan.physics.effect import INPUT
 
@@ -42,8 +41,6 @@ def scales(system: System, record: Record, noise: Array) -> dict[tuple[str, str]
     """The size of each parameter at which its effect is as large as the acceleration of the record.
 
     Raises InputError for a formula that gives no finite number."""
-    if system.drive is not None:  # its effects know the sizes that matter
-        return {(e.name, n): 100.0 * p.smallest or p.step for e in system.library for n, p in e.parameters.items()}
     t, y, v, a = crude(record, noise)
     rows = np.searchsorted(record.t, t)
     w = [record.u[rows, i] for i in range(record.u.shape[1])]

@@ -25,9 +25,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.records import Array
 from mazeplan.core.user_modules import reason
-from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
 from mazeplan.physics.formulas.compiled import term_functions
@@ -40,6 +38,8 @@ TAKEN = ("theta", "theta_dot", "position", "velocity", "t", "speed", "direction"
 # unit of a parameter of an acceleration, and its unit for a force in {0} and a position in {1}
 STRENGTHS = {"1/s": "{0} s/{1}", "rad/s^2": "{0}", "1/rad": "{0} s^2/{1}^2", "1/s^2": "{0}/{1}"}
 
+Values = dict[str, dict[str, float]]  # effect -> parameter -> value
+
 
 @dataclass(frozen=True)
 class Term:
@@ -48,8 +48,6 @@ class Term:
     address: int
     coordinate: int
     held: bool
-    loss: int = 0  # address of the loss, of an opening
-    angle: float = 0.0  # which is added to that of the opening, rad
     code: Any = field(repr=False, compare=False, default=None)  # keeps the compiled function alive
 
 
@@ -58,11 +56,7 @@ class System:
     """The attributes of the table above. The motion is an effect, too.
 
     effects: those that may be missing; terms: compiled parts of each effect, by name
-    on: coordinate of each effect that acts on one of several coordinates
-    drive: inputs (N, 3, W) at begin, middle and end of each step under some values; None: they are held, or linear
-    seen: measured coordinates from true ones; None: they are the same
-    disturbed: whether what no effect explains may be a disturbance, such as blows at openings
-    lengths: rows of the windows; empty: by the length of the record"""
+    on: coordinate of each effect that acts on one of several coordinates"""
 
     positions: tuple[str, ...]
     units: tuple[str, ...]
@@ -74,10 +68,6 @@ class System:
     inertia: str
     terms: dict[str, tuple[Term, ...]] = field(default_factory=dict, repr=False, compare=False)
     on: dict[str, str] = field(default_factory=dict, repr=False, compare=False)
-    drive: Callable[[Values], Array] | None = field(default=None, repr=False, compare=False)
-    seen: Callable[[Values, Array], Array] | None = field(default=None, repr=False, compare=False)
-    disturbed: bool = False
-    lengths: tuple[int, ...] = ()
 
     @property
     def library(self) -> list[Effect]:
@@ -223,7 +213,7 @@ def _terms(effect: Effect, system: System, coordinate: int | None) -> tuple[Term
             why = str(problem) if isinstance(problem, ValueError) else reason(problem)
             raise InputError(f"the formula of {effect.name} cannot be used: {why}") from None
         held = effect.acts == DRY
-        out.append(Term(code.address["hold" if held else "term"], i, held, code=code))
+        out.append(Term(code.address["hold" if held else "term"], i, held, code))
     return tuple(out)
 
 

@@ -10,23 +10,21 @@ eliminated window by window, so their number costs nothing:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.simulation import LEFT, Problem, simulate
-from mazeplan.diagnosis.engine.system import System
+from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.physics.effect import Effect
 
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
 DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
-TAILS = 4.0  # degrees of freedom of Student's t of windows
 START = 6  # samples whose line is the first guess of an initial state
 
 Free = tuple[tuple[str, str], ...]  # effect and parameter
@@ -47,29 +45,19 @@ class Model:
         """The problem of the simulation and its parameters, with these effects."""
         inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
         p: list[float] = []
-        rows: dict[str, list[tuple[int, int, int]]] = {"term": [], "hold": [], "opening": []}
-        angles = []
+        terms, holds = [], []
         for name, numbers in values.items():
             effect = self.effects[name]
             for term in self.system.terms[name]:
-                if term.loss:
-                    rows["opening"].append((term.address, term.loss, len(p)))
-                    angles.append(term.angle)
-                else:
-                    rows["hold" if term.held else "term"].append((term.address, term.coordinate, len(p)))
+                (holds if term.held else terms).append((term.address, term.coordinate, len(p)))
             for number, parameter in zip(effect.numbers(numbers), effect.parameters.values(), strict=True):
                 p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
-        terms, holds, openings = (np.array(found, dtype=np.int64).reshape(-1, 3) for found in rows.values())
-        problem = Problem(
-            self.record.t, self.inputs(values), terms, holds, openings, np.array(angles, dtype=np.float64),
-            self.divide, windows, self.limit,
-        )  # fmt: skip
-        return problem, np.array(p or [0.0])
+        here, there = (np.array(found, dtype=np.int64).reshape(-1, 3) for found in (terms, holds))
+        w = self.inputs(values)
+        return Problem(self.record.t, w, here, there, self.divide, windows, self.limit), np.array(p or [0.0])
 
     def inputs(self, values: Values) -> Array:
-        """Inputs (N, 3, W) at begin, middle and end of each step, as they act."""
-        if self.system.drive is not None:
-            return self.system.drive(values)
+        """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
         delay, lag, gain = (
             values.get(name, {}).get(key, default)
             for name, key, default in (
@@ -88,15 +76,11 @@ class Model:
         problem, p = self.problem(values, windows)
         return simulate(problem, p, states)
 
-    def seen(self, values: Values, states: Array) -> Array:
-        """Coordinates as they are measured, from simulated states (N, 2 C)."""
-        return states if self.system.seen is None else self.system.seen(values, states)
-
 
 def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
-    """Inputs at begin, middle and end of each step (N, 3, W), late by `delay` and through a lag (s)."""
+    """Inputs at begin and end of each step (N, 2, W), late by `delay` and through a lag (s)."""
     t, n = record.t, len(record)
-    out = np.zeros((n, 3, record.u.shape[1]))
+    out = np.zeros((n, 2, record.u.shape[1]))
     for i, name in enumerate(system.inputs):
         u = record.u[:, i]
         held = name in system.held or record.means
@@ -108,13 +92,12 @@ def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
             early = t - delay < t[0]
             edges[early] = (t[early] - delay - t[0]) * u[0]
             mean = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
-            out[:, 0, i] = out[:, 2, i] = mean
+            out[:, 0, i] = out[:, 1, i] = mean
         elif held:
-            out[:, 0, i] = out[:, 2, i] = u
+            out[:, 0, i] = out[:, 1, i] = u
         else:
             at = u if delay == 0.0 else np.interp(t - delay, t, u)
-            out[:, 0, i], out[:-1, 2, i], out[-1, 2, i] = at, at[1:], at[-1]
-    out[:, 1] = 0.5 * (out[:, 0] + out[:, 2])
+            out[:, 0, i], out[:-1, 1, i], out[-1, 1, i] = at, at[1:], at[-1]
     return out
 
 
@@ -140,8 +123,7 @@ class Fit:
     free: fitted parameters; covariance: of these, by blocks (sandwich)
     states: initial state of each window (M, 2 C)
     residual: (N, C) over the noise, NaN where there is none
-    cost: sum of squares of each window (M,); count: measurements in each window (M,)
-    windows: first row of each window and the row behind its last one (M, 2)"""
+    cost: sum of squares of each window (M,); count: measurements in each window (M,)"""
 
     values: Values
     free: Free
@@ -149,7 +131,6 @@ class Fit:
     residual: Array
     cost: Array
     count: Array
-    windows: IntArray
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     at_bound: tuple[tuple[str, str], ...] = ()
 
@@ -182,7 +163,7 @@ def cut(record: Record, rows: int) -> IntArray:
         out += [(a, b + 1) for a, b in pairwise(edges.tolist())]
     found = np.array(out, dtype=np.int64).reshape(-1, 2)
     seen = np.array([np.isfinite(record.y[a:b]).sum(axis=0).min() for a, b in found], dtype=np.int64)
-    return found[seen > min(2 * START, rows - 1)] if len(found) else found
+    return found[seen > 2 * START] if len(found) else found
 
 
 def first_states(record: Record, windows: IntArray) -> Array:
@@ -200,8 +181,7 @@ def first_states(record: Record, windows: IntArray) -> Array:
 class Windows:
     """Some windows of a record, with a number for each measurement."""
 
-    def __init__(self, model: Model, windows: IntArray, counted: int | None = None) -> None:
-        """counted: rows of each window, behind the first one, whose measurements count; None: all"""
+    def __init__(self, model: Model, windows: IntArray) -> None:
         self.model, self.windows = model, windows
         y, c = model.record.y, model.record.y.shape[1]
         self.size = 2 * c
@@ -212,8 +192,6 @@ class Windows:
         keep = np.concatenate([np.arange(len(part)) > 0 for part in parts])
         rows, which = rows[keep], which[keep]
         seen = np.isfinite(y[rows])
-        if counted is not None:
-            seen &= (rows - windows[which, 0] <= counted)[:, None]
         self.row, self.coordinate = (np.repeat(rows, c), np.tile(np.arange(c), len(rows)))
         good = seen.ravel()
         self.row, self.coordinate, self.which = self.row[good], self.coordinate[good], np.repeat(which, c)[good]
@@ -239,16 +217,14 @@ class Windows:
 
     def residual(self, values: Values, states: Array) -> Array:
         """Residuals of all measurements (K,), over the noise."""
-        out = self.model.seen(values, self.model.simulate(values, self.windows, states))
+        out = self.model.simulate(values, self.windows, states)
         return (out[self.row, self.coordinate] - self.measured) * self.weight
 
     def sums(self, x: Array) -> Array:
         """Sums over the measurements of each window."""
         return np.add.reduceat(x, self.starts, axis=0)
 
-    def columns(
-        self, values: Values, states: Array, r: Array, free: Free, *, by_states: bool = True
-    ) -> tuple[Array, Array]:
+    def _columns(self, values: Values, states: Array, r: Array, free: Free) -> tuple[Array, Array]:
         """Derivatives of the residual by parameters (K, P) and by the initial state of the own window (K, 2 C)."""
         by_p = np.empty((len(r), len(free)))
         for j, (effect, name) in enumerate(free):
@@ -256,14 +232,14 @@ class Windows:
             step = STEP * max(self.model.scale[effect, name], abs(at))
             step = -step if at + step > high else step
             by_p[:, j] = (self.residual(changed(values, effect, name, at + step), states) - r) / step
-        by_s = np.empty((len(r), self.size if by_states else 0))
-        for j, step in enumerate(self.state_steps if by_states else ()):
+        by_s = np.empty((len(r), self.size))
+        for j, step in enumerate(self.state_steps):
             moved = states.copy()
             moved[:, j] += step
             by_s[:, j] = (self.residual(values, moved) - r) / step
         return by_p, by_s
 
-    def eliminated(self, by_s: Array, *others: Array, damping: Array | float = 0.0) -> list[Array]:
+    def _eliminated(self, by_s: Array, *others: Array, damping: Array | float = 0.0) -> list[Array]:
         """For each other column the states that cancel it, window by window: (M, 2 C, ...)."""
         gram = self.sums(by_s[:, :, None] * by_s[:, None, :])
         diagonal = np.einsum("mii->mi", gram) * (1e-9 + np.reshape(damping, (-1, 1)))
@@ -279,8 +255,8 @@ class Windows:
             states, r = self._better(states, r, other, self.residual(values, other))
         weight, cost = np.full(len(states), 1e-3), self.sums(r * r)
         for _ in range(most):
-            _, by_s = self.columns(values, states, r, ())
-            (move,) = self.eliminated(by_s, r[:, None], damping=weight)
+            _, by_s = self._columns(values, states, r, ())
+            (move,) = self._eliminated(by_s, r[:, None], damping=weight)
             trial = states - move[:, :, 0]
             s = self.residual(values, trial)
             fresh = self.sums(s * s)
@@ -301,23 +277,21 @@ class Windows:
         states, r = self.settled(values, near, 1)
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
-        total = self._objective(r)
-        weight, cost, p = 1e-3, total(r), np.array([values[e][n] for e, n in free])
+        weight, cost, p = 1e-3, _sum(r), np.array([values[e][n] for e, n in free])
         for _ in range(most if free else 0):
-            by_p, by_s = self.columns(values, states, r, free)
-            s_r, s_p = self.eliminated(by_s, r[:, None], by_p, damping=weight)
+            by_p, by_s = self._columns(values, states, r, free)
+            s_r, s_p = self._eliminated(by_s, r[:, None], by_p, damping=weight)
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
             left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
-            share = self._shares(r)
-            gram, slope = clean.T @ (share[:, None] * clean), clean.T @ (share * left)
+            gram, slope = clean.T @ clean, clean.T @ left
             for _ in range(8):
                 new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
                 trial = with_numbers(values, free, new)
                 begin = states - (s_r[:, :, 0] + np.einsum("msp,p->ms", s_p, new - p))
                 s = self.residual(trial, begin)
-                if not total(s) < cost:  # in some windows the linear step of the initial state may go too far
+                if not _sum(s) < cost:  # in some windows the linear step of the initial state may go too far
                     begin, s = self._better(begin, s, states, self.residual(trial, states))
-                fresh = total(s)
+                fresh = _sum(s)
                 if fresh < cost:
                     break
                 weight = max(weight, 1e-6) * 6.0
@@ -328,28 +302,6 @@ class Windows:
             if gain <= DONE * cost:
                 break
         return self.finished(values, free, states, r)
-
-    def _spread(self, r: Array) -> Array:
-        """TAILS times the usual sum of squares of each window (M,)."""
-        mean = self.sums(r * r) / np.maximum(self.count, 1)
-        return TAILS * self.count * max(1.0, float(np.median(mean)))
-
-    def _shares(self, r: Array) -> Array:
-        """Weight of each residual (K,): windows with a blow that nothing explains count little, by Student's t."""
-        if not self.model.system.disturbed:
-            return np.ones(len(r))
-        return (1.0 / (1.0 + self.sums(r * r) / self._spread(r)))[self.which]
-
-    def _objective(self, r: Array) -> Callable[[Array], float]:
-        """What a fit minimises: the sum of squares, or that of Student's t with the spread of these residuals."""
-        if not self.model.system.disturbed:
-            return _sum
-        spread = self._spread(r)
-
-        def objective(s: Array) -> float:
-            return float(np.sum(spread * np.log1p(self.sums(s * s) / spread))) if np.isfinite(s).all() else math.inf
-
-        return objective
 
     def finished(self, values: Values, free: Free, states: Array, r: Array) -> Fit:
         """The fit at a solution, with the sandwich covariance over windows."""
@@ -363,21 +315,20 @@ class Windows:
                 at_bound.append((e, n))
         inside = np.array([key not in at_bound for key in free], dtype=bool)
         if inside.any():
-            by_p, by_s = self.columns(values, states, r, tuple(key for key in free if key not in at_bound))
-            (s_p,) = self.eliminated(by_s, by_p)
+            by_p, by_s = self._columns(values, states, r, tuple(key for key in free if key not in at_bound))
+            (s_p,) = self._eliminated(by_s, by_p)
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
-            root = np.sqrt(self._shares(r))
-            covariance[np.ix_(inside, inside)] = sandwich(root[:, None] * clean, root * r, self.sums, self.count)
+            covariance[np.ix_(inside, inside)] = sandwich(clean, r, self.sums, self.count)
         return Fit(
-            values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), self.windows, covariance,
+            values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), covariance,
             tuple(at_bound),
         )  # fmt: skip
 
     def own_share(self, values: Values, states: Array, own: tuple[str, str], free: Free) -> float:
         """The share of a parameter's influence that free parameters and initial states cannot copy."""
         r = self.residual(values, states)
-        by_p, by_s = self.columns(values, states, r, (own, *free))
-        (s_p,) = self.eliminated(by_s, by_p)
+        by_p, by_s = self._columns(values, states, r, (own, *free))
+        (s_p,) = self._eliminated(by_s, by_p)
         clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
         column, others = clean[:, 0], clean[:, 1:] / np.maximum(np.linalg.norm(clean[:, 1:], axis=0), 1e-300)
         left = column - others @ np.linalg.lstsq(others, column, rcond=1e-10)[0]

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
+from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.effect import Effect

@@ -30,10 +30,19 @@ def _waves(s: Any, p: Any, harmonics: Any) -> Any:
     return sum(getattr(p, f"cos{n}") * cos(n * s.theta) + getattr(p, f"sin{n}") * sin(n * s.theta) for n in harmonics)
 
 
-def _wave_parameters(harmonics: Any) -> dict[str, Parameter]:
+def wave_parameters(harmonics: Any, **more: Any) -> dict[str, Parameter]:
     """Parameters for the amplitudes of harmonics."""
-    wave = Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.06, step=1e-3)
+    wave = Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.06, step=1e-3, **more)
     return {f"{kind}{n}": wave for n in harmonics for kind in ("cos", "sin")}
+
+
+def ripple(harmonics: Any, parameters: dict[str, Parameter]) -> Effect:
+    """The floor's harmonics beyond those of `surface_profile`."""
+    return Effect(
+        "surface_ripple", parameters, FORCE, lambda s, p: _waves(s, p, harmonics), by_radius=None,
+        text="the floor is uneven near openings: harmonics 4 to 9 (where a table brings smoothed accelerations to 17)",
+        source="Fourier series",
+    )  # fmt: skip
 
 
 def _bump(s: Any, p: Any) -> Any:
@@ -143,13 +152,10 @@ constant_torque = Effect(
     lambda s, p: p.acceleration, by_radius=None, text="a push along the ring, the same everywhere", source="Newton",
 )  # fmt: skip
 surface_profile = Effect(
-    "surface_profile", _wave_parameters((1, 2, 3)), FORCE, lambda s, p: _waves(s, p, (1, 2, 3)), by_radius=None,
+    "surface_profile", wave_parameters((1, 2, 3)), FORCE, lambda s, p: _waves(s, p, (1, 2, 3)), by_radius=None,
     text="the floor is not flat: a force along the ring, harmonics 1 to 3", source="Fourier series",
 )  # fmt: skip
-surface_ripple = Effect(
-    "surface_ripple", _wave_parameters(RIPPLES), FORCE, lambda s, p: _waves(s, p, RIPPLES), by_radius=None,
-    text="the floor is uneven near openings: harmonics 4 to 9", source="Fourier series",
-)  # fmt: skip
+surface_ripple = ripple(RIPPLES, wave_parameters(RIPPLES))
 surface_bump = Effect(
     "surface_bump",
     {

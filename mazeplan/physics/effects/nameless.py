@@ -36,9 +36,11 @@ def oscillation(amplitude: Parameter) -> Effect:
     )  # fmt: skip
 
 
-def _term(name: str, formula: Callable[[Any, Any], Any], count: int, *depends_on: str) -> Effect:
+def _term(name: str, formula: Callable[[Any, Any], Any], count: int, *depends_on: str, placebo: bool = False) -> Effect:
     parameters = {f"p{i}": Parameter("", 0.0, -1e3, 1e3, step=1e-3) for i in range(count)}
-    return Effect(name, parameters, FORCE, formula, named=False, depends_on=depends_on, why_not="it has no name")
+    return Effect(
+        name, parameters, FORCE, formula, named=False, depends_on=depends_on, placebo=placebo, why_not="it has no name"
+    )
 
 
 def _past(s: Any, p: Any) -> Any:
@@ -77,4 +79,13 @@ NAMELESS = (
     _term("powers of the speed", lambda s, p: p.p0 * s.theta_dot**3 + p.p1 * s.theta_dot**2, 2, "theta_dot"),
     _term("past speed", _past, 3, "theta_dot", "past of theta_dot"),
     _term("ripples along the ring", _ripples, 8, "theta"),
+)  # fmt: skip
+
+# Placebos: terms that cannot be present. They are tried like the other terms and must lose. A term is accepted only if
+# it explains clearly more than the best placebo.
+PLACEBOS = (
+    _term("placebo: tilt played backwards",
+          lambda s, p: p.p0 * s.backward_beta * sin(s.theta) + p.p1 * s.backward_gamma * cos(s.theta), 2, placebo=True),
+    _term("placebo: friction with it", lambda s, p: s.theta_dot * (p.p0 * s.backward_beta + p.p1 * s.backward_gamma),
+          2, placebo=True),
 )  # fmt: skip

@@ -3,6 +3,15 @@
 The ball touches the outer or the inner wall of its channel, by the sign of the normal force (`ball.pressing`). The far
 edge of an opening slows only a ball that touches the wall with the opening.
 
+The loss depends on the depth b to which the ball sinks into the opening while it crosses. Away from the wall, the ball
+moves as on the floor (f = 5/7). The edge takes the part of the speed v that is normal to it: sin^2 of the angle between
+the edge and the centre of the ball, which has the radius a:
+
+    d = b / a = s N' / (R v^2),    share = 1 - (1 - d)^2
+
+s is the value of d without gravity: width^2 / (2 R a) if the ball crosses the whole width. N' is the normal force N at
+the low-passed tilt, because a ball needs about a tenth of a second from wall to wall.
+
 All openings of a wall are one effect. `pattern` holds their angles in the map. `rotation` turns the map relative to the
 camera.
 """
@@ -11,14 +20,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from mazeplan.core.constants import FREE_ROLLING
+from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.effect import OPENING, Effect, Parameter
-from mazeplan.physics.effects.ball import TURN, pressing
-from mazeplan.physics.formulas.symbols import clip, exp
+from mazeplan.physics.effects.ball import RIPPLES, TURN, pressing, ripple, wave_parameters
+from mazeplan.physics.formulas.symbols import clip, cos, exp, sin
 
 WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
+SLOWEST = 1e-9  # rad^2/s^2
+BEHIND = 0.02  # rad, minimum distance of the far edge behind the middle of an opening
+ALIKE = 0.1  # standard deviation between the losses of openings of one wall
+FINE = 0.25  # rad/s^2; guess of the standard deviation of ripples of high harmonics
+FINEST = 18  # finer ripples have harmonics below this one
 STARTS = 8  # minimum number of start angles for `rotation`, within one period of the openings of a wall
 EDGES = "the prediction meets the edges of the map's openings themselves, and a plan along a ring ends in front of one"
 
@@ -38,6 +54,18 @@ def against(s: Any, side: float, width: Any) -> Any:
     width: of the change from one wall to the other, m/s^2
     """
     return 1 / (1 + exp(clip(-side * s.radius * pressing(s) / width, -700.0, 700.0)))
+
+
+def struck(s: Any, side: float, sinking: Any) -> Any:
+    """Share (0 to 1) of the ball's speed that is directed against the far edge of an opening.
+
+    side:    1 for an opening in the outer wall, -1 in the inner wall
+    sinking: depth, in radii of the ball, to which the ball sinks in without gravity
+    """
+    across = sin(s.late_beta) * cos(s.theta) - sin(s.late_gamma) * sin(s.theta)
+    depth = sinking * side * (1 + FREE_ROLLING * G / s.radius * across / (s.theta_dot**2 + SLOWEST))
+    depth = clip(depth, 0.0, 1.0)
+    return depth * (2 - depth)
 
 
 def _angles(count: int) -> list[float]:
@@ -67,7 +95,7 @@ def _wall(name: str, angles: Sequence[float], side: float) -> Effect:
         },
         OPENING, lambda s, p: {"angle": p.rotation, "loss": p.loss * against(s, side, WIDTH)},
         starts=tuple((period * ((i + 0.5) / count - 0.5), 0.3) for i in range(count)), places=("rotation",),
-        why_not=EDGES, pattern=tuple(angles), side=side,
+        rivals=(name.replace("gates", "edges"),), why_not=EDGES, pattern=tuple(angles), side=side,
         text="all openings of a wall, turned by rotation against the map: a ball at the wall loses speed",
         source="inelastic impact at the far edge",
     )  # fmt: skip
@@ -77,6 +105,51 @@ def wall_library(openings: Openings) -> list[Effect]:
     """Effects of the openings of a ring's walls."""
     walls = (("outer_gates", openings.outer, 1.0), ("inner_gates", openings.inner, -1.0))
     return [_wall(name, angles, side) for name, angles, side in walls if angles]
+
+
+def closer_library(openings: Openings) -> list[Effect]:
+    """Detailed effects of the openings, in two variants.
+
+    The first variant is that of `wall_library` with a fitted `width` of the change of sides. The second variant models
+    sinking: the ball meets the far edge at `reach` behind the middle, and a deeper ball loses more. Its `loss` holds
+    for a ball that sank in by its radius."""
+    found = []
+    for plain in wall_library(openings):
+        width = {"width": Parameter("m/s^2", WIDTH, 2e-3, 1.0, step=0.01)}
+        found.append(replace(
+            plain, parameters={**plain.parameters, **width}, places=("rotation", "width"),
+            formula=lambda s, p, side=plain.side: {"angle": p.rotation, "loss": p.loss * against(s, side, p.width)},
+        ))  # fmt: skip
+        parameters = {
+            **plain.parameters,
+            "reach": Parameter("rad", BEHIND, BEHIND, 0.3, step=0.03),
+            "sinking": Parameter("1", 0.0, 0.0, 1.0, step=1e-2),  # a ball that sinks in further leaves the ring
+        }
+        starts = tuple((rotation, 0.5, 0.05, 0.6) for rotation, _ in plain.starts)
+        name, places = plain.name.replace("gates", "edges"), ("rotation", "reach", "sinking")
+        found.append(replace(
+            plain, name=name, parameters=parameters, starts=starts, places=places, rivals=(plain.name,),
+            formula=lambda s, p, side=plain.side: {
+                "angle": p.rotation + p.reach * s.direction, "loss": p.loss * struck(s, side, p.sinking),
+            },
+            text="the same openings by the ball's sinking into them: the far edge, reach behind the middle, takes the "
+            "share of the speed that goes against it",
+            source="geometry of a ball at a corner, inelastic impact",
+        ))  # fmt: skip
+    return found
+
+
+def finer_library(openings: Openings) -> list[Effect]:
+    """Effects with many more parameters: sinking with one loss for each opening of a wall, and ripples of the floor up
+    to harmonic 17. Each added parameter has a prior around zero."""
+    found = []
+    for plain in closer_library(openings):
+        if plain.name.endswith("edges"):
+            own = tuple(f"loss{i + 1}" for i in range(len(plain.pattern)))
+            beyond = dict.fromkeys(own, Parameter("1", 0.0, -1.0, 1.0, step=1e-3, prior=ALIKE))
+            found.append(replace(plain, parameters={**plain.parameters, **beyond}, own=own))
+    further = wave_parameters(range(RIPPLES.stop, FINEST), prior=FINE)
+    return [*found, ripple(range(RIPPLES.start, FINEST), {**wave_parameters(RIPPLES), **further})]
 
 
 def _period(angles: Sequence[float]) -> float:
@@ -89,4 +162,4 @@ def _period(angles: Sequence[float]) -> float:
 
 
 FAMILY = (gate_loss,)
-WALLS = (*wall_library(Openings((0.0,), (0.0,))),)  # for lists and documentation, which have no map
+WALLS = (*closer_library(Openings((0.0,), (0.0,))),)  # for lists and documentation, which have no map

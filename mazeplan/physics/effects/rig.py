@@ -7,6 +7,8 @@ from dataclasses import replace
 
 from mazeplan.physics.effect import CAMERA, STAGE, TILT_SENSOR, Effect, Parameter
 
+CALIBRATED = 0.1  # standard deviation of the scale of a tilt sensor that was compared with a level
+
 
 def _part(
     name: str, acts: str, parameters: Mapping[str, tuple[Parameter, str]], text: str, source: str,
@@ -24,7 +26,7 @@ _DAMPING = Parameter("1", 0.9, 0.05, 7.0, smallest=0.1)
 _SHARE = Parameter("1", 0.0, -0.5, 0.5, smallest=0.01)
 _PLAY = Parameter("rad", 0.0, 0.0, 0.2, smallest=2e-3)
 _BAND = Parameter("rad", 0.0, 0.0, 0.2, smallest=1e-3)
-_SCALE = Parameter("1", 1.0, 0.3, 3.0, smallest=0.012, step=1e-4)
+_SCALE = Parameter("1", 1.0, 0.3, 3.0, smallest=0.012, step=1e-4, prior=CALIBRATED)
 _OFFSET = Parameter("m", 0.0, -0.02, 0.02, smallest=4e-4, step=1e-5)
 _CENTRE = Parameter("m", 0.0, -0.1, 0.1, step=1e-4)
 

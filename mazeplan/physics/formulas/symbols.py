@@ -16,8 +16,9 @@ BALL = ("theta", "theta_dot", "t")  # rad, rad/s, s
 # inputs of compiled code at one moment, in this order: true tilts, rad, rad/s, rad/s^2; radius of the ball's track and
 # of the ball, m
 PLATE = ("beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot", "radius", "ball_radius")
-# further inputs from a record: the speed, low-passed with three time constants, rad/s
-RECORDED = ("past_1", "past_2", "past_3")
+# further inputs from a record: the speed, low-passed with three time constants, rad/s; the tilts of the record in
+# reverse order of time (placebos), rad; low-passed tilts, rad
+RECORDED = ("past_1", "past_2", "past_3", "backward_beta", "backward_gamma", "late_beta", "late_gamma")
 INPUTS = PLATE + RECORDED
 
 

@@ -3,7 +3,10 @@
     r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
 
 for a camera with the offset (x_0, y_0). The offset also distorts theta. Therefore theta is corrected before the
-diagnosis of the ball. If r was not measured, the motion of the ball shows the offset (`engine.ring`).
+diagnosis of the ball. If r was not measured, the motion of the ball shows the offset, because the ball stays at the
+track radius R. The camera sees the ball at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)). Hence
+
+    phi = theta + asin((x_0 sin(theta) - y_0 cos(theta)) / R)
 """
 
 from __future__ import annotations
@@ -99,3 +102,27 @@ def true_angle_at_radius(theta: Array, r: Array, offset: tuple[float, float]) ->
     x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
     turn = np.arctan2(y, x) - theta
     return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def true_angle(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Angle about the true centre, for a ball on a circle (radius, m) that a camera with an offset sees at theta."""
+    return theta + np.arcsin(_sine(theta, radius, offset))
+
+
+def seen_angle(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Inverse of `true_angle`: the seen angle theta from the angle about the true centre, on the same turn."""
+    x, y = offset
+    c, s = np.cos(phi), np.sin(phi)
+    return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
+
+
+def true_angle_slope(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Derivative of `true_angle` by theta."""
+    x, y = offset
+    sine = _sine(theta, radius, offset)
+    return 1.0 + (x * np.cos(theta) + y * np.sin(theta)) / (radius * np.sqrt(1.0 - sine**2))
+
+
+def _sine(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    # only a search on its way tries offsets near the radius; the ball's circle then does not surround the camera
+    return np.clip((offset[0] * np.sin(theta) - offset[1] * np.cos(theta)) / radius, -0.9, 0.9)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.records import Array
+from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 
 BINS = 24
 FEWEST = 12  # minimum number of samples in a bin that is shown
@@ -20,7 +21,7 @@ BANDS = 150  # maximum number of bands of the spectrum
 class Evidence:
     """Residual of one model.
 
-    residual: measured minus simulated positions over the noise (N,), NaN where there is none
+    residual: whitened innovations (N,), NaN where there is none
     position, speed, time: of the same samples (N,)"""
 
     residual: Array
@@ -61,10 +62,22 @@ class Evidence:
         }
 
 
+def evidence_of(likelihood: Likelihood, found: Fit) -> Evidence:
+    """The residual of a fit on all rows of its record, the held-out rows included."""
+    system = likelihood.system
+    residual, states = likelihood.everywhere(found.values, found.q)
+    position = states[:, 0]
+    problem, _ = system.build(likelihood.library, found.values)
+    if problem.turn > 0.0:
+        position = (position + 0.5 * problem.turn) % problem.turn - 0.5 * problem.turn
+    time = np.asarray(system.dt * np.arange(len(states)), dtype=np.float64)
+    return Evidence(np.asarray(residual / max(found.noise, 1e-300)), position, states[:, 1].copy(), time)
+
+
 def spectrum(evidence: Evidence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Periodogram of the residual over its mean, in up to BANDS bands: middle frequency (Hz), highest and mean power.
 
-    A white residual has 1 everywhere."""
+    A white residual has 1 everywhere and seldom a peak as high as `screening.PEAK`."""
     e, t = evidence.residual, evidence.time
     good = np.isfinite(e)
     e = np.where(good, e - np.mean(e[good]), 0.0) if good.any() else np.zeros(len(e))

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.coordinate.screening import SURE
+from mazeplan.diagnosis.coordinate.system import Values
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,6 @@ EXPERIMENTS = tuple(Experiment(frozenset(effects), *rest) for effects, *rest in 
      "", "--tilt 1.5 --highest-hz 0.5"),
     (("viscous_friction", "friction_drift"), "a drift needs time to show", "", "--seconds 900"),
 ))  # fmt: skip
-SURE = 3.0  # standard errors
 FAR = 0.2  # error of a tilt sensor's scale beyond which other causes are likely
 SAME = 0.03  # relative difference up to which two scales count as equal; their standard errors may allow more
 ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")

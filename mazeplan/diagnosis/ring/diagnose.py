@@ -1,0 +1,326 @@
+"""Diagnose a record of a ball in one ring: stage, camera and ball, one after the other.
+
+The search and all fits see 70 % of the samples. The scores before and after use the held-out rest (`holdout`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis, describe_unknown, verdict_of
+from mazeplan.diagnosis.coordinate.evidence import evidence_of
+from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without
+from mazeplan.diagnosis.coordinate.search import Finding, search
+from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
+from mazeplan.diagnosis.record import RingRecord, runs
+from mazeplan.diagnosis.ring.ambiguity import confounded_effects, experiment_for
+from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
+from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS, ring_library, stage_errors
+from mazeplan.diagnosis.ring.holdout import INNER, inner_folds, seen_and_held
+from mazeplan.diagnosis.ring.remainder import Remainder, remainder
+from mazeplan.diagnosis.ring.scores import RingScore, matched_target, ring_of, score
+from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.ring.windows import by_windows
+from mazeplan.diagnosis.stage.comparison import DECISIVE, Known, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.plate_motion import Stage, Tilt, commanded, fit_stage, plate_motion
+from mazeplan.physics.effect import STAGE, Effect
+from mazeplan.physics.effects import rig
+from mazeplan.physics.effects.nameless import NAMELESS, PLACEBOS
+from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.rig.sensors import Camera
+
+OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
+GAP = 30  # samples; the filter starts again if the ball was not seen for longer
+
+
+@dataclass(frozen=True, kw_only=True)
+class RingDiagnosis(Diagnosis):
+    """What was found in one ring.
+
+    circle: the ring as the camera sees it, None if it was not fitted
+    stage: fits of both axes, None without commands
+    tilt_source: where the plate's motion comes from, in words
+    apart: an experiment for each group of effects that this record cannot tell apart
+    held: which rows are held out, in words
+    remainder: what a Gaussian process learns of the residual"""
+
+    before: RingScore
+    after: RingScore
+    test: tuple[RingScore, RingScore] | None = None
+    circle: Circle | None
+    stage: Stage | None
+    tilt_source: str
+    apart: tuple[dict[str, str], ...]
+    held: str
+    remainder: Remainder | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        learned = ()
+        if self.remainder is not None:
+            learned = (
+                f"nRMSE of theta_dd with what is left learned by a Gaussian process, without a name: "
+                f"{self.remainder.nrmse:.4f}.",
+            )
+        scored = f"Scores are of {self.held}, which search and fits did not see."
+        return (scored, f"Tilt: {self.tilt_source}.", *learned, *self.notes)
+
+    def own_document(self) -> dict[str, Any]:
+        """Keys of the document that other systems do not have."""
+        return {
+            "effects": [with_plan(effect) for effect in self.effects],
+            "separate_by": list(self.apart),
+            "held_out_rows": self.held,
+            "tilt": self.tilt_source,
+            **({} if self.remainder is None else {"remainder": self.remainder.document()}),
+        }
+
+
+def diagnose(
+    record: RingRecord,
+    radius: float,
+    declared: Values,
+    *,
+    ring: int | None = None,
+    openings: Openings | None = None,
+    more: Sequence[Effect] = (),
+    without: Container[str] = (),
+    test: RingRecord | None = None,
+    fold: int | None = None,
+    known: Known | None = None,
+    camera: Sequence[Entry] | None = None,
+    as_model: RingRecord | None = None,
+    corrected: Camera | None = None,
+    test_as_model: RingRecord | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> RingDiagnosis:
+    """Find what the declared effects lack.
+
+    radius: of the track, m
+    declared: known effects
+    ring: number of the ring, for proposed commands
+    openings: openings of the ring in the map, if a map is known
+    more: effects to look for beside the library
+    without: names of effects to leave out
+    test: a further record, for scores only
+    fold: which rows to hold out (`holdout`); None: the default
+    known: the model's stage; None: the declared one
+    camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
+    as_model: the record with the model's camera, for the scores before; None: `record`
+    corrected: camera by which the positions of `record` are corrected already; None: they are as measured
+    test_as_model: `test` with the model's camera, for its scores before; None: `test`
+    progress: reports progress"""
+    tell = progress or (lambda text: None)
+    rows, held, which = seen_and_held(record, fold)
+    seen = np.isfinite(record.theta)
+    share = float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
+    tell("stage")
+    known = known or Known(declared, {})
+    stage = fit_stage(record, rows, known.kind)
+    tilt = plate_motion(record, stage)
+    effects = [*stage_effects(stage, known), *(camera or [])]
+    circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
+    if circle is not None and circle.shifted:
+        effects.append(circle.entry(corrected or Camera()))
+    nuisance = [] if stage is None else [stage_errors(stage.directions)]
+    library, closely, finer = _libraries(declared, record.r is not None, openings or Openings(), more, without)
+    everything = [*library, *closely, *finer, *nuisance]
+    whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
+    record = _straight(record, circle)
+    straight = _likelihood(record, tilt, radius, declared, everything, rows)
+    gain, either = _gain_effect(stage, known, straight)
+    if gain is not None:
+        effects.append(gain)
+        if gain["name"] == "tilt_gain":
+            library = [c for c in library if c.name != "tilt_gain"]
+            scaled = declared | {gain["name"]: values_of(gain)}
+            straight = _likelihood(record, tilt, radius, scaled, everything, rows)
+    if record.u is None and matched_target(ring_of(straight)) is not None:
+        folds = list(inner_folds(record, rows, range(INNER)))
+        finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
+    else:
+        finding, judge = search(straight, library, tell, nuisance=nuisance), straight
+    alike = (*finding.alike, *((either,) if either else ()))
+    if "rolling_inertia" not in without:
+        alike += tuple(confounded_effects(finding.final.values, finding.final.stderr))
+    finding = replace(finding, alike=alike)
+    tell("scores on what was held out")
+    effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
+    own = _model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
+    plain, base, scored = _as_it_was(as_model or whole, own or tilt, radius, declared, everything, own is None, fold)
+    done = RingDiagnosis(
+        verdict=verdict_of(finding, effects, everything), effects=tuple(effects), finding=finding,
+        description=describe_unknown(finding), before=scored, after=score(straight, finding.final, held), share=share,
+        evidence=(evidence_of(plain, base), evidence_of(straight, finding.final)), held=which,
+        notes=(*record.notes, *_chance(finding)), circle=circle, stage=stage, tilt_source=tilt.source,
+        apart=tuple(experiment_for(group, ring) for group in finding.alike),
+        remainder=_remainder(straight, finding, record, rows, held, tell),
+    )  # fmt: skip
+    if test is None:
+        return done
+    was = None if own is None else _model_motion(test, stage, known)
+    return replace(done, test=_on_test(test, test_as_model or test, was, done, straight, plain, base))
+
+
+def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> tuple[Entry | None, tuple[str, ...]]:
+    """The cause of a changed gain, and the names that this record cannot tell apart.
+
+    The cause is the servo or the tilt sensor, None if nothing changed. The likelier scale of the tilt decides."""
+    servo, sensor = changed_gain(stage, known)
+    if servo is None or sensor is None:
+        return None, ()
+    allowed = rig.tilt_gain.parameters
+    scale = {axis: min(max(v, allowed[axis].low), allowed[axis].high) for axis, v in values_of(sensor).items()}
+    for axis, value in scale.items():
+        sensor["parameters"][axis]["value"] = value
+    by_servo, by_sensor = (
+        likelihood.minus2(values, best_q(likelihood, values)) for values in ({}, {"tilt_gain": scale})
+    )
+    found, other = (servo, sensor) if by_sensor >= by_servo else (sensor, servo)
+    return found, (found["name"], other["name"]) if abs(by_servo - by_sensor) < DECISIVE else ()
+
+
+def _model_motion(record: RingRecord, stage: Stage | None, known: Known) -> Tilt | None:
+    """The plate's motion by the model's stage, with the offsets of the record's tilt sensor; None if unknown."""
+    axes = known.axes()
+    return None if axes is None or stage is None else commanded(record, stage.offsets_on(axes))
+
+
+def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
+    """The record with angles about the ring's centre, if the camera is off."""
+    if circle is None or not circle.shifted or record.r is None:
+        return record
+    return replace(record, theta=true_angle_at_radius(record.theta, record.r, circle.offset))
+
+
+def _likelihood(
+    record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], rows: np.ndarray
+) -> Likelihood:
+    system = RingSystem(record.t, record.theta, record.begins, radius, tilt, declared)
+    system.target = record.theta_ddot
+    return Likelihood(system, library, rows)
+
+
+def _as_it_was(
+    record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], loose: bool,
+    fold: int | None,
+) -> tuple[Likelihood, Fit, RingScore]:  # fmt: skip
+    """Likelihood, fit of the noise and scores of the declared model, on the record with the model's camera.
+
+    loose: whether to fit the errors of the stage as well (`candidates.stage_errors`)"""
+    rows, held, _ = seen_and_held(record, fold)
+    record, (rows, held) = _with_ball(record, rows, held)
+    plain = _likelihood(record, tilt, radius, declared, library, rows)
+    nuisance = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
+    base = fit(plain, nuisance, {c.name: dict.fromkeys(c.parameters, 0.0) for c in nuisance})
+    return plain, base, score(plain, base, held)
+
+
+def _libraries(
+    declared: Values, measured: bool, openings: Openings, more: Sequence[Effect], without: Container[str]
+) -> tuple[list[Effect], list[Effect], list[Effect]]:
+    """Effects to look for, closer models of openings, and models with more parameters.
+
+    measured: whether the record has radii, which show the camera's offset"""
+    named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
+    named = [*named, *wall_library(openings), *more]
+    plain, closely, finer = (
+        [c for c in some if c.name not in without]
+        for some in (named, closer_library(openings), finer_library(openings))
+    )
+    return [*plain, *NAMELESS, *PLACEBOS], closely, finer
+
+
+def _from_declared(candidate: Effect, declared: Values) -> Effect:
+    """The candidate, with fits that start at its declared sizes.
+
+    One linear step that starts far below a known friction says nothing."""
+    had = declared.get(candidate.name)
+    if had is None or candidate.places or not any(had.values()):
+        return candidate
+    return replace(candidate, starts=(tuple(had[name] for name in candidate.parameters),))
+
+
+def _with_ball(record: RingRecord, *masks: np.ndarray) -> tuple[RingRecord, tuple[np.ndarray, ...]]:
+    """The record without the stretches in which the ball is elsewhere, and the masks for the remaining rows.
+
+    Such stretches would only take time. Gaps of up to GAP samples stay. masks: (N,)"""
+    keep, begins = np.ones(len(record), dtype=bool), record.begins.copy()
+    for a, b in runs(~np.isfinite(record.theta)):
+        if b - a > GAP or begins[a : b + 1].any():
+            keep[a:b] = False
+            if b < len(record):
+                begins[b] = True
+    return replace(record, begins=begins).part(keep), tuple(mask[keep] for mask in masks)
+
+
+def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effect, rows: np.ndarray) -> Entry:
+    """The effect as an entry of the document, with the 40-step errors (rad) on some rows.
+
+    before: error without this effect; `judge` fits all others again
+    after: error with it"""
+    final = finding.final
+    before, after = (
+        score(likelihood, found, rows).document()["rollout40"] for found in (fit_without(judge, final, c), final)
+    )
+    values = {name: final.values[c.name][name] for name in c.parameters}
+    out = effect_entry(c, values, final.stderr[c.name], evidence=round(finding.worth.get(c.name, math.nan), 1))
+    out |= {"before": before, "after": after}
+    if c.name == "friction_drift":
+        out["until_s"] = round(float(ring_of(likelihood).t[-1]), 3)
+    return out
+
+
+def _chance(finding: Finding) -> tuple[str, ...]:
+    """A note on how much the best placebo explains."""
+    placebos = [t for t in finding.ranked if t.candidate.placebo]
+    if not placebos:
+        return ()
+    best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
+    lost = f"{best.candidate.name} explains {max(best.gain, 0.0):.0f} of -2 log L"
+    if finding.final.candidates and rest and max(rest) > 0.0:
+        lost += f", the best candidate {max(rest):.0f}"
+    return (lost,)
+
+
+def _on_test(
+    test: RingRecord, as_model: RingRecord, was: Tilt | None, done: RingDiagnosis, straight: Likelihood,
+    plain: Likelihood, base: Fit,
+) -> tuple[RingScore, RingScore]:  # fmt: skip
+    """Scores before and after on a further record.
+
+    as_model: the record with the model's camera
+    was: the plate's motion by the model's stage, if the stage changed"""
+    moved, radius = plate_motion(test, done.stage), ring_of(plain).radius
+    scores = []
+    for likelihood, found, seen, circle, tilt in (
+        (plain, base, as_model, None, was or moved),
+        (straight, done.finding.final, test, done.circle, moved),
+    ):
+        record, (every,) = _with_ball(seen, np.ones(len(seen), dtype=bool))
+        there = _likelihood(
+            _straight(record, circle), tilt, radius, likelihood.system.declared, straight.library, every
+        )
+        scores.append(score(there, found, every))
+    return scores[0], scores[1]
+
+
+def _remainder(
+    likelihood: Likelihood, finding: Finding, record: RingRecord, rows: np.ndarray, held: np.ndarray,
+    tell: Callable[[str], None],
+) -> Remainder | None:  # fmt: skip
+    """What a Gaussian process learns of the residual.
+
+    None, unless a term without a name was found or the record has accelerations of its own, which show blows."""
+    if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
+        return None
+    fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]
+    return remainder(likelihood, fits, record, rows, held, tell)

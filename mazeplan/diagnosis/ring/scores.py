@@ -1,0 +1,183 @@
+"""Scores of a model on held-out rows.
+
+nRMSE compares accelerations. The record measures positions, and a smoothing turns them into accelerations. A model must
+go through the same smoothing. Otherwise a perfect model would seem wrong where the acceleration changes in a window.
+
+matched     The record has a column theta_ddot, which is the Savitzky-Golay second derivative (window 7, order 2) of its
+            theta. This column is the target. The model predicts the positions of each window along the measured tilt.
+            It starts at the filter's state at the first sample of the window, which knows no later measurement. The
+            predicted positions get the same weights as the measured ones:
+
+                sum_j c_j theta_(k+j),   j = -3 .. 3
+
+            This is the model's acceleration, averaged with `smoothing.acceleration_kernel`. It is exact if the
+            acceleration is linear between samples. It is also right where the ball meets an opening or comes to rest.
+smoothed    All other records. The target is the acceleration by a Rauch-Tung-Striebel smoother, which finds its noise
+            from the record. The model's acceleration is computed in the state that the same smoother gives.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.coordinate.diagnosis import Score
+from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
+from mazeplan.diagnosis.coordinate.kalman import accelerations, roll_out
+from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
+from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.learning.smoothing import Smoothing, derivatives
+
+AHEAD = (20, 40)  # samples ahead at which roll-outs are scored
+EVERY = 10  # samples from one roll-out's start to the next
+SETTLED = 30  # samples of a stretch before a roll-out may start
+MATCHED = Smoothing(window=7, order=2)
+SAME = 1e-2  # maximum difference between a matched column and `MATCHED` of theta, in standard deviations of the latter
+KNOWN = 2  # samples of a stretch after which the filter knows the speed
+
+
+@dataclass(frozen=True)
+class RingScore(Score):
+    """Errors on some rows.
+
+    nrmse: of theta_dd
+    rollout20, rollout40: mean absolute error of theta after 20 and 40 samples, rad
+    floor: noise floor of rollout40, rad; it includes the uncertainty of the start
+    windows: number of roll-outs"""
+
+    nrmse: float
+    rollout20: float
+    rollout40: float
+    floor: float
+    windows: int
+    drawn: ClassVar[str] = "rollout40"
+    digits: ClassVar[int] = 5
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Words with the unit for each error."""
+        ahead = {f"rollout{n}": f"theta error after {n} samples, rad" for n in AHEAD}
+        return {"nrmse": "nRMSE of theta_dd", **ahead}
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Words for position and speed."""
+        return "theta, rad", "theta_dot, rad/s"
+
+    def nothing_found(self) -> str:
+        """The sentence of a record in which no effect was found."""
+        if not math.isfinite(self.rollout40):
+            same = f"nRMSE of theta_dd {self.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
+            return f"Nothing was found, which may be the record: {same}."
+        same = f"40-step error {self.rollout40:.4f} rad, noise alone would cause {self.floor:.4f}"
+        if more_than_noise(self.rollout40, self.floor):
+            return f"Nothing that is missing was found: {same}; {TOO_SELDOM}."
+        return f"Nothing is missing: {same}."
+
+    def both(self, after: RingScore) -> str:
+        """These errors and those after the effects were found, in words."""
+        if not math.isfinite(self.rollout40):
+            return f"nRMSE of theta_dd {self.nrmse:.3f} -> {after.nrmse:.3f}"
+        return f"40-step error {self.rollout40:.4f} -> {after.rollout40:.4f} rad"
+
+    def change(self, after: RingScore) -> str:
+        """As `both`, with a remark if the found effects do not lower the error."""
+        worse = math.isfinite(self.rollout40) and after.rollout40 > self.rollout40
+        no_better = " where it was held out, which is no better: a longer record would tell more"
+        return self.both(after) + no_better * worse
+
+
+def ring_of(likelihood: Likelihood) -> RingSystem:
+    """The system of a likelihood, which must be a ring. Raises TypeError."""
+    if not isinstance(likelihood.system, RingSystem):
+        raise TypeError(f"got a {type(likelihood.system).__name__}, expected a ring")
+    return likelihood.system
+
+
+def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:
+    """Scores on some rows (N,)."""
+    system = ring_of(likelihood)
+    target, predicted = acceleration_pairs(likelihood, fitted)
+    states = likelihood.filtered(fitted.values, fitted.q)
+    problem, p = system.build(likelihood.library, fitted.values)
+    starts = score_starts(rows, system.begins, problem.seen)
+    positions, variances = roll_out(problem, p, states, starts, AHEAD[-1])
+    places = system.seen_at(fitted.values, positions)
+    errors = [np.abs(difference(places[:, n], system.theta[starts + n])) for n in AHEAD]
+    floor = np.sqrt(2.0 / math.pi) * fitted.noise * np.sqrt(variances + 1.0)
+    means = [float(np.mean(e)) if len(starts) else math.nan for e in (*errors, floor)]
+    return RingScore(nrmse(target, predicted, rows), *means, windows=len(starts))
+
+
+def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
+    """Root mean square error over the standard deviation of the target, on rows (N,) where both are known."""
+    good = rows & np.isfinite(target) & np.isfinite(predicted)
+    if good.sum() < 10:
+        return math.nan
+    spread = float(np.std(target[good]))
+    return float(np.sqrt(np.mean((predicted - target)[good] ** 2)) / spread) if spread > 0.0 else math.nan
+
+
+def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Array]:
+    """Target (N,) and prediction (N,) of theta_dd, rad/s^2, with the same smoothing; NaN where unknown."""
+    system = ring_of(likelihood)
+    target = matched_target(system)
+    if target is not None:
+        return target, _matched(likelihood, fitted)
+    smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.begins))
+    problem, p = system.build(likelihood.library, fitted.values)
+    model = np.empty(len(system))
+    value, rate = (np.ascontiguousarray(np.nan_to_num(part)) for part in (smooth.value, smooth.rate))
+    accelerations(problem, p, value, rate, model)
+    return np.where(np.isfinite(system.theta), smooth.acceleration, np.nan), model
+
+
+def matched_target(system: RingSystem) -> Array | None:
+    """Accelerations (N,) by `MATCHED`, if the record's column theta_ddot agrees with them; otherwise None."""
+    if system.target is None:
+        return None
+    own = derivatives(system.theta, system.dt, MATCHED, segment=np.cumsum(system.begins)).acceleration
+    both = np.isfinite(own) & np.isfinite(system.target)
+    if not both.any() or np.max(np.abs(own - system.target)[both]) > SAME * np.std(own[both]):
+        return None
+    return np.where(both, own, np.nan)
+
+
+def begun_at(begins: np.ndarray) -> np.ndarray:
+    """The row (N,) at which the stretch of each row began."""
+    return np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
+
+
+def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
+    """Accelerations (N,) of the model: predicted positions of each window, with the weights of `MATCHED`."""
+    system, half = ring_of(likelihood), MATCHED.window // 2
+    states = likelihood.filtered(fitted.values, fitted.q)
+    problem, p = system.build(likelihood.library, fitted.values)
+    n = len(system)
+    begun = begun_at(system.begins)
+    rows = np.arange(half, n - half)
+    rows = rows[(begun[rows - half] == begun[rows + half]) & (rows - half - begun[rows] >= KNOWN)]
+    positions, _ = roll_out(problem, p, states, rows - half, MATCHED.window - 1)
+    weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
+    found = np.full(n, np.nan)
+    found[rows] = system.seen_at(fitted.values, positions) @ weights
+    return found
+
+
+def score_starts(rows: np.ndarray, begins: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Start rows of roll-outs: the next samples are in the same stretch, and the compared samples were seen."""
+    n, most = len(rows), AHEAD[-1]
+    begun = begun_at(begins)
+    ends = np.append(np.flatnonzero(begins)[1:], n)
+    end = ends[np.searchsorted(ends, np.arange(n), side="right").clip(max=len(ends) - 1)]
+    at = np.arange(0, n - most, EVERY)
+    good = rows[at] & rows[at + most] & (at - begun[at] >= SETTLED) & (at + most < end[at]) & seen[at]
+    for k in AHEAD:
+        good &= seen[at + k]
+    return at[good]
