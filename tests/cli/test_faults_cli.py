@@ -101,10 +101,7 @@ def test_each_fault_is_its_own_campaign_in_the_folder(call, few, tmp_path):
     folder = tmp_path / "kept"
     plain = (*EVALUATE, "--runs", "1", "--store", folder)
     assert call(*plain)[0] == 0
-    code, _, err = call(*plain, "--faults", few)
-    assert code == 0
-    assert err.count("another campaign") == 1
-    assert "(other fault)" in err
+    assert call(*plain, "--faults", few)[0] == 0
     table = pd.read_parquet(folder / "runs.parquet")
     assert sorted(table["fault"].fillna("-")) == ["-", "cable out", "opening_closed"]
     assert table["campaign"].nunique() == 3

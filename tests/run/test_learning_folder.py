@@ -79,9 +79,8 @@ def test_ctrl_c_tells_what_is_kept_and_how_it_goes_on(monkeypatch, capsys, small
 
 def test_one_program_at_a_time(monkeypatch, capsys, kept):
     with learning_alone(kept):
-        for words in (["evaluate", "--runs", "1"], ["navigate"]):
-            code, _, err = call(monkeypatch, capsys, *words, "--learn", "--from", "ring4", "-o", kept)
-            assert (code, err) == (2, f"mazeplan: -o: learning is under way in {kept} already\n")
+        code, _, err = call(monkeypatch, capsys, "evaluate", "--runs", "1", "--learn", "--from", "ring4", "-o", kept)
+        assert (code, err) == (2, f"mazeplan: -o: learning is under way in {kept} already\n")
 
 
 def test_another_rig_or_map_is_refused_and_the_advice_helps(monkeypatch, capsys, kept, tmp_path):
@@ -156,10 +155,9 @@ def test_a_folder_with_other_things_is_left_alone(monkeypatch, capsys, tmp_path)
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("command", ["evaluate", "navigate"])
-def test_no_name_is_no_folder_not_the_current_one(monkeypatch, capsys, tmp_path, command):
+def test_no_name_is_no_folder_not_the_current_one(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    code, _, err = call(monkeypatch, capsys, command, "--learn", "--from", "ring4", "-o", "")
+    code, _, err = call(monkeypatch, capsys, "evaluate", "--learn", "--from", "ring4", "-o", "")
     assert (code, err) == (2, "mazeplan: -o: got '', expected a folder\n")
     assert not list(tmp_path.iterdir())
 

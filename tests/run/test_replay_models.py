@@ -6,7 +6,6 @@ import io
 import zipfile
 
 import pytest
-from commands import call
 from replayed import MAZE, planar
 
 from mazeplan.core.errors import InputError, LogError, ModelError
@@ -88,17 +87,6 @@ def test_a_model_in_a_log_that_cannot_be_one_is_one_line(tmp_path, data, said):
     with pytest.raises(LogError, match=said) as caught:
         replay(path)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-def test_a_run_that_learns_decides_again_after_the_model_has_learned_on(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    for k in range(3):
-        arguments = ["navigate", "--rig", "toy", "--from", "ring4", "--seed", str(k)]
-        assert call(monkeypatch, capsys, *arguments, "--learn", "-o", "own", "--log", f"{k}.mcap")[0] == 0
-    for k in range(3):
-        code, out, err = call(monkeypatch, capsys, "log", "replay", f"{k}.mcap")
-        assert code == 0, (out, err)
 
 
 def test_a_packed_model_is_the_same_and_the_same_bytes_each_time():

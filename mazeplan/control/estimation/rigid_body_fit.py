@@ -30,7 +30,6 @@ from mazeplan.core.records import Array
 STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 DAMPING = (1e-4, 1e6)
 BLOCK_S = 10.0  # s; blocks of this length are independent of one another
-NEAR = 200.0  # of -2 log L; a step that gains less is in the valley of the maximum
 FLOOR = 1e-12  # minimum diagonal element of the information, so that a parameter without influence does no harm
 
 
@@ -174,8 +173,6 @@ def fit_body(
             new = _stepped(search, x, scores, damping)
             there = search.run(new)
             if there.minus2 < best.minus2:
-                if best.minus2 - there.minus2 < NEAR:
-                    new, there = _further(search, x, new, there, enough)
                 gained, x, best = best.minus2 - there.minus2, new, there
                 damping = max(damping / 10.0, DAMPING[0])
                 break
@@ -191,19 +188,6 @@ def fit_body(
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
     stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
     return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found), search.passes)
-
-
-def _further(search: _Search, x: Array, new: Array, there: Innovations, enough: float) -> tuple[Array, Innovations]:
-    """The best point on the line from x through `new`, in steps of twice the length that gain `enough`.
-
-    Along a bent valley, as of the gains and the friction of a ball at rest, each scoring step is short. A run of the
-    filter costs a fortieth of a gradient."""
-    while True:
-        beyond = np.clip(2.0 * new - x, search.low, search.high)
-        innovations = search.run(beyond)
-        if not there.minus2 - innovations.minus2 > enough:  # also where it is not finite
-            return new, there
-        new, there = beyond, innovations
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:
