@@ -167,7 +167,9 @@ def _evidence(evidence: dict[str, Any], found: set[str]) -> list[Any]:
     best = ranked[:CANDIDATES]
     best += [candidate for candidate in ranked[CANDIDATES:] if candidate.get("placebo")][:1]  # to compare with
     rows = [[words.candidate(c["name"]), f"{c['gain']:.0f}", "yes" if c["name"] in found else "no"] for c in best]
-    title = f"Fall of the misfit (-2 log L) with each candidate alone; it counts from {evidence['accept']:g}"
+    title = "Fall of the misfit (-2 log L) with each candidate alone"
+    if "accept" in evidence:
+        title += f"; it counts from {evidence['accept']:g}"
     parts: list[Any] = [PageTable(title, ("candidate", "fall", "found"), rows)]
     if evidence.get("before") is not None and evidence.get("after") is not None:
         parts.append(

@@ -18,7 +18,7 @@ from mazeplan.core.logs.table import Table, join
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
-from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, STEPS, Reference, alternate
+from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
@@ -32,7 +32,6 @@ GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 FITTED = (  # numbers that are fitted for a reference
     *DEFAULT_FREE, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
-FIRST_STEPS = 12  # maximum number of steps of a fit to a quarter of the record, which is the start of the next one
 REST = tuple(name for name in FITTED if name != "inertia")
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
@@ -111,16 +110,16 @@ def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyF
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
     change the other numbers, too."""
-    part = alternate(alternate(body))
-    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, FIRST_STEPS, ENOUGH)
+    part = alternate(body)
+    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
     for _ in DELAYS:  # where a plate jumps with its commands, small steps of the delay change nothing
         tried = [with_values(near.model, {"delay": max(near.value("delay") + d, body.soonest)}) for d in DELAYS]
         likeliest = min(tried, key=lambda model: part.innovations(model).minus2)
         if part.innovations(likeliest).minus2 > near.minus2 - ENOUGH:
             break
-        near = fit_body(part, likeliest, REST, FIRST_STEPS, ENOUGH)
-    solid = fit_body(body, near.model, REST, STEPS, ENOUGH)
-    free = fit_body(body, solid.model, FITTED, STEPS, ENOUGH)
+        near = fit_body(part, likeliest, REST, enough=ENOUGH)
+    solid = fit_body(body, near.model, REST, enough=ENOUGH)
+    free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
     if solid.minus2 - free.minus2 > NEEDED:
         return free
     return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
