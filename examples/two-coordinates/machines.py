@@ -18,7 +18,7 @@ class CartPendulum:
 
     positions, units = ("z", "theta"), ("m", "rad")
     inputs = ("push",)
-    parameters = {"share": Parameter("1", 0.3, 0.05, 1.0), "length": Parameter("m", 0.4, 0.1, 2.0)}  # noqa: RUF012
+    parameters = {"share": Parameter("1", 0.3, 0.05, 1.0), "length": Parameter("m", 0.4, 0.1, 2.0)}  # noqa: RUF012  read only
     effects = (
         Effect(
             "rail_friction",
