@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.control.estimation.plate import PlateFilter
 from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.core.records import Command, Observation, State
@@ -37,8 +38,10 @@ class DelayBank:
         self._options = options or EstimatorOptions()
         least = -model.stage.dead_time - 0.5 / rate_hz if model.stage.dead_time > 0.5 / rate_hz else 0.0
         self._delays = [max(delay, -model.stage.dead_time) for delay in DELAYS if delay >= least]
+        self._plate = PlateFilter(model, self._options.plate)  # one for all: the delay of the camera leaves it as it is
         self._bank = [
-            Estimator(maze, replace(model, camera_delay=delay), self._options, rate_hz) for delay in self._delays
+            Estimator(maze, replace(model, camera_delay=delay), self._options, rate_hz, self._plate)
+            for delay in self._delays
         ]
         self._scores, self._samples = np.zeros(len(self._bank)), 0.0
         self._best = self._delays.index(min(self._delays, key=abs))
@@ -79,12 +82,15 @@ class DelayBank:
 
     def sent(self, command: Command, t: float) -> None:
         """Record a command given to the rig at time t, s."""
-        for estimator in self._bank:
-            estimator.sent(command, t)
+        self._plate.sent(command, t)
 
     def update(self, observation: Observation) -> State:
         """Take in one sample. Returns the state at the moment when a command sent now will act."""
-        states = [estimator.update(observation) for estimator in self._bank]
+        doubts, states = self._plate.update(observation), list[State]()
+        for estimator in self._bank:
+            estimator.follow(observation, doubts)
+            estimator.correct(observation)
+            states.append(estimator.finish(observation, estimator.predicted(observation.t)))
         moving = self.filtered is not None and math.hypot(self.filtered.vx, self.filtered.vy) > MOVING
         if observation.seen and moving:
             innovations = np.minimum([estimator.innovation for estimator in self._bank], MOST)

@@ -4,7 +4,7 @@ The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`.
 it is later than the camera, the delay is negative, and the picture shows the ball after the measured tilt. At each
 sample
 
-1. the plate's axes are filtered to now (`plate.AxisFilter`) and their tilt is kept;
+1. the plate's axes are filtered to now (`plate.PlateFilter`) and their tilt is kept;
 2. the planar model (walls and openings included) predicts the ball from the last measured moment to the new one under
    the filtered tilt; a Kalman filter per axis of the plate frame corrects it (state: position and velocity; noise:
    white acceleration);
@@ -21,25 +21,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, TiltCheck, servo_step
+from mazeplan.control.estimation.plate import PlateFilter, PlateNoise
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import LEVEL, Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact, predict, predict_given_tilt, ring_index
 
-MAX_TILT_MISMATCH = math.radians(1.5)  # rad; allowed difference from the tilt predicted from the commands alone
-MISMATCHED_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
-Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
 HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
-HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
 
 
 @dataclass(frozen=True)
@@ -71,21 +65,15 @@ class Estimator:
     """Filter and predictor for one run. `update` takes each observation, `sent` each command."""
 
     def __init__(
-        self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
-    ) -> None:
+        self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0,
+        plate: PlateFilter | None = None,
+    ) -> None:  # fmt: skip
+        """plate: filter of the plate that several estimators share; its owner updates it"""
         self._maze, self._model, self._options = maze, model, options or EstimatorOptions()
         self._planar = PlanarModel.build(maze, model)
         self._dt = 1.0 / rate_hz
-        noise = self._options.plate
-        self._stage = stage = model.true_stage
-        self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
-        self._checks = (TiltCheck(), TiltCheck())
-        self._by_commands = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
-        self._mismatched = 0
-        self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
+        self._plate = plate or PlateFilter(model, self._options.plate)
         self._coming: list[tuple[float, list[Array]]] = []  # (t, angle and rate of each axis) up to the picture
-        self._blind = True  # no tilt was measured yet: the commands alone move the axes
-        self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
         self._z: Array | None = None  # (9,) ball at the last measured moment
         self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
         self._measured_at = 0.0  # moment of self._z
@@ -119,9 +107,7 @@ class Estimator:
 
     def sent(self, command: Command, t: float) -> None:
         """Record a command given to the rig at time t, s."""
-        self._commands.append((t + self.dead_time, command.u_beta, command.u_gamma))
-        while len(self._commands) > 2 and self._commands[1][0] < t - HISTORY_S:
-            self._commands.popleft()
+        self._plate.sent(command, t)
 
     def update(self, observation: Observation) -> State:
         """Take in one sample. Returns the state at the moment when a command sent now will act."""
@@ -133,8 +119,12 @@ class Estimator:
 
     def begin(self, observation: Observation) -> None:
         """Filter the plate's axes to the time of the sample."""
-        self.doubts = set()
-        self._filter_plate(observation)
+        self.follow(observation, self._plate.update(observation))
+
+    def follow(self, observation: Observation, doubts: set[str]) -> None:
+        """Take over the plate after its filter took in the sample, with these doubts."""
+        self.doubts = set(doubts)
+        self._coming = self._plate.until(observation.t, self.moment(observation))
 
     def correct(self, observation: Observation) -> None:
         """Predict the ball to the moment of the picture, and correct it with its place there."""
@@ -191,7 +181,7 @@ class Estimator:
 
     def set_tilt(self, z: Array) -> None:
         """Write the tilt of `known_until` into z (9,)."""
-        z[4:6], z[6:8] = self._coming[-1][1] if self._coming else (self._axes[0].mean, self._axes[1].mean)
+        z[4:6], z[6:8] = self._coming[-1][1] if self._coming else self._plate.means
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """The state returned by `update`, predicted `seconds` further with the last command held.
@@ -201,67 +191,14 @@ class Estimator:
             raise RuntimeError("no observation yet")
         z, t = self._acting_z.copy(), self._acts_at
         z[:2] += beside
-        _, u_beta, u_gamma = self._commands[-1]
+        _, u_beta, u_gamma = self._plate.commands[-1]
         predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
         return _as_state(t + seconds, z, self._hysteresis(self._ring, math.hypot(z[0], z[1])), True, False)
-
-    # -- plate ----------------------------------------------------------------------------------------------------
-
-    def _filter_plate(self, observation: Observation) -> None:
-        t = observation.t
-        if self._tilts:
-            since = self._tilts[-1][0]
-            for start, end, u in self._acting(since, t):
-                reached = self._stage.mixed(*u)
-                for axes in (self._axes, self._by_commands):
-                    for axis, value in zip(axes, reached, strict=True):
-                        axis.predict(value, end - start)
-        tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
-        self._blind = self._blind and not any(map(math.isfinite, tilts))
-        for axis, check, angle in zip(self._axes, self._checks, tilts, strict=True):
-            if check.admit(angle, float(axis.mean[0])):
-                axis.update(angle)
-            else:
-                self.doubts.add("no_tilt" if self._blind else "tilt")
-        self._coming = self._plate_until(t, self.moment(observation))
-        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
-        self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
-        if self._mismatched >= MISMATCHED_SAMPLES:
-            self.doubts.add("plate")
-        self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
-        while self._tilts[0][0] < t - HISTORY_S:
-            self._tilts.popleft()
-
-    def _plate_until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
-        """Angle and rate (2,) of each axis from the filtered ones at start up to end, at the ends of pieces."""
-        plate, out = [axis.mean for axis in self._axes], []
-        for a, b, u in self._acting(start, end):
-            plate = self.turned(plate, u, b - a)
-            out.append((b, plate))
-        return out
-
-    def turned(self, plate: Sequence[Array], u: tuple[float, float], dt: float) -> list[Array]:
-        """Angle and rate (2,) of each axis dt s later, with the command u acting."""
-        reached = zip(self._axes, plate, self._stage.mixed(*u), strict=True)
-        return [servo_step(axis.axis, state, command, dt) for axis, state, command in reached]
-
-    def _acting(self, start: float, end: float) -> list[Piece]:
-        """Pieces of the time between start and end, each with the command that acted."""
-        pieces, until = list[Piece](), math.inf
-        for since, ub, ug in reversed(self._commands):  # most are older than the start
-            a, b = max(since, start), min(until, end)
-            if b > a:
-                pieces.append((a, b, (ub, ug)))
-            until = since
-            if since <= start:
-                break
-        pieces.reverse()
-        return pieces
 
     # -- ball -----------------------------------------------------------------------------------------------------
 
     def _tilt_history(self) -> tuple[Array, Array]:
-        history = np.array([*self._tilts, *((t, plate[0][0], plate[1][0]) for t, plate in self._coming)])
+        history = np.array([*self._plate.tilts, *((t, plate[0][0], plate[1][0]) for t, plate in self._coming)])
         return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
 
     def advance(self, z: Array, start: float, end: float) -> None:
@@ -274,7 +211,7 @@ class Estimator:
         """Advance ball and plate in z from start to end, in the future, under the commands given so far."""
         if end <= start:
             return
-        queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
+        queue = np.array([c for c in self._plate.commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
         times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
         predict(z, start, end, times, commands, *self._planar.arrays())
 

@@ -1,22 +1,29 @@
-"""Kalman filter for the plate: angle and rate of one axis from the tilt sensor and the commands.
+"""Kalman filter for the plate: angle and rate of each axis from the tilt sensor and the commands.
 
-Model: the second-order servo of the stage, driven by the acting command, with noise on the rate. Measurement: the
-angle, without delay.
+Model: the servo of the stage, driven by the acting command, with noise on the rate. Measurement: the angle, without
+delay.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.core.records import Array
+from mazeplan.core.records import Array, Command, Observation
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import SUBSTEP
 
 NEAR = math.radians(2.5)  # rad; a servo of 60 deg/s turns less in one sample
 AGREE = 4  # outliers in a row that agree
+MAX_TILT_MISMATCH = math.radians(1.5)  # rad; allowed difference from the tilt predicted from the commands alone
+MISMATCHED_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
+HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
+Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
 
 
 @dataclass(frozen=True)
@@ -95,3 +102,85 @@ def servo_step(axis: StageAxis, state: Array, command: float, dt: float) -> Arra
         rate = turn / h if axis.order == 0 else float(new[1])
         state = np.array([state[0] + turn, min(max(rate, -limit), limit)])
     return state
+
+
+class PlateFilter:
+    """Both axes of the plate in one run. `sent` takes each command, `update` each sample.
+
+    before:   `means` before the last sample
+    tilts:    filtered (t, beta, gamma) of the last HISTORY_S
+    commands: (t from which a command acts, its two values, rad)"""
+
+    def __init__(self, model: RigModel, noise: PlateNoise) -> None:
+        self.stage, self._sensor = model.true_stage, model.tilt_sensor
+        self._axes, self._by_commands = (  # the second pair follows the commands alone
+            (AxisFilter(self.stage.beta, noise), AxisFilter(self.stage.gamma, noise)) for _ in range(2)
+        )
+        self._checks = (TiltCheck(), TiltCheck())
+        self._mismatched = 0
+        self._blind = True  # no tilt was measured yet
+        self.before = self.means
+        self.tilts: deque[tuple[float, float, float]] = deque()
+        self.commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])
+
+    @property
+    def means(self) -> list[Array]:
+        """Filtered angle and rate (2,) of each axis."""
+        return [axis.mean for axis in self._axes]
+
+    def sent(self, command: Command, t: float) -> None:
+        """Record a command given to the rig at time t, s."""
+        self.commands.append((t + self.stage.dead_time, command.u_beta, command.u_gamma))
+        while len(self.commands) > 2 and self.commands[1][0] < t - HISTORY_S:
+            self.commands.popleft()
+
+    def update(self, observation: Observation) -> set[str]:
+        """Filter both axes to the time of a sample. Returns words of `records.Doubt` for what was left out."""
+        t, doubts = observation.t, set[str]()
+        self.before = self.means
+        for start, end, u in self.acting(self.tilts[-1][0], t) if self.tilts else ():
+            reached = self.stage.mixed(*u)
+            for axes in (self._axes, self._by_commands):
+                for axis, value in zip(axes, reached, strict=True):
+                    axis.predict(value, end - start)
+        angles = self._sensor.true(observation.beta, observation.gamma)
+        self._blind = self._blind and not any(map(math.isfinite, angles))
+        for axis, check, angle in zip(self._axes, self._checks, angles, strict=True):
+            if check.admit(angle, float(axis.mean[0])):
+                axis.update(angle)
+            else:
+                doubts.add("no_tilt" if self._blind else "tilt")
+        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
+        self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
+        if self._mismatched >= MISMATCHED_SAMPLES:
+            doubts.add("plate")
+        self.tilts.append((t, *(float(angle) for angle, _ in self.means)))
+        while self.tilts[0][0] < t - HISTORY_S:
+            self.tilts.popleft()
+        return doubts
+
+    def until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
+        """Angle and rate (2,) of each axis from the filtered ones at start up to end, at the ends of pieces."""
+        plate, out = self.means, []
+        for a, b, u in self.acting(start, end):
+            plate = self.turned(plate, u, b - a)
+            out.append((b, plate))
+        return out
+
+    def turned(self, plate: Sequence[Array], u: tuple[float, float], dt: float) -> list[Array]:
+        """Angle and rate (2,) of each axis dt s later, with the command u acting."""
+        reached = zip((self.stage.beta, self.stage.gamma), plate, self.stage.mixed(*u), strict=True)
+        return [servo_step(axis, state, command, dt) for axis, state, command in reached]
+
+    def acting(self, start: float, end: float) -> list[Piece]:
+        """Pieces of the time between start and end, each with the command that acted."""
+        pieces, until = list[Piece](), math.inf
+        for since, ub, ug in reversed(self.commands):  # most are older than the start
+            a, b = max(since, start), min(until, end)
+            if b > a:
+                pieces.append((a, b, (ub, ug)))
+            until = since
+            if since <= start:
+                break
+        pieces.reverse()
+        return pieces

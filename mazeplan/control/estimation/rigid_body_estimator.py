@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from mazeplan.control.estimation.estimator import HISTORY_S, HIT, SPIN, Estimator, EstimatorOptions, Piece
+from mazeplan.control.estimation.estimator import HIT, SPIN, Estimator, EstimatorOptions
+from mazeplan.control.estimation.plate import HISTORY_S, Piece
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
     CameraView,
@@ -69,7 +70,7 @@ class BodyEstimator(Estimator):
         wander = body.wander._replace(plane=max(body.wander.plane, UNSURE))
         self._kf = filter_core(CameraView(noise=body.view.noise), wander)
         self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
-        self._jumps = min(self._stage.beta.order, self._stage.gamma.order) < 2
+        self._jumps = min(axis.order for axis in (self._plate.stage.beta, self._plate.stage.gamma)) < 2
         self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
         self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) at t
         self._preview: list[tuple[float, ...]] = []  # the same, from now to the moment of the picture
@@ -77,26 +78,25 @@ class BodyEstimator(Estimator):
     def _twin(self) -> Estimator:
         return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
 
-    def _filter_plate(self, observation: Observation) -> None:
-        before = [axis.mean for axis in self._axes]
-        super()._filter_plate(observation)
-        t = observation.t
+    def follow(self, observation: Observation, doubts: set[str]) -> None:
+        """See `Estimator.follow`."""
+        super().follow(observation, doubts)
+        t, plate = observation.t, self._plate
         if not self._motions:
-            self._motions.append((t - self._dt, *self._plate_motion(before, (0.0, 0.0))))
-        pieces = self._acting(self._motions[-1][0], t)
-        self._motions += self._plate_motions(before, pieces)
-        self._motions[-1] = (t, *self._plate_motion([axis.mean for axis in self._axes], pieces[-1][2]))
+            self._motions.append((t - self._dt, *self._plate_motion(plate.before, (0.0, 0.0))))
+        pieces = plate.acting(self._motions[-1][0], t)
+        self._motions += self._plate_motions(plate.before, pieces)
+        self._motions[-1] = (t, *self._plate_motion(plate.means, pieces[-1][2]))
         while self._motions[0][0] < t - HISTORY_S:
             self._motions.popleft()
-        plate = [axis.mean for axis in self._axes]
-        self._preview = self._plate_motions(plate, self._acting(t, self.moment(observation)))
+        self._preview = self._plate_motions(plate.means, plate.acting(t, self.moment(observation)))
 
     def _plate_motion(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
         """The plate's motion (6): angle and rate (2,) of each axis, and the acceleration that the command gives it."""
         row: list[float] = []
-        for axis, (angle, rate), command in zip(self._axes, plate, self._stage.mixed(*u), strict=True):
-            rest = axis.axis.gain * command + axis.axis.offset
-            row += [angle, rate, axis.axis.acceleration(angle - rest, rate)]
+        stage = self._plate.stage
+        for axis, (angle, rate), command in zip((stage.beta, stage.gamma), plate, stage.mixed(*u), strict=True):
+            row += [angle, rate, axis.acceleration(angle - axis.gain * command - axis.offset, rate)]
         return tuple(row)
 
     def _plate_motions(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
@@ -107,8 +107,8 @@ class BodyEstimator(Estimator):
         rows = []
         for start, end, u in pieces:
             if self._jumps and end - start > 2.0 * JUMP_S:
-                rows.append((start + JUMP_S, *self._plate_motion(self.turned(plate, u, JUMP_S), u)))
-            plate = self.turned(plate, u, end - start)
+                rows.append((start + JUMP_S, *self._plate_motion(self._plate.turned(plate, u, JUMP_S), u)))
+            plate = self._plate.turned(plate, u, end - start)
             rows.append((end, *self._plate_motion(plate, u)))
         return rows
 
@@ -133,8 +133,11 @@ class BodyEstimator(Estimator):
         if end <= start + 1e-9:
             return
         plate = [z[4:6], z[6:8]]
-        last = self._acting(start - BEFORE, start)[0][2]
-        motions = [(start, *self._plate_motion(plate, last)), *self._plate_motions(plate, self._acting(start, end))]
+        last = self._plate.acting(start - BEFORE, start)[0][2]
+        motions = [
+            (start, *self._plate_motion(plate, last)),
+            *self._plate_motions(plate, self._plate.acting(start, end)),
+        ]
         self._roll(z, motions, start, end)
         z[4:6], z[6:8] = motions[-1][1:3], motions[-1][4:6]
 

@@ -31,7 +31,7 @@ from mazeplan.physics.dynamics.rigid_body_effects import effects_of, idle
 from mazeplan.physics.dynamics.walls import Walls
 from mazeplan.physics.effect import Term
 
-SUBSTEPS = 5  # per picture, 1/150 s each; ten or twenty change only the roughness of the likelihood
+SUBSTEPS, SUBSTEP_S = 5, 1.0 / 150.0  # most steps per picture; s, of a step. Shorter ones change only the roughness
 POINTS = 2 * STATE
 BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that do not count
@@ -316,12 +316,11 @@ class BodyFilter:
     """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
     def __init__(
-        self, pictures: BallPictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS,
-        soonest: float = -math.inf,
+        self, pictures: BallPictures, plate: PlateMotion, walls: Walls, soonest: float = -math.inf
     ) -> None:  # fmt: skip
         """soonest: smallest delay of the camera behind the motion of the plate that is possible, s"""
-        self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
-        self.soonest = soonest
+        self.pictures, self.plate, self.walls, self.soonest = pictures, plate, walls, soonest
+        self.substeps = substeps = min(SUBSTEPS, math.ceil(pictures.dt / SUBSTEP_S - 1e-9))
         n = len(pictures)
         self._rows, self._key = np.empty((n * substeps, ROW)), None
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
@@ -335,7 +334,7 @@ class BodyFilter:
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
         seen = replace(p, t=p.t[rows], y=p.y[rows], begins=p.begins[rows] | begun, clock=clock)
-        return BodyFilter(seen, self.plate, self.walls, self.substeps, self.soonest)
+        return BodyFilter(seen, self.plate, self.walls, self.soonest)
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
         """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.

@@ -44,7 +44,7 @@ MOST_FOUND = 4  # maximum number of effects
 MIN_PROCESS_NOISE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
-SHORT_RECORD = 6000  # pictures
+SHORT_RECORD, PART = 6000, 4000  # pictures; those that choose candidates in a long record
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 # minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways,
 # above all at walls, against which it leans the ball more or less than before
@@ -242,9 +242,10 @@ def _pruned(
 
 
 def alternate(body: BodyFilter) -> BodyFilter:
-    """Every other stretch of PART_S s of a record. This is enough to choose candidates. A short record stays whole."""
+    """Every other stretch of PART_S s of a record, or fewer if it has many pictures: enough to choose candidates. A
+    short record stays whole."""
     n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
-    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % 2 == 0)
+    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % max(n // PART, 2) == 0)
 
 
 def _best(

@@ -270,7 +270,7 @@ def felt(body: BodyFilter, sensor: Entry) -> BodyFilter:
     """The filter with true tilts, which are smaller than the measured ones by the growth of the sensor's scale."""
     grown = [value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()]
     plate = body.plate._replace(motion=body.plate.motion / np.repeat(grown, 3))
-    return BodyFilter(body.pictures, plate, body.walls, body.substeps, body.soonest)
+    return BodyFilter(body.pictures, plate, body.walls, body.soonest)
 
 
 def _of_the_stage(
