@@ -154,7 +154,8 @@ class PlateFilter:
         self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
         if self._mismatched >= MISMATCHED_SAMPLES:
             doubts.add("plate")
-        self.tilts.append((t, *(float(angle) for angle, _ in self.means)))
+        beta, gamma = self.means
+        self.tilts.append((t, float(beta[0]), float(gamma[0])))
         while self.tilts[0][0] < t - HISTORY_S:
             self.tilts.popleft()
         return doubts
