@@ -45,8 +45,8 @@ def test_the_leaf_of_ones_own_rolls_the_ball_and_says_why_it_fails(tmp_path, mon
         times.append(record.ticks[-1].t)
         assert abs(math.degrees(record.ticks[-1].theta) - 60.0) < 8.0
     assert times[1] != times[0]
-    held = "- ball_stuck: {from_s: 0.0, to_s: 9.0}"
-    record = run_tree(tree.format("weak"), mishaps=held, goal=1, behavior_modules=("rolling_of_the_page",))
+    held = {"mishap": lambda rig: setattr(rig, "glued", True), "goal": 1}
+    record = run_tree(tree.format("weak"), **held, behavior_modules=("rolling_of_the_page",))
     assert record.ends_with("stuck").result.failures[-1].where == "RollTo"
     with pytest.raises(TreeError, match="pull: got 'harder', expected one of weak, strong"):
         run_tree(tree.format("harder"), goal=1, behavior_modules=("rolling_of_the_page",))

@@ -140,7 +140,7 @@ def test_where_the_policy_knows_nothing_the_planner_goes_every_leg():
 
 
 def test_what_else_goes_wrong_is_for_the_packaged_tree_of_the_planner():
-    record = run_tree("policy", policy=hand_made(), mishaps="- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 2.0}\n")
+    record = run_tree("policy", policy=hand_made(), mishap=lambda rig: setattr(rig, "glued", rig.t < 2.0))
     record.visits("FollowPolicy", "Dither", "Track").reaches(within=9.0)
     assert record.failures[0] == "stuck"
 

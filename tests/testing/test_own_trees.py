@@ -10,10 +10,28 @@ from functools import cache
 
 import pytest
 
-from mazeplan.apps.testing import BallBehaviour, Jump, Rest, Roll, run_tree, tick_tree
+from mazeplan.apps.testing import LightRig, run_tree, tick_tree
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.core import resources
 from mazeplan.core.records import LEVEL
+from mazeplan.maze.mapfile import load_map
+
+MAZE = load_map("cme")
+
+
+BEYOND = MAZE.walls[0].outer_radius + 2.0 * MAZE.ball.radius  # m, outside the maze
+
+
+def teleport(ring, theta_deg, when):
+    """A mishap: the ball is put to rest elsewhere, once."""
+    done = []
+
+    def happen(rig):
+        if not done and when(rig):
+            done.append(rig.t)
+            rig.place(ring, math.radians(theta_deg))
+
+    return happen
 
 
 def smooth():
@@ -26,7 +44,7 @@ def already_there():
 
 def stuck():
     """Held for a second and a half, then shaken free."""
-    record = run_tree(mishaps="- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 1.5}\n")
+    record = run_tree(mishap=lambda rig: setattr(rig, "glued", rig.t < 1.5))
     record.visits("Track", "Dither", "PlanRoute", "Settle").reaches(within=6.0).never("LevelPlate", "AvoidOpening")
     assert record.failures == ["stuck"]
     tilts = [math.hypot(t.command.u_beta, t.command.u_gamma) for t in record.ticks if t.leaf == "Dither"]
@@ -37,7 +55,11 @@ def stuck():
 
 def stuck_for_good():
     """Shaken six times, then another opening; in the end the run gives up, with the reason."""
-    record = run_tree(mishaps="- ball_stuck: {from_s: 0.3}\n").ends_with("stuck").visits("Dither", "AvoidOpening")
+    record = (
+        run_tree(mishap=lambda rig: setattr(rig, "glued", rig.t >= 0.3))
+        .ends_with("stuck")
+        .visits("Dither", "AvoidOpening")
+    )
     assert record.recoveries[:7] == ["dither"] * 6 + ["avoid_opening"]
     assert len(record.failures) == 20  # the attempts of the tree
     return record
@@ -45,7 +67,7 @@ def stuck_for_good():
 
 def blind():
     """The plate is level while nobody knows where the ball is."""
-    record = run_tree(mishaps="- camera_blind: {from_s: 1.0, to_s: 2.4}\n")
+    record = run_tree(mishap=lambda rig: setattr(rig, "hidden", 1.0 <= rig.t + 1e-9 < 2.4))
     record.visits("BallSeen", "LevelPlate", "PlanRoute")
     assert record.failures == ["ball_lost"]
     waiting = [t for t in record.ticks if t.leaf == "LevelPlate"]
@@ -57,14 +79,14 @@ def blind():
 
 def blind_for_good():
     """It waits five seconds at a time, with a level plate."""
-    record = run_tree(mishaps="- camera_blind: {from_s: 1.0}\n", time_limit=8.0).ends_with("out_of_time")
+    record = run_tree(mishap=lambda rig: setattr(rig, "hidden", rig.t >= 1.0), time_limit=8.0).ends_with("out_of_time")
     assert record.statuses("LevelPlate").count("FAILURE") == 1
     return record.visits("LevelPlate", "BallSeen", "LevelPlate")
 
 
 def blocked():
     """Once more, once from the other side, then by another opening."""
-    record = run_tree(mishaps="- opening_blocked: {opening: 1-2@45}\n", start_angle_deg=40)
+    record = run_tree(mishap=lambda rig: rig.block(frozenset({"1-2@45"})), start_angle_deg=40)
     record.visits("PassOpening", "Replan", "PassOpening", "BackOff", "ChooseOpening", "PassOpening").reaches(within=8.0)
     assert record.failures[0] == "missed_opening"
     assert record.openings[0] != "1-2@45"
@@ -73,16 +95,17 @@ def blocked():
 
 def two_blocked():
     """The second time the opening that failed is avoided."""
-    text = "- opening_blocked: {opening: 1-2@45}\n- opening_blocked: {opening: 1-2@135}\n"
-    record = run_tree(mishaps=text, start_angle_deg=40).visits("BackOff", "AvoidOpening", "ChooseOpening").reaches()
+    shut = frozenset({"1-2@45", "1-2@135"})
+    record = run_tree(mishap=lambda rig: rig.block(shut), start_angle_deg=40).reaches()
+    record.visits("BackOff", "AvoidOpening", "ChooseOpening")
     assert record.openings[0] in ("1-2@225", "1-2@315")
     return record
 
 
 def taken_from_in_front():
     """Out of the opening into a ring where it was not to go: what pushes it through says so."""
-    text = "- ball_teleported: {ring: 4, theta_deg: 30, at_s: 0.1}\n"
-    record = run_tree(mishaps=text, start_angle_deg=45).visits("PassOpening", "Replan", "Settle").reaches()
+    carry = teleport(4, 30.0, lambda rig: rig.t >= 0.1)
+    record = run_tree(mishap=carry, start_angle_deg=45).visits("PassOpening", "Replan", "Settle").reaches()
     assert record.statuses("PassOpening").count("FAILURE") == 1
     assert record.failures == ["wrong_ring"]
     return record
@@ -90,7 +113,7 @@ def taken_from_in_front():
 
 def fell_back():
     """A new route from where it is."""
-    record = run_tree(mishaps="- ball_teleported: {ring: 1, theta_deg: 120, in_ring: 3}\n")
+    record = run_tree(mishap=teleport(1, 120.0, lambda rig: rig.ring == 3))
     record.visits("Replan", "PlanRoute", "Settle").reaches()
     assert record.failures == ["fell_back"]
     assert record.result.replans == 1
@@ -99,26 +122,38 @@ def fell_back():
 
 def jumped_on():
     """Into a ring nearer the goal than expected: wrong, and welcome."""
-    record = run_tree(mishaps="- ball_teleported: {ring: 4, theta_deg: 30, in_ring: 2}\n").visits("Replan").reaches()
+    record = run_tree(mishap=teleport(4, 30.0, lambda rig: rig.ring == 2)).visits("Replan").reaches()
     assert record.failures == ["wrong_ring"]
     return record
 
 
 def pushed_out_of_the_goal():
-    record = run_tree(mishaps="- ball_teleported: {ring: 3, in_ring: 5}\n").visits("Settle", "Replan", "Settle")
+    record = run_tree(mishap=teleport(3, 0.0, lambda rig: rig.ring == 5)).visits("Settle", "Replan", "Settle")
     assert record.failures[0] == "fell_back"
     return record.reaches()
 
 
 def put_back():
-    record = run_tree(mishaps="- ball_out: {from_s: 0.5, to_s: 1.5, ring: 2}\n")
+    def out_and_back(rig):
+        if 0.5 <= rig.t < 1.5:
+            rig.put(BEYOND, 0.0)
+        elif rig.ring == 1 and math.hypot(*rig.z[:2]) > 0.9 * BEYOND:
+            rig.place(2, 0.0)
+
+    rig = LightRig(MAZE, mishap=out_and_back)
+    rig.out_s = 3.0  # somebody may put it back
+    record = run_tree(rig=rig)
     record.visits("BallSeen", "LevelPlate", "Track")
     assert record.failures[0] == "ball_out"
     return record.reaches()
 
 
 def not_put_back():
-    record = run_tree(mishaps="- ball_out: {from_s: 0.5}\n").ends_with("ball_out")
+    def out(rig):
+        if rig.t >= 0.5:
+            rig.put(BEYOND, 0.0)
+
+    record = run_tree(mishap=out).ends_with("ball_out")
     assert record.failures == ["ball_out"]
     assert record.recoveries == ["level_plate"]
     return record.within(0.6)
@@ -199,22 +234,14 @@ def test_the_tree_of_two_balls_brings_each_and_ends_in_the_goal_ring():
 )
 def test_the_recovery_goes_by_the_kind_and_the_number_of_failures(failures, leaf):
     recoveries = {"LevelPlate", "Dither", "BackOff", "AvoidOpening", "Replan"}
-    record = tick_tree(main="Recover", failures=failures, ball=BallBehaviour(moves=(Roll(2.0, 30.0),)))
+    record = tick_tree(main="Recover", failures=failures, ball=lambda t: (1, 15.0 * t))
     record.visits(leaf).never(*(recoveries - {leaf})).ends_with("SUCCESS").within(1.0)
 
 
 def test_waiting_for_the_ball_is_over_as_soon_as_it_is_seen_and_not_without_end():
     leaf = '<Delay delay_msec="600"><LevelPlate timeout_s="2"/></Delay>'  # lost after half a second
     tree = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{leaf}</BehaviorTree></root>'
-    again = BallBehaviour(moves=(Rest(3.0),), unseen=((0.0, 1.0),))
-    record = tick_tree(tree, ball=again).ends_with("SUCCESS")
+    record = tick_tree(tree, ball=lambda t: (1, 0.0) if t > 0.999 else None).ends_with("SUCCESS")
     assert record.time_s == pytest.approx(1.0)
     assert all(tick.command == LEVEL for tick in record.ticks if tick.leaf)
-    never = BallBehaviour(moves=(Rest(9.0),), unseen=((0.0, 9.0),))
-    assert tick_tree(tree, ball=never).ends_with("FAILURE").time_s == pytest.approx(2.6)
-
-
-def test_a_ball_that_jumps_about_is_followed_by_routes():
-    ball = BallBehaviour(moves=(Rest(0.3), Jump(4, 10.0), Rest(0.3), Jump(2, 90.0), Rest(0.3)))
-    record = run_tree(ball=ball, time_limit=2.0).visits("Replan", "PlanRoute")
-    assert {"wrong_ring", "fell_back"} <= set(record.failures)
+    assert tick_tree(tree, ball=lambda t: None).ends_with("FAILURE").time_s == pytest.approx(2.6)

@@ -11,12 +11,14 @@ from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.settings import load_settings
 
-STUCK = "- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 1.5}\n"
+
+def hold(seconds):
+    return lambda rig: setattr(rig, "glued", rig.t < seconds)
 
 
 @pytest.fixture(scope="module")
 def stuck():
-    return run_tree(mishaps=STUCK)
+    return run_tree(mishap=hold(1.5))
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +28,7 @@ def smooth():
 
 @pytest.fixture(scope="module")
 def held():
-    return run_tree(mishaps="- ball_stuck: {theta_deg: 20}\n", time_limit=3.99)
+    return run_tree(mishap=hold(9.0), time_limit=3.99)
 
 
 def test_what_holds_can_be_claimed_in_one_breath(stuck):

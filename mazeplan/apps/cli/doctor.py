@@ -25,7 +25,7 @@ FEATURES = {
     "learn": "networks: policy train",
     "view": "the live page in the browser",
     "hardware": "camera and serial line of a real rig",
-    "testing": "generated ball behaviours for tests of trees",
+    "testing": "tests of trees: pytest",
     "docs": "the documentation as a site: make docs",
     "gym": "the maze as a Gymnasium environment: reinforcement learning",
     "campaign": "evaluate on other machines: --dask; tables of runs in Parquet: --store",

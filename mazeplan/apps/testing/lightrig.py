@@ -31,9 +31,15 @@ def identified(maze: Maze) -> RigModel:
     return replace(model, balls=balls, camera_delay_stderr=0.0, data=({"file": "identified.mcap"},))
 
 
-class LightRig:
-    """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample and may change the public attributes.
+Mishap = Callable[["LightRig"], object]
 
+
+class LightRig:
+    """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample. It may change the public attributes, and
+    call `place`, `put`, `push` and `block`.
+
+    out_s: s that a run waits for a ball that is out, as on a real rig where somebody can put it back
+    t: time, s
     levelled, closed: number of calls of `level` and `close`
     commands: all commands so far, rad
     z: x, y, vx, vy, beta, beta_dot, gamma, gamma_dot (m, m/s, rad, rad/s)
@@ -44,13 +50,9 @@ class LightRig:
 
     rate_hz = RATE
     realtime = False  # time passes only in observe()
+    out_s: float | None = None
 
-    def __init__(
-        self,
-        maze: Maze,
-        settings: Mapping[str, Any] | None = None,
-        mishap: Callable[[LightRig], None] | None = None,
-    ) -> None:
+    def __init__(self, maze: Maze, settings: Mapping[str, Any] | None = None, mishap: Mishap | None = None) -> None:
         self.maze, self.mishap = maze, mishap
         self._model = identified(maze)
         self._blocked: frozenset[str] = frozenset()

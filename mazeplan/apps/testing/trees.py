@@ -1,18 +1,18 @@
-"""Runs trees for tests: `run_tree` on a rig with a script of mishaps, `tick_tree` without a rig."""
+"""Runs trees for tests: `run_tree` on a rig on which things may go wrong, `tick_tree` without a rig."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mazeplan.apps.testing.balls import DT, BallBehaviour, PlayedRig, after, states
+import numpy as np
+
 from mazeplan.apps.testing.leafscript import Script
-from mazeplan.apps.testing.lightrig import LightRig, identified
-from mazeplan.apps.testing.mishapfile import Given, read_mishaps
+from mazeplan.apps.testing.lightrig import RATE, LightRig, Mishap, identified
 from mazeplan.apps.testing.record import Record
-from mazeplan.apps.testing.scriptedrig import ScriptedRig
 from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.own_nodes import registry_with
@@ -24,7 +24,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import FailureReported, OtherEvent, TimedEvent
 from mazeplan.core.name_hints import one_of
-from mazeplan.core.records import Failure, FailureKind, NavigationResult, State
+from mazeplan.core.records import Array, Failure, FailureKind, NavigationResult, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
@@ -37,25 +37,17 @@ from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 Leaves = Mapping[str, str | Script]
+Ball = Callable[[float], tuple[int, float] | None]  # time -> ring and angle (deg) of the ball, or None
+FASTEST = 1.0  # m/s; a faster change of place is a jump, not a speed
 OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_OUT)  # perhaps no leaf reported them
 PATIENCE_MS = 1e6  # ms of wall time for a plan; a short deadline would make a run depend on the load of the machine
-
-
-def scripted_rig(mishaps: Given, map: str | Path | Maze = "cme") -> ScriptedRig:
-    """The light rig, on which a script of mishaps happens. Raises InputError with file and line.
-
-    mishaps: YAML file, YAML text, or a list (see `mishapfile`)
-    map: a Maze, or name or file of a map"""
-    maze = map if isinstance(map, Maze) else load_map(map)
-    return ScriptedRig(maze, mishaps=read_mishaps(mishaps, maze))
 
 
 def run_tree(
     tree: str | Path = "navigate",
     leaves: Leaves | None = None,
     *,
-    mishaps: Given = (),
-    ball: BallBehaviour | None = None,
+    mishap: Mishap | None = None,
     rig: str | Rig = "light",
     map: str | Path | Maze = "cme",
     start: int | str = 1,
@@ -73,8 +65,7 @@ def run_tree(
 
     tree: packaged name, file, or XML text
     leaves: {name, kind or path of leaves: script that replaces their work}
-    mishaps: what goes wrong on the light rig, as YAML file, YAML text or list
-    ball: where the ball is, whatever the plate does
+    mishap: what goes wrong on the light rig: a function that gets the rig before each sample (see `LightRig`)
     rig: "light", name or file of a simulated rig, or a rig
     goal: goal ring; by default the last ring
     closed: openings that are closed
@@ -85,7 +76,7 @@ def run_tree(
     if log is not None and str(tree).lstrip().startswith("<"):
         raise InputError("a log names the file of its tree; write the text into one", key="log")
     maze = map if isinstance(map, Maze) else load_map(map)
-    machine = _machine(rig, ball, mishaps, maze)
+    machine = _machine(rig, mishap, maze)
     watch = Watch(leaves, _truth(machine))
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     setup = Setup(
@@ -118,21 +109,16 @@ def run_tree(
     return _record(watch, maze, aim, result.reason, result.success, result)
 
 
-def _machine(rig: str | Rig, ball: BallBehaviour | None, mishaps: Given, maze: Maze) -> Rig:
-    given = isinstance(mishaps, str | Path) or len(mishaps) > 0
-    if ball is not None:
-        if given or rig != "light":
-            raise InputError("a ball behaviour leaves neither room for mishaps nor for another rig", key="ball")
-        return PlayedRig(maze, ball=ball)
+def _machine(rig: str | Rig, mishap: Mishap | None, maze: Maze) -> Rig:
     if rig == "light":
-        return scripted_rig(mishaps, maze)
-    if given:
+        return LightRig(maze, mishap=mishap)
+    if mishap is not None:
         raise InputError("mishaps happen on the light rig; a simulated rig has `faults` in its file", key="rig")
     return make_rig(rig, maze) if isinstance(rig, str) else rig
 
 
 def _truth(rig: Rig) -> Callable[[], tuple[int, float] | None]:
-    if isinstance(rig, LightRig | PlayedRig):
+    if isinstance(rig, LightRig):
         return lambda: (rig.ring, rig.theta)
     return lambda: None
 
@@ -167,7 +153,7 @@ def tick_tree(
     leaves: Leaves | None = None,
     *,
     main: str | None = None,
-    ball: BallBehaviour | None = None,
+    ball: Ball | None = None,
     failures: Sequence[str] = (),
     keys: Mapping[str, Any] | None = None,
     map: str | Path | Maze = "cme",
@@ -181,7 +167,8 @@ def tick_tree(
 
     leaves: {name, kind or path of leaves: script that replaces their work}
     main: name of the tree in its file; by default the main tree
-    ball: where the ball is; leaves without a script see this place without error. Default: at rest in ring 1
+    ball: gives for a time, s, the ring of the ball and its angle, deg, or None while the ball is not seen; leaves
+        without a script see this place without error. Default: at rest in ring 1
     failures: kinds of failure before the first tick, the latest one last
     keys: values on the blackboard
     closed: openings that are closed
@@ -192,7 +179,7 @@ def tick_tree(
     maze = map if isinstance(map, Maze) else load_map(map)
     aim = ring_number(len(maze.rings) if goal is None else goal, maze)
     options = load_settings()
-    path = states(ball or BallBehaviour(), maze, options.estimator.lost_after)
+    path = _states(ball or (lambda t: (1, 0.0)), maze, options.estimator.lost_after)
     context = RunContext(
         maze=maze,
         graph=RouteGraph(maze),
@@ -211,15 +198,40 @@ def tick_tree(
     for key, value in {"goal": aim, **(keys or {})}.items():
         loaded.blackboard.set_external(key, value)
     watch(loaded, context)
-    for k in range(ticks):
-        state = path[k] if k < len(path) else after(path[-1], k * DT)
-        context.begin(k * DT, state, state)
+    for _ in range(ticks):
+        state = next(path)
+        context.begin(state.t, state, state)
         if loaded.tick().name != "RUNNING":
             break
     reason = watch.ticks[-1].status if watch.ticks else ""
     if halt:
         loaded.halt()
     return _record(watch, maze, aim, reason, reason == "SUCCESS")
+
+
+def _states(ball: Ball, maze: Maze, lost_after: float) -> Iterator[State]:
+    """The states that an estimator without errors gives, one for each sample.
+
+    lost_after: time without the ball after which it counts as lost, s"""
+
+    def place(k: int) -> Array | None:
+        there = ball(k / RATE)
+        if there is None:
+            return None
+        theta = math.radians(there[1])
+        return maze.track_radius(there[0]) * np.array([math.cos(theta), math.sin(theta)])
+
+    last, velocity, last_seen = np.zeros(2), np.zeros(2), 0.0
+    for k in count():
+        t, now = k / RATE, place(k)
+        if now is not None:
+            a, b = place(max(k, 1) - 1), place(max(k, 1))
+            velocity = np.zeros(2) if a is None or b is None else RATE * (b - a)
+            velocity = velocity if math.hypot(*velocity) < FASTEST else np.zeros(2)
+            last, last_seen = now, t
+        (x, y), (vx, vy) = map(float, last), map(float, velocity)
+        ring = maze.ring_at(math.hypot(x, y))
+        yield State(t, x, y, vx, vy, 0.0, 0.0, 0.0, 0.0, ring, now is not None, t - last_seen > lost_after)
 
 
 def _openings(names: Sequence[str], maze: Maze) -> tuple[str, ...]:
