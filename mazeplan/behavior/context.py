@@ -253,6 +253,7 @@ class RunContext:
         led = self.balls.views[self.balls.led - 1]
         self.state, self.measured, self.out = self.leg.entered(led.state, now, self.maze, self.graph), led.measured, out
         self.command, self.commanded_by, self.leg.followed = None, "", False
+        self.leg.approach(led.measured, self.maze)
 
     def lead(self, ball: int, kept: frozenset[int]) -> None:
         """From now on the leaves lead the ball with this number. The balls in `kept` must stay in the centre."""
@@ -309,7 +310,7 @@ class RunContext:
         if place is not None:
             failure = replace(failure, x=round(place.x, 6), y=round(place.y, 6))
         self.history.failures.append(failure)
-        self.report(FailureReported(str(failure.kind), failure.where, failure.detail))
+        self.report(FailureReported(str(failure.kind), failure.where, failure.words))
 
     def recovering(self, recovery: str) -> None:
         """Name the recovery chosen for the last failure."""

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
+from mazeplan.control.opening import opening_frame
+from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Plan, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
 
 ENTERING = 0.24  # s that a ball may take from the middle of an opening into the next ring
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Where the ball was measured nearest to an opening, and its distance from the middle of the opening, m."""
+
+    opening: Opening
+    distance: float
+    state: State
 
 
 @dataclass
@@ -24,6 +36,7 @@ class CurrentLeg:
     refused: the opening that did not take the ball, although the ball already counted as in the next ring
     entering: ring that the ball leaves, ring into which it falls, and rig time until which it counts as there, s
     falling: the opening through which the ball falls
+    nearest: where the ball came nearest to the opening through which it falls, otherwise to the chosen one
     """
 
     opening: Opening | None = None
@@ -35,10 +48,22 @@ class CurrentLeg:
     refused: Opening | None = None
     entering: tuple[int, int, float] | None = None
     falling: Opening | None = None
+    nearest: Approach | None = None
 
     def passage(self) -> CurrentLeg:
         """A new leg for a ball that is still falling through an opening. Nothing is chosen or planned."""
-        return CurrentLeg(refused=self.refused, entering=self.entering, falling=self.falling)
+        return CurrentLeg(refused=self.refused, entering=self.entering, falling=self.falling, nearest=self.nearest)
+
+    def approach(self, measured: State, maze: Maze) -> None:
+        """Keep the measured state if the ball is nearer to its opening than before."""
+        opening = self.falling or self.opening
+        if opening is None or measured.lost or not measured.seen:
+            return
+        radius = maze.threshold_radius(opening)
+        middle = (radius * math.cos(opening.angle), radius * math.sin(opening.angle))
+        distance = math.dist(middle, (measured.x, measured.y))
+        if self.nearest is None or self.nearest.opening != opening or distance < self.nearest.distance:
+            self.nearest = Approach(opening, distance, measured)
 
     def enter(self, source: int, target: int, now: float) -> None:
         """The ball falls from ring `source` into ring `target`. For ENTERING s from `now` on, it counts as there."""
@@ -64,3 +89,23 @@ class CurrentLeg:
     def _before(self, target: int, state: State, maze: Maze) -> bool:
         """Whether at the ball's angle the sector of ring `target` is that behind the opening."""
         return self.falling is None or maze.turn(target, state.theta, self.falling.angle) is not None
+
+
+def measured_miss(nearest: State, last: State, opening: Opening, start: int) -> dict[str, float]:
+    """How the ball missed an opening, for `Failure.detail`.
+
+    nearest, last: measured states, in which the ball was nearest to the opening, and of now
+    start: ring from which it should have passed
+
+    passed_deg: angle of the ball behind the middle of the opening now; negative: it stays before it
+    off_mm: distance beside the middle line when it was nearest, counter-clockwise positive
+    radial_m_s: speed towards the next ring then
+    tangential_m_s: speed along the ring then, counter-clockwise positive"""
+    frame = opening_frame(nearest, opening)
+    forward = 1.0 if frame.across_speed >= 0.0 else -1.0
+    return {
+        "passed_deg": round(forward * math.degrees(difference(last.theta, opening.angle)), 3),
+        "off_mm": round(1e3 * frame.across, 3),
+        "radial_m_s": round(-frame.along_speed if start == opening.outer else frame.along_speed, 4),
+        "tangential_m_s": round(frame.across_speed, 4),
+    }

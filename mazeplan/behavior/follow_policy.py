@@ -45,7 +45,7 @@ class FollowPolicy(MazeLeaf):
             return elsewhere
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
-            return self.fail_as(FailureKind.MISSED_OPENING, f"not through {opening.name} in time")
+            return self.missed(opening, self._ring, f"not through {opening.name} in time")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         self._passing = self._passing or aligned(here, opening, run.steering.options.gate)

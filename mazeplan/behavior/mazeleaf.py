@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from py_trees.common import Status
 
+from mazeplan.behavior.current_leg import measured_miss
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import shown
 from mazeplan.core.constants import GRAVITY
@@ -34,13 +36,21 @@ class MazeLeaf(Leaf):
             raise self.wrong(f"fail: got {shown(failure)}, expected a Failure; fail_as(kind, detail) makes one")
         return super().fail(failure)
 
-    def fail_as(self, kind: FailureKind | str, detail: str = "") -> Status:
+    def fail_as(self, kind: FailureKind | str, words: str = "", detail: Mapping[str, float] | None = None) -> Status:
         """Leave a failure of this kind, or of that name, and return FAILURE. Raises TreeError where there is no such
-        kind."""
+        kind. detail: what was measured, by name"""
         if kind not in list(FailureKind):
             kinds = ", ".join(map(str, FailureKind))
             raise self.wrong(f"fail_as: got {shown(kind)}, expected one of {kinds}")
-        return self.fail(Failure(FailureKind(kind), self.name, self.context.now, detail))
+        return self.fail(Failure(FailureKind(kind), self.name, self.context.now, words, detail=dict(detail or {})))
+
+    def missed(self, opening: Opening, start: int, words: str) -> Status:
+        """Leave the failure missed_opening with what was measured, and return FAILURE. start: the ring to be left"""
+        run, nearest = self.context, self.context.leg.nearest
+        last = run.measured or run.here
+        state = nearest.state if nearest is not None and nearest.opening == opening else last
+        run.leg.nearest = None
+        return self.fail_as(FailureKind.MISSED_OPENING, words, measured_miss(state, last, opening, start))
 
     def current_opening(self) -> Opening:
         """The opening named by the port `opening`."""
@@ -76,7 +86,7 @@ class MazeLeaf(Leaf):
             return Status.SUCCESS
         refused, self.context.leg.refused = self.context.leg.refused, None
         if refused is not None:
-            return self.fail_as(FailureKind.MISSED_OPENING, f"{refused.name} did not take the ball")
+            return self.missed(refused, start, f"{refused.name} did not take the ball")
         goal = self.context.target
         back = abs(ring - goal) > abs(start - goal)
         kind = FailureKind.FELL_BACK if back else FailureKind.WRONG_RING

@@ -53,7 +53,7 @@ class Align(MazeLeaf):
             return Status.SUCCESS
         astray = not run.maze.ring(self._ring).is_disc and abs(run.turn_to(opening)) > LOST_TRACK
         if astray or run.now - self._began > self.get("timeout_s"):
-            return self.fail_as(FailureKind.MISSED_OPENING, f"not aligned with {opening.name}")
+            return self.missed(opening, self._ring, f"not aligned with {opening.name}")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing beside {opening.name}")
         push = self.get("lean_deg")
@@ -101,7 +101,7 @@ class PassOpening(MazeLeaf):
             return elsewhere
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
-            return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
+            return self.missed(opening, self._ring, f"{opening.name} did not take the ball")
         if gets_in(run, opening, target):
             run.enter(target)
         # a missed opening shows that the model, or its delay, is not good enough for roll-outs
@@ -176,7 +176,8 @@ class Settle(MazeLeaf):
         if run.here.ring != goal and (measured is None or measured.ring != goal):
             return self.fail_as(FailureKind.FELL_BACK, f"left ring {goal} for ring {run.here.ring}")
         if run.now - self._began > self.get("timeout_s"):
-            return self.fail_as(FailureKind.MISSED_OPENING, f"did not come to rest in ring {goal}")
+            near = min((o for o in run.maze.openings if goal in (o.outer, o.inner)), key=lambda o: abs(run.turn_to(o)))
+            return self.missed(near, near.leads_to(goal), f"did not come to rest in ring {goal}")
         self._brake(goal)
         return Status.RUNNING
 

@@ -199,7 +199,7 @@ class Track(MazeLeaf):
         if rerouted is not None:
             return rerouted
         if run.now - self._began > self._most:
-            return self.fail_as(FailureKind.MISSED_OPENING, f"not in front of {opening.name} in time")
+            return self.missed(opening, self._ring, f"not in front of {opening.name} in time")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         plan = self._renewed(plan, opening)

@@ -249,18 +249,20 @@ class Failure:
 
     where:    leaf or place
     t:        rig time, s
-    detail:   a sentence for people
+    words:    a sentence for people
     recovery: name of the recovery that the tree chose, None without one
     x, y:     place of the ball, m; None if unknown
+    detail:   what was measured, by name with unit; of a missed opening: `current_leg.measured_miss`
     """
 
     kind: FailureKind
     where: str
     t: float
-    detail: str = ""
+    words: str = ""
     recovery: str | None = None
     x: float | None = None
     y: float | None = None
+    detail: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,8 +359,7 @@ class NavigationResult:
     misfits: tuple[Misfit, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints. Its keys are fixed by the contract, except `detail` and the keys
-        from `tick_ms` on, which are additions."""
+        """The document that `navigate --json` prints."""
         return _result_adapter().dump_python(self, mode="json")
 
     @classmethod

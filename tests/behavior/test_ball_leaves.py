@@ -98,7 +98,7 @@ def test_a_kept_ball_that_left_is_a_failure_once(two):
     two.see(at(4, 180.0), at(2), t=0.1)
     assert two.once("BallsStay", centre=5) is Status.FAILURE
     assert two.failure() is FailureKind.LEFT_THE_CENTRE
-    assert two.run.history.failures[-1].detail == "ball 1 left ring 5 for ring 4"
+    assert two.run.history.failures[-1].words == "ball 1 left ring 5 for ring 4"
     assert two.once("BallsStay", centre=5) is Status.SUCCESS
     assert len(two.run.history.failures) == 1
 
@@ -145,7 +145,7 @@ def test_a_kept_ball_that_is_lost_is_watched_when_it_is_found(two):
     assert two.run.balls.kept == {1}
     two.see(at(4), at(2), t=0.2)
     assert two.once("BallsStay", centre=5) is Status.FAILURE
-    assert two.run.history.failures[-1].detail == "ball 1 left ring 5 for ring 4"
+    assert two.run.history.failures[-1].words == "ball 1 left ring 5 for ring 4"
 
 
 def test_a_lost_ball_is_chosen_after_all_seen_ones(two):

@@ -86,7 +86,7 @@ def test_the_disc_is_unfamiliar():
     into = MAZE.openings_between(4, 5)[0]
     bench = Bench(hand_made(), into)
     assert bench.tick(at(0.0, ring=5)) is FAILURE
-    assert "the disc" in bench.run.history.failures[0].detail
+    assert "the disc" in bench.run.history.failures[0].words
 
 
 def test_it_succeeds_in_the_next_ring_and_fails_in_another():

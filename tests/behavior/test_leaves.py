@@ -225,6 +225,20 @@ def test_align_gives_up_far_away_or_late(bench):
     assert bench.tick(leaf, at(1, 60.0, t=1.1, speed=0.1)) is Status.FAILURE
 
 
+def test_a_missed_opening_says_what_was_measured(bench):
+    bench.run.leg.opening = MAZE.opening("1-2@45")
+    leaf = bench.leaf("PassOpening", opening="1-2@45", timeout_s=1.0)
+    inward = {"vx": -0.05 * math.cos(math.radians(46.0)), "vy": -0.05 * math.sin(math.radians(46.0))}
+    for state in (at(1, 40.0, speed=0.3), at(1, 46.0, t=0.4, **inward), at(1, 52.0, t=1.1, speed=0.2)):
+        bench.tick(leaf, state)
+    assert bench.run.history.failures[-1].detail == {
+        "passed_deg": pytest.approx(-7.0),  # it moves backwards where it is nearest
+        "off_mm": pytest.approx(1e3 * MAZE.track_radius(1) * math.sin(math.radians(1.0)), abs=1e-3),
+        "radial_m_s": pytest.approx(0.05, abs=1e-4),
+        "tangential_m_s": pytest.approx(-0.05 * math.sin(math.radians(1.0)), abs=1e-4),
+    }
+
+
 def test_pass_pushes_through_and_remembers_an_opening_that_does_not_take_the_ball(bench):
     leaf = bench.leaf("PassOpening", opening="1-2@45")
     assert bench.tick(leaf, at(1, 45.0)) is Status.RUNNING

@@ -88,7 +88,7 @@ def test_a_ball_out_of_the_maze_is_told_before_one_that_is_lost_and_awaited_too(
     assert [*leaf.tick()][-1].status is Status.FAILURE
     (failure,) = bench.run.history.failures
     assert (failure.kind, failure.x, failure.y) == (FailureKind.BALL_OUT, 0.12, 0.0)
-    assert failure.detail == "the ball has left the maze: it is 21 mm beyond the rim"
+    assert failure.words == "the ball has left the maze: it is 21 mm beyond the rim"
     wait = bench.leaf("LevelPlate", timeout_s=1.0)
     for t, where, expected in ((0.0, out, Status.RUNNING), (0.5, out, Status.RUNNING), (0.6, None, Status.SUCCESS)):
         bench.run.begin(t, at(1, t=t), at(1, t=t), where)

@@ -62,7 +62,7 @@ def test_an_opening_on_the_other_side_of_a_wall_is_not_tried(kind):
     bench.board.set("plan", None)
     assert bench.tick(bench.leaf(kind, opening="1-2@45", **ports), at(1, 25.0)) is Status.FAILURE
     assert bench.failure() is FailureKind.WRONG_RING
-    assert "a radial wall stands between the ball and 1-2@45" in bench.run.history.failures[-1].detail
+    assert "a radial wall stands between the ball and 1-2@45" in bench.run.history.failures[-1].words
 
 
 def test_a_detour_outwards_is_confirmed_in_the_outer_ring():

@@ -175,7 +175,7 @@ def test_a_failing_rig_leaves_one_document_with_json(place, bad, call):
     document = json.loads(out.removeprefix("now\n"))
     assert (document["success"], document["reason"]) == (False, "rig_failed")
     assert document["failures"][-1]["kind"] == "rig_failed"
-    assert "OSError" in document["failures"][-1]["detail"]
+    assert "OSError" in document["failures"][-1]["words"]
     assert document["time_s"] > 0.0
     assert "OSError" in err.splitlines()[-1]
     assert err.count("OSError") == 1

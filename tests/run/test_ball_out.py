@@ -169,7 +169,7 @@ def test_a_tree_that_does_not_ask_is_told_all_the_same_and_has_not_arrived(tmp_p
     first, last = result.failures
     assert (first.kind, first.where) == (FailureKind.BALL_OUT, "run")
     assert first.t == pytest.approx(0.5 + (SAMPLES - 1) / 30.0, abs=1e-6)
-    assert last.detail == f"the tree succeeded with the ball out of the maze, the goal is ring {goal}"
+    assert last.words == f"the tree succeeded with the ball out of the maze, the goal is ring {goal}"
     assert replay(tmp_path / "run.mcap", model=known(MAZE)).identical
 
 

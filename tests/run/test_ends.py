@@ -47,7 +47,7 @@ def world(tmp_path, monkeypatch):
 def test_a_tree_that_succeeds_in_another_ring_has_not_arrived(world):
     result, _, log = world("<BallSeen/>")
     assert (result.success, result.reason) == (False, "elsewhere")
-    assert result.failures[-1].detail == "the tree succeeded with the ball in ring 1, the goal is ring 5"
+    assert result.failures[-1].words == "the tree succeeded with the ball in ring 1, the goal is ring 5"
     assert (log.result["success"], log.result["reason"]) == (False, "elsewhere")
     assert replay("run.mcap", model=known(MAZE)).identical
     result, *_ = world("<BallSeen/>", goal=1)
@@ -67,7 +67,7 @@ def test_a_ball_that_is_lost_is_not_there(world):
 
     result, *_ = world('<Delay delay_msec="900"><ForceSuccess><BallSeen/></ForceSuccess></Delay>', goal=1, mishap=hide)
     assert (result.success, result.reason) == (False, "elsewhere")
-    assert "with the ball nobody knows where" in result.failures[-1].detail
+    assert "with the ball nobody knows where" in result.failures[-1].words
 
 
 def test_two_packaged_leaves_that_command_side_by_side_are_named_with_the_line(world):

@@ -222,7 +222,7 @@ def test_a_rig_that_fails_is_a_result_of_its_own():
     setup, job = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT), Job(1, 5, 0.3)
     result, problem = attempt_job(Failing(MAZE), setup, job)
     assert (result.success, result.reason) == (False, "rig_failed")
-    assert result.failures[-1].detail == "smoke"
+    assert result.failures[-1].words == "smoke"
     assert result.time_s == pytest.approx(0.5, abs=0.02)
     with pytest.raises(RigError, match="smoke") as caught:
         run_job(Failing(MAZE), setup, job)
@@ -234,6 +234,6 @@ def test_a_campaign_goes_on_when_the_rig_fails():
     assert [(r.reason, r.seed, r.rings[0].ring) for r in results] == [("rig_failed", 0, 1), ("rig_failed", 1, 1)]
     (dead,) = evaluate(Campaign(runs=1, rig=f"{__name__}:DeadAtOnce", seed=5))
     assert (dead.success, dead.reason, dead.seed) == (False, "rig_failed", 5)
-    assert dead.failures[-1].detail == "no power"
+    assert dead.failures[-1].words == "no power"
     assert dead.to_json()["failures"][-1]["kind"] == "rig_failed"
     assert math.isfinite(dead.time_s)

@@ -121,7 +121,7 @@ def test_each_goal_has_the_time_limit_of_its_own():
     result, rig = go({30: lambda: goals.aim(4), 60: lambda: goals.aim(3)}, glue, goals=goals, limit=1.5)
     assert (result.success, result.reason) == (False, "out_of_time")
     assert rig.t == pytest.approx(2.0 + 1.5, abs=0.04)
-    assert "ring 3" in result.failures[-1].detail
+    assert "ring 3" in result.failures[-1].words
 
 
 def test_a_goal_that_waits_when_the_ball_arrives_is_not_lost():

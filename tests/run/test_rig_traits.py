@@ -61,7 +61,7 @@ def test_a_ball_that_is_unseen_for_too_long_ends_the_run_with_a_level_plate(tmp_
     assert rig.k == 11 + 30
     assert rig.levelled >= 1
     assert result.failures[-1].kind is FailureKind.BALL_LOST
-    assert "not seen for 1.0 s" in result.failures[-1].detail
+    assert "not seen for 1.0 s" in result.failures[-1].words
     assert replay(log, model=known(MAZE)).difference is None
 
 
@@ -83,4 +83,4 @@ def test_what_happened_is_told_though_the_plate_cannot_be_levelled():
     with pytest.raises(RigError, match=r"^the cable is out; then no answer$") as caught:
         run_job(Dead(), SETUP, Job(1, 5, 0.3))
     assert caught.value.result.reason == "rig_failed"
-    assert "the cable is out" in caught.value.result.failures[-1].detail
+    assert "the cable is out" in caught.value.result.failures[-1].words

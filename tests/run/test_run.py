@@ -132,6 +132,9 @@ def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
     assert until_done(rig, run) == "SUCCESS"
     missed = [f.t for f in run.context.history.failures if f.kind is FailureKind.MISSED_OPENING]
     assert missed
+    detail = next(f.detail for f in run.result(True, "arrived").failures if f.kind is FailureKind.MISSED_OPENING)
+    assert list(detail) == ["passed_deg", "off_mm", "radial_m_s", "tangential_m_s"]
+    assert abs(detail["off_mm"]) < 5.0
     assert len(Counting.asked) > 10
     assert max(Counting.asked) <= missed[0]
     assert rig.t > missed[0] + 0.5  # it was tried again, without

@@ -88,9 +88,9 @@ def test_a_ball_that_leaves_the_centre_is_noticed_and_brought_back(ball, angle):
     assert result.success, result.reason
     assert left
     assert 0.0 <= left[0].t - rig.taken_at < 0.3
-    assert left[0].detail == f"ball {ball} left ring 5 for ring 3"
+    assert left[0].words == f"ball {ball} left ring 5 for ring 3"
     assert left[0].recovery == "replan"
-    noticed = sum(failure.detail.startswith(f"ball {ball} ") for failure in left)
+    noticed = sum(failure.words.startswith(f"ball {ball} ") for failure in left)
     assert [p.ring for p in (result.rings, result.others[0].rings)[ball - 1]].count(5) == 1 + noticed
 
 

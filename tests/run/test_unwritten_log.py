@@ -59,7 +59,7 @@ def test_a_full_disk_is_the_fault_of_the_log(tmp_path, full_from, topic):
     assert rig.u.tolist() == [[0.0, 0.0]]
     topic, told = heard[-1]  # the page goes on
     assert (topic, told["success"], told["reason"]) == ("/result", False, "log_failed")
-    assert (told["failures"][-1]["where"], told["failures"][-1]["detail"]) == ("log", str(caught.value))
+    assert (told["failures"][-1]["where"], told["failures"][-1]["words"]) == ("log", str(caught.value))
     read = read_log(log)
     assert (read.complete, read.result) == (False, None)
     assert len(read.ticks["t"]) > 5  # what was written stays

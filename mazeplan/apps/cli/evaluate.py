@@ -99,7 +99,7 @@ def _exit_status(document: dict[str, Any], runs: int) -> int:
     failures = (failure for result in document["results"] for failure in result["failures"])
     failed = next((failure for failure in failures if failure["kind"] == FailureKind.RIG_FAILED.value), None)
     if failed is not None:
-        raise RigError(failed["detail"])
+        raise RigError(failed["words"])
     return 0 if document["success"] == runs else 1
 
 

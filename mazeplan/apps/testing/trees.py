@@ -103,7 +103,7 @@ def run_tree(
         machine.close()
     if result.reason in OF_THE_RUN:
         last = result.failures[-1]
-        failure = FailureReported(str(last.kind), last.where, last.detail)
+        failure = FailureReported(str(last.kind), last.where, last.words)
         if not any(timed.event == failure for timed in watch.events):
             watch.events.append(TimedEvent(last.t, failure))
     return _record(watch, maze, aim, result.reason, result.success, result)

@@ -106,7 +106,7 @@ def _failure(moment: Moment) -> str:
     return (
         f'<div data-failure style="border-left:4px solid {COLOURS["bad"]};padding-left:6px;margin-top:4px">'
         f"<b>last failure</b> at {failure.t:.2f} s: {escape(str(failure.kind))}{recovery}<br>"
-        f'<span {GREY}">{escape(failure.detail)} ({escape(failure.where)})</span></div>'
+        f'<span {GREY}">{escape(failure.words)} ({escape(failure.where)})</span></div>'
     )
 
 

@@ -114,7 +114,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         time_s=NUMBER,
         replans=INTEGER,
         rings=_objects(ring=INTEGER, time_s=NUMBER, opening=TEXT),
-        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT, where=TEXT, detail=TEXT, x=NUMBER, y=NUMBER),
+        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT, where=TEXT, words=TEXT, x=NUMBER, y=NUMBER),
         start=_object(ring=INTEGER, theta=NUMBER),
     ),
 }

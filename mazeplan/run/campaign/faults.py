@@ -122,7 +122,7 @@ def do_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) 
 def _lost(campaign: Campaign, trial: FaultTrial, index: int, lost: Lost) -> Tried:
     """The outcome of a run that ended its process."""
     result = process_ended(campaign, index, lost)
-    outcome = Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].detail}",))
+    outcome = Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].words}",))
     return Tried(outcome, Ran(result))
 
 
