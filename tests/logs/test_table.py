@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import TableError
+from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs import table as module
+from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.table import Table, join, read_table, stretches
 from mazeplan.core.records import Command, Observation
@@ -142,6 +143,43 @@ def test_other_units_of_time_are_suspected(tmp_path, factor, unit):
     t = np.arange(50) / 30.0 * factor
     with pytest.raises(TableError, match=rf":3: t: got steps of .* expected seconds; are these {unit}\?"):
         read_table(write(tmp_path, csv(t=t, theta=t * 0, beta=t * 0, gamma=t * 0)))
+
+
+PLACED = {"t": [0.0, 0.033, 0.067], "x": [0.09, 0.08, 0.07], "y": [0.0, 0.01, 0.02], "beta": [0.01, 0.02, 0.03]}
+
+
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [
+        ({"t": ("t_ms", 1e3), "x": ("x_mm", 1e3), "y": ("y_cm", 1e2), "beta": ("beta_deg", 180.0 / np.pi)}, ()),
+        (
+            {"t": ("time", 1e6), "x": ("east_mm", 1e3), "y": ("north", 1e2), "beta": ("lean", 180.0 / np.pi)},
+            ("t=time:us", "x=east_mm y=north:cm", "beta=lean:deg"),
+        ),
+    ],
+)
+def test_columns_of_other_names_and_units_are_read_as_if_they_had_ours(tmp_path, names, columns):
+    there = {names[name][0]: np.multiply(names[name][1], column) for name, column in PLACED.items()}
+    there["gamma"] = np.zeros(3)
+    found = read_table(write(tmp_path, csv(**there)), parse_columns(columns))
+    assert {name: pytest.approx(found[name]) for name in PLACED} == PLACED
+    assert found["theta"] == pytest.approx(np.arctan2(PLACED["y"], PLACED["x"]))
+    assert found["gamma"] == pytest.approx(np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"beta": "tilt"}, "column tilt is missing; there are t, east, y, beta, gamma"),
+        ({"x": "east:deg"}, "--columns x: got a unit of rad, expected one of m"),
+        ({"thetta": "east"}, "--columns: got name 'thetta', expected .* did you mean theta"),
+        ({"x": "east"}, "table.csv:3: east: got 80, expected metres .* --columns x=east:mm"),
+    ],
+)
+def test_columns_that_cannot_be_used(tmp_path, columns, said):
+    there = {"t": PLACED["t"], "east": [0.09, 80.0, 0.07], "y": PLACED["y"], "beta": PLACED["beta"], "gamma": [0, 0, 0]}
+    with pytest.raises(InputError, match=said):
+        read_table(write(tmp_path, csv(**there)), parse_columns(columns))
 
 
 def angles(n=600):

@@ -17,6 +17,7 @@ def compare(
     logs: opt.Logs,
     test: opt.TestLogs = None,
     map_: opt.MapOfLog = None,
+    columns: opt.Columns = None,
     ring: opt.Ring = None,
     radius: opt.Radius = None,
     kinds: opt.CompareKinds = "rf,p,pi,np,sp",
@@ -27,6 +28,7 @@ def compare(
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import check_there, read_table
 
     for log in (*logs, *(test or ())):
@@ -50,7 +52,8 @@ def compare(
     options = CompareOptions(samples=samples, fit=fit, kinds=chosen, seed=seed)
     with ProgressBar("comparing") as bar:
         bar.show("reading")
-        tables, held_out = ([read_table(log) for log in group] for group in (logs, test or []))
+        named = parse_columns(columns or [])
+        tables, held_out = ([read_table(log, named) for log in group] for group in (logs, test or []))
         shown: dict[str, Any] = {"progress": bar.show, "advance": bar.advance, "left_out": say}
         if radius is not None:
             for table in (*tables, *held_out):

@@ -7,6 +7,7 @@ from pathlib import Path
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest
 from mazeplan.core.errors import InputError
+from mazeplan.core.logs.column_units import parse_columns
 
 
 def diagnose(
@@ -28,7 +29,7 @@ def diagnose(
     """Find the effect that a model lacks, and the improvement of its predictions with the effect."""
     request = DiagnosisRequest(
         logs, model=model, radius=radius, declare=declare or [], ring=ring, test=test, map=map_, effects=effects,
-        output=output, references=reference or [], as_json=as_json, columns=columns or [],
+        output=output, references=reference or [], as_json=as_json, columns=parse_columns(columns or []),
     )  # fmt: skip
     if system != "ring":
         _check_system(system, request)
@@ -46,7 +47,7 @@ def diagnose(
         from mazeplan.core.logs.table import read_table
         from mazeplan.diagnosis.rig.record import why_not_whole
 
-        tables = [read_table(log) for log in logs]
+        tables = [read_table(log, request.columns) for log in logs]
         why = why_not_whole(tables)
         if reference or not why:
             diagnose_rig(tables, request)

@@ -30,9 +30,9 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     added = own_effects(request.effects)
     with ProgressBar("diagnosing") as bar:
         bar.show("reference")
-        references = [read_table(path) for path in request.references]
+        references = [read_table(path, request.columns) for path in request.references]
         was = reference_of(references, maze, known) if references else known_reference(request.model, known, maze)
-        test = None if request.test is None else read_table(request.test)
+        test = None if request.test is None else read_table(request.test, request.columns)
         table = tables[0] if len(tables) == 1 else join(tables)
         done = verdict_on(table, maze, was, bar.show, test, added)
     document: dict[str, Any] = done.document() | {"model": None, "report": None}

@@ -83,7 +83,7 @@ def _diagnose(
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
     """Diagnose a ring. Returns the diagnosis and its document."""
     added = own_effects(request.effects)
-    raw = read_table(log)
+    raw = read_table(log, request.columns)
     camera, of_positions = _known_camera(raw, model, request.declare)
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
     data = _ring_data(centred(raw, seen_by), maze, request)
@@ -99,7 +99,7 @@ def _diagnose(
     table, odd = turned_round(data.table, data.radius)
     test, test_as_model = None, None
     if request.test is not None:
-        measured = read_table(request.test)
+        measured = read_table(request.test, request.columns)
         other, _ = turned_round(centred(measured, seen_by), data.radius)
         in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
         test = record_of(other, in_ring, ring=data.ring)

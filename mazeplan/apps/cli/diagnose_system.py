@@ -10,7 +10,6 @@ from typing import Any
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
-from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.user_modules import user_module
 from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
@@ -33,9 +32,12 @@ def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
         with ProgressBar("diagnosing") as bar:
             done = emps_result(machine, record, known, fitted, test, bar.show)
     else:
-        columns = parse_columns(request.columns)
         read = partial(
-            read_record, positions=machine.positions, units=machine.units, inputs=machine.inputs, columns=columns
+            read_record,
+            positions=machine.positions,
+            units=machine.units,
+            inputs=machine.inputs,
+            columns=request.columns,
         )
         record, test = read(path), None if request.test is None else read(request.test)
         with ProgressBar("diagnosing") as bar:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.output import finite, print_json, write_text
 from mazeplan.core.errors import InputError
+from mazeplan.core.logs.column_units import ColumnSource
 from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class DiagnosisRequest:
     output: Path | None
     references: list[Path]
     as_json: bool
-    columns: list[str] = field(default_factory=list)
+    columns: Mapping[str, ColumnSource] = field(default_factory=dict)
 
 
 def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effect], partly: str = "") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,7 @@ from typer.core import TyperCommand
 from mazeplan.apps.cli.option_checks import check_outputs
 
 WIDEST = 120  # columns; longer lines are hard to read
+NAMED = re.compile(r"[a-z]\w*=[^=]+")  # a value of --columns; a log has no such name
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 HELP = {  # what it does in one line of 50 characters, and an example
     "navigate": ("Bring the ball from one ring to another.", "mazeplan navigate --from ring1 --to ring5"),
@@ -88,6 +90,15 @@ class Command(TyperCommand):
                 name = f"{parameter.metavar or parameter.name}{'...' * (parameter.nargs != 1)}"
                 pieces.append(name if parameter.required else f"[{name}]")
         return pieces
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take several values after one `--columns`, as if each had the option."""
+        spread: list[str] = []
+        for word in args:
+            if NAMED.fullmatch(word) and spread[-2:-1] == ["--columns"]:
+                spread.append("--columns")
+            spread.append(word)
+        return super().parse_args(ctx, spread)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments and options."""

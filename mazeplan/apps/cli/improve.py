@@ -19,6 +19,7 @@ def improve(
     runs: opt.RoundRuns = 16,
     seconds: opt.Seconds = 400.0,
     reference: opt.Reference = None,
+    columns: opt.Columns = None,
     effects: opt.EffectModule = None,
     map_: opt.Map = "cme",
     seed: opt.Seed = 0,
@@ -32,6 +33,7 @@ def improve(
     Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
     from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import read_table
     from mazeplan.maze.mapfile import load_map
     from mazeplan.physics.registry import own_effects
@@ -46,7 +48,7 @@ def improve(
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
         bar = stack.enter_context(ProgressBar("improving"))
-        known = [read_table(log) for log in reference or []]
+        known = [read_table(log, parse_columns(columns or [])) for log in reference or []]
         shown: dict[str, Any] = {"tell": bar.note, "working": bar.show, "advance": bar.advance}
         done = campaign.improve(rig, folder, options, model=model, reference=known, own=own, **shown)
     if output is None:

@@ -29,10 +29,12 @@ def learn(
     seed: opt.Seed = 0,
     rig: opt.DrivenRig = None,
     map_: opt.MapOfLog = None,
+    columns: opt.Columns = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import check_there, read_table
 
     for log in logs:  # checked before torch loads
@@ -58,7 +60,7 @@ def learn(
     maze = logged_map(map_, *logs).maze
     with ProgressBar("learning") as bar:
         bar.show("reading")
-        tables = [read_table(log) for log in logs]
+        tables = [read_table(log, parse_columns(columns or [])) for log in logs]
         try:
             done = learn_model(
                 tables, maze, kind, options, smoothing=chosen, progress=bar.show, advance=bar.advance,

@@ -35,6 +35,7 @@ def learn(
     output: MapFile = Path("learned.yaml"),
     min_count: MinCount = 2,
     map_: PriorMap = None,
+    columns: opt.Columns = None,
     force: opt.Force = False,
     json: opt.AsJson = False,
 ) -> None:
@@ -46,7 +47,7 @@ def learn(
     with ProgressBar("learning a map") as bar:
         bar.show("reading")
         prior = logged_map(map_, *logs)
-        track = _track(logs)
+        track = _track(logs, columns or [])
         try:
             more: dict[str, Any] = {"prior_name": prior.source, "borrow": map_ is not None, "min_count": min_count}
             learned = learn_map(track, prior.maze, **more, progress=bar.show)
@@ -67,14 +68,15 @@ def learn(
     say(f"wrote {output}")
 
 
-def _track(logs: list[Path]) -> BallTrack:
+def _track(logs: list[Path], columns: list[str]) -> BallTrack:
     """The measured places of the ball in all logs. Raises TableError with file and line."""
     import numpy as np
 
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import join, read_table
     from mazeplan.maze.transitions import BallTrack
 
-    tables = [read_table(log) for log in logs]
+    tables = [read_table(log, parse_columns(columns)) for log in logs]
     for log, table in zip(logs, tables, strict=True):
         if "x" not in table or "y" not in table:
             raise TableError("needs x and y, or theta and r: theta alone shows no rings", file=log)

@@ -85,11 +85,15 @@ def _lines(key: Any, value: Any, indent: str) -> list[str]:
     return [f"{indent}{title}:", *inner]
 
 
-def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_json: opt.AsJson = False) -> None:
+def score(
+    model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, columns: opt.Columns = None,
+    as_json: opt.AsJson = False,
+) -> None:  # fmt: skip
     """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.model_score import learned_from, ring_errors, score_document
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning.fits import fits_words
     from mazeplan.learning.modelfile import load_model
@@ -97,7 +101,7 @@ def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_js
     found, maze = load_model(model), logged_map(map_, *logs).maze
     with ProgressBar("scoring") as bar:
         bar.show("reading")
-        tables = [read_table(log) for log in logs]
+        tables = [read_table(log, parse_columns(columns or [])) for log in logs]
         bar.show("rolling out")
         document = score_document(
             ring_errors(found, tables, maze), model, str(logs[0]), [r.number for r in maze.rings[:-1]]

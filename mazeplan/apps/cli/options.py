@@ -236,7 +236,7 @@ Declare = Annotated[
 ]
 Columns = Annotated[
     list[str] | None,
-    Option("--columns", metavar="NAME=COLUMN[:UNIT]", help="Column and unit of a table, as t=time_ms:ms; repeatable."),
+    Option("--columns", metavar="NAME=COLUMN[:UNIT]", help="Column and unit in a table, as t=time_ms:ms; repeatable."),
 ]
 TestLog = Annotated[Path | None, Option("--test", metavar="LOG", help="Further record to score the model on.")]
 System = Annotated[

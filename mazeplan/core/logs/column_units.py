@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array
 
 # factor to the SI unit, and that unit, by the name of a unit
@@ -16,6 +17,8 @@ UNITS: dict[str, tuple[float, str]] = {
     "m": (1.0, "m"), "cm": (1e-2, "m"), "mm": (1e-3, "m"), "um": (1e-6, "m"),
     "rad": (1.0, "rad"), "mrad": (1e-3, "rad"), "deg": (math.pi / 180.0, "rad"), "rev": (2.0 * math.pi, "rad"),
     "N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N"), "V": (1.0, "V"), "mV": (1e-3, "V"),
+    "rad/s": (1.0, "rad/s"), "deg/s": (math.pi / 180.0, "rad/s"),
+    "rad/s2": (1.0, "rad/s2"), "deg/s2": (math.pi / 180.0, "rad/s2"),
     "Nm": (1.0, "N m"), "mNm": (1e-3, "N m"), "Ncm": (1e-2, "N m"), "A": (1.0, "A"), "mA": (1e-3, "A"),
 }  # fmt: skip
 SUFFIXES = ("ms", "us", "ns", "cm", "mm", "deg", "mrad")  # of names of columns
@@ -29,10 +32,13 @@ class ColumnSource:
     unit: str = ""
 
 
-def parse_columns(texts: Iterable[str]) -> dict[str, ColumnSource]:
+def parse_columns(texts: Iterable[str] | Mapping[str, str]) -> dict[str, ColumnSource]:
     """The columns that `--columns NAME=COLUMN[:UNIT]` names; one text may hold several, with blanks between them.
 
+    texts: for Python also {NAME: "COLUMN[:UNIT]"}
+
     Raises InputError."""
+    texts = [f"{name}={source}" for name, source in texts.items()] if isinstance(texts, Mapping) else texts
     found: dict[str, ColumnSource] = {}
     for text in (part for whole in texts for part in whole.split()):
         name, equals, source = text.partition("=")
@@ -50,12 +56,14 @@ def parse_columns(texts: Iterable[str]) -> dict[str, ColumnSource]:
 def select_columns(
     there: Mapping[str, Array], given: Mapping[str, ColumnSource], units: Mapping[str, str], others: Sequence[str],
     file: Path,
-) -> dict[str, Array]:  # fmt: skip
-    """The columns of a file by the names that a program knows, in SI units.
+) -> tuple[dict[str, Array], dict[str, str]]:  # fmt: skip
+    """The columns of a file by the names that a program knows, in SI units, and the names in the file of the others.
 
     units: SI unit of each known column; others: known columns of any unit. Raises TableError."""
-    out = dict(there)
+    out, named = dict(there), dict[str, str]()
     for name, source in given.items():
+        if name not in (known := (*units, *others)):
+            raise InputError(f"--columns: got name {name!r}, expected {one_of(known, name)}")
         if source.column not in there:
             problem = f"--columns: column {source.column} is missing; there are {', '.join(there)}"
             raise TableError(problem, file=file)
@@ -63,14 +71,15 @@ def select_columns(
         if unit and name in units and unit != units[name]:
             raise TableError(f"--columns {name}: got a unit of {unit}, expected one of {units[name]}", file=file)
         out[name] = factor * there[source.column] if factor != 1.0 else there[source.column]
+        named[name] = source.column
     for name in (*units, *others):
         if name in out:
             continue
         for suffix in SUFFIXES:
             factor, unit = UNITS[suffix]
             if f"{name}_{suffix}" in there and units.get(name, unit) == unit:
-                out[name] = factor * there[f"{name}_{suffix}"]
-    return out
+                out[name], named[name] = factor * there[f"{name}_{suffix}"], f"{name}_{suffix}"
+    return out, named
 
 
 def _of_suffix(column: str) -> tuple[float, str]:

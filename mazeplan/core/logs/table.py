@@ -14,7 +14,7 @@ import hashlib
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
+from mazeplan.core.logs.column_units import ColumnSource, select_columns
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.run_log_reader import columns_of, warn_if_cut
-from mazeplan.core.logs.table_checks import KNOWN, Rows, checked, fields_of, lines_of
+from mazeplan.core.logs.table_checks import KNOWN, UNITS, Rows, checked, fields_of, lines_of
 from mazeplan.core.records import Array, IntArray
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz
@@ -85,21 +86,25 @@ def check_there(path: Path) -> None:
         raise TableError(file_kinds.refused(path, EXPECTED), file=path)
 
 
-def read_table(path: str | Path) -> Table:
-    """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column."""
+def read_table(path: str | Path, columns: Mapping[str, ColumnSource] | None = None) -> Table:
+    """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column.
+
+    columns: names and units of columns of a CSV (`parse_columns`); a run log has names and units of its own"""
     path = Path(path)
     check_there(path)
     if path.suffix == ".mcap" or file_kinds.got(path) == file_kinds.LOG:
         log = read_log(path)
         warn_if_cut(log)
-        columns = {name: column for name, column in log.ticks.items() if column.dtype != object}
+        found = {name: column for name, column in log.ticks.items() if column.dtype != object}
         rows, content = Rows(path, range(1, 1 + len(log.ticks.get("t", ())))), path.read_bytes()
     else:
         content = content_of(path)
-        columns, rows = read_csv(content, path)
+        found, rows = read_csv(content, path)
+        found, named = select_columns(found, columns or {}, UNITS, (), path)
+        rows = replace(rows, named=named)
     with np.errstate(all="ignore"):  # very large numbers overflow in the checks, but comparisons still work
-        columns = checked(columns, rows)
-    return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
+        found = checked(found, rows)
+    return Table(found, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
 
 
 def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
@@ -19,6 +19,12 @@ RATES = tuple(f"{name}_{order}" for order in ("dot", "ddot") for name in ("theta
 TILTS = ("beta", "gamma")
 EVERYWHERE = ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")  # if present, a number in each row
 KNOWN = (*EVERYWHERE, *BALL, *RATES)
+UNITS = {
+    "t": "s", **dict.fromkeys(("x", "y", "r"), "m"),
+    **dict.fromkeys(("theta", "beta", "gamma", "u_beta", "u_gamma"), "rad"),
+    **{name: "rad/s2" if name.endswith("ddot") else "rad/s" for name in RATES},
+    "segment": "", "ring": "",
+}  # fmt: skip
 
 DEGREES = 1.0  # rad; a larger tilt was measured in degrees
 MILLIMETRES = 1.0  # m; a ball further out than this was measured in millimetres: the largest track is 0.09 m
@@ -35,16 +41,18 @@ class Rows:
     lines:  line of each row
     data:   content of a CSV file
     header: names of the columns of a CSV file
+    named:  names in the file of columns that have another name there
     """
 
     file: Path
     lines: Sequence[int] | IntArray
     data: bytes = b""
     header: tuple[str, ...] = ()
+    named: Mapping[str, str] = field(default_factory=dict)
 
     def refuse(self, name: str, row: int, expected: str, got: object = None) -> NoReturn:
         """Raise TableError about one cell. got: the cell's value for the message; by default the text in the file."""
-        line = int(self.lines[row])
+        line, name = int(self.lines[row]), self.named.get(name, name)
         if got is None:
             fields = fields_of(self.data, line)
             at = self.header.index(name) if name in self.header else len(fields)
@@ -88,8 +96,11 @@ def _check_present(columns: dict[str, Array], file: Path) -> None:
         missing.append("theta (or x and y)")
     if missing:
         upper = any(name.lower() in KNOWN for name in names if name not in KNOWN)
-        hint = "; names of columns are in lower case" if upper else ""
-        raise TableError(f"missing columns: {', '.join(missing)}; there are {there or 'none'}{hint}", file=file)
+        hint = "; names of columns are in lower case" if upper else "; others: --columns NAME=COLUMN[:UNIT]"
+        raise TableError(
+            f"missing columns: {', '.join(missing)}; there are {there or 'none'}{hint}",
+            file=file,
+        )
     if len(columns["t"]) < 2:
         raise TableError(f"got {len(columns['t'])} rows, expected at least 2: record for longer", file=file)
 
@@ -132,26 +143,33 @@ def _check_time(columns: dict[str, Array], rows: Rows) -> None:
         rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
     step = _usual_step(t, segment)
     if step > MILLISECONDS:
-        unit = "milliseconds" if step < 1000.0 * MILLISECONDS else "microseconds or nanoseconds"
-        rows.refuse("t", 1, f"seconds; are these {unit}?", f"steps of {step:g} (median)")
+        words = "milliseconds" if step < 1e3 * MILLISECONDS else "microseconds or nanoseconds"
+        unit = "ms" if step < 1e3 * MILLISECONDS else "us" if step < 1e6 * MILLISECONDS else "ns"
+        hint = f"then --columns t={rows.named.get('t', 't')}:{unit}"
+        rows.refuse("t", 1, f"seconds; are these {words}? {hint}", f"steps of {step:g} (median)")
     if step > SLOWEST:
         numbers = "; are these the numbers of the samples?" if np.all(np.diff(t) == 1.0) else ""
         rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample{numbers}", f"steps of {step:g} s (median)")
 
 
 def _check_units(columns: dict[str, Array], rows: Rows) -> None:
-    tilt = f"radians (at most {DEGREES:g}); are these degrees?"
-    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres?"
+    tilt = f"radians (at most {DEGREES:g}); are these degrees? then --columns {{0}}={{1}}:deg"
+    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres? then --columns {{0}}={{1}}:mm"
     limits = [(name, DEGREES, tilt) for name in ("beta", "gamma", "u_beta", "u_gamma")]
     for name, most, expected in limits + [(name, MILLIMETRES, place) for name in ("x", "y", "r")]:
         if name in columns:
             size = np.nan_to_num(np.abs(columns[name]))
             row = int(np.argmax(size))
             if size[row] > most:
-                rows.refuse(name, row, expected, f"{columns[name][row]:g}")
+                rows.refuse(name, row, expected.format(name, rows.named.get(name, name)), f"{columns[name][row]:g}")
     if "theta" in columns and _in_degrees(columns):
         row = int(np.argmax(np.nan_to_num(np.abs(columns["theta"]))))
-        rows.refuse("theta", row, "radians; these are degrees", f"{columns['theta'][row]:g}")
+        rows.refuse(
+            "theta",
+            row,
+            "radians; these are degrees: --columns theta={}:deg".format(rows.named.get("theta", "theta")),
+            f"{columns['theta'][row]:g}",
+        )
 
 
 def _in_degrees(columns: dict[str, Array]) -> bool:

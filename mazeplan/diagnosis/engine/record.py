@@ -7,7 +7,7 @@ simulation crosses it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -73,7 +73,10 @@ def read_record(
     if not path.is_file() or file_kinds.got(path) in OTHERS:
         raise TableError(file_kinds.refused(path, expected), file=path)
     found, rows = read_csv(content_of(path), path)
-    found = select_columns(found, columns or {}, {"t": "s", **dict(zip(positions, units, strict=True))}, inputs, path)
+    found, named = select_columns(
+        found, columns or {}, {"t": "s", **dict(zip(positions, units, strict=True))}, inputs, path
+    )
+    rows = replace(rows, named=named)
     for name in ("t", *positions, *inputs):
         if name not in found:
             raise TableError(f"column {name} is missing; there are {', '.join(found)}", file=path)
@@ -129,7 +132,7 @@ def _check_time(t: Array, rows: Rows) -> None:
     if usual > SLOWEST:
         unit, named = ("ms", "milliseconds") if usual < 5e3 else ("us", "microseconds")
         unit, named = ("ns", "nanoseconds") if usual >= 5e5 else (unit, named)
-        hint = f"seconds; are these {named}? then --columns t=t:{unit}"
+        hint = f"seconds; are these {named}? then --columns t={rows.named.get('t', 't')}:{unit}"
         rows.refuse("t", 1, hint, f"steps of {usual:g} (median)")
 
 
