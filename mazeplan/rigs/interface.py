@@ -58,7 +58,7 @@ class RigTraits:
     stop(): levels the plate until the next reset; any thread may call it.
     inject(fault): makes the machine fail.
     cannot: kinds of faults that `inject` refuses.
-    truth(), pictured(): true state, and the scene in the last picture, of a simulation."""
+    truth(): true state of a simulation."""
 
     realtime: bool = True
     latency: Latency | None = None
@@ -70,7 +70,6 @@ class RigTraits:
     inject: Callable[[Any], None] | None = None
     cannot: tuple[str, ...] = ()
     truth: Callable[[], Array] | None = None
-    pictured: Callable[[], Array] | None = None
 
 
 def traits(rig: object) -> RigTraits:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import mazeplan.apps.environment as room
-from mazeplan.apps.environment.worlds import RigRow
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
@@ -47,13 +46,6 @@ class Table:
         self.told.append("close")
 
 
-def test_a_rig_that_cannot_level_is_closed_all_the_same():
-    tables = [Table(MAZE, {}), Table(MAZE, {})]
-    tables[0].levels = False
-    RigRow(tables).close()
-    assert [table.told for table in tables] == [["level", "close"]] * 2
-
-
 STILL = np.zeros(2, dtype=np.float32)
 PAUSE_S = 0.3  # s, longer than the watchdog waits for a command
 
@@ -66,7 +58,7 @@ def played():
     def make():
         made.append(gymnasium.make(room.ID, rig=f"{__name__}:Table"))
         made[-1].reset(seed=0)
-        return made[-1], made[-1].unwrapped.episodes.world._rigs[0]
+        return made[-1], made[-1].unwrapped.rig
 
     yield make
     for env in made:
@@ -95,6 +87,13 @@ def test_a_pause_within_an_episode_levels_the_plate(played):
     env.reset()
     env.step(STILL)
     assert rig.told[-3:] == ["reset", "level", "command"]
+
+
+def test_a_rig_that_cannot_level_is_closed_all_the_same(played):
+    env, rig = played()
+    rig.inside.levels = False
+    env.close()
+    assert rig.told[-1] == "close"
 
 
 @pytest.mark.realtime

@@ -3,11 +3,9 @@
 `import mazeplan.apps.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
 
 task.py       the options of an environment
-worlds.py     the rigs of an environment
-senses.py     memory of measurements, and the observation "state" made from them
+senses.py     memory of measurements, and the observation made from them
 judging.py    rewards, and when an episode ends
-episodes.py   episodes of N rigs, from these parts; also the observation "pixels"
-single.py     the Gymnasium environment with one rig
+single.py     the environment: a rig, and these parts
 expert.py     the planner as a policy
 
 Only this package imports Gymnasium. A program that has not imported it can name the module, too:

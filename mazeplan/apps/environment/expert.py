@@ -41,15 +41,15 @@ class Expert:
         inner = env.unwrapped  # `gymnasium.make` puts wrappers around an environment
         if not isinstance(inner, CircularMazeEnv):
             raise InputError(f"the expert plays mazeplan/CircularMaze-v1, got {type(inner).__name__}")
-        task, maze = inner.episodes.task, inner.episodes.maze
+        task, maze = inner.task, inner.maze
         self._env, self._goal = inner, task.goal(maze)
         chosen = resolve_model(model, task.rig, maze)
         self._setup = Setup(maze, chosen, behavior, rig_label(task.rig), model or "")
 
     def begin(self) -> None:
         """Begin a new episode."""
-        self._sink = _CommandSink(self._env.episodes.rate_hz)
-        start = self._env.episodes.maze.rings[0].number  # only logs use it, and here there is no log
+        self._sink = _CommandSink(self._env.rig.rate_hz)
+        start = self._env.maze.rings[0].number  # only logs use it, and here there is no log
         rig = cast(Rig, self._sink)
         self._run = Run(rig, self._setup, Job(start, self._goal), None, NullDisplay())
 
@@ -59,5 +59,5 @@ class Expert:
         The tree begins anew if it has given up, or if it sees an arrival before the environment does. Raises RigError
         for measurements that cannot be used."""
         self._run.tick(self._env.measured())
-        command, limit = self._sink.last_command, self._env.episodes.maze.tilt_limit
+        command, limit = self._sink.last_command, self._env.maze.tilt_limit
         return np.clip(np.array([command.u_beta, command.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Rewards and ends of episodes, for N balls at once, from the measurements of their rigs.
+"""Rewards and ends of episodes, from the measurements of a rig.
 
     sparse    1 on arrival, else 0
     dense     sparse + discount x phi(next) - phi(now),    phi = 1 - (expected time to the goal) / (longest such time)
@@ -16,6 +16,7 @@ the ball. Out: the ball was not seen for LOST s, or was seen beyond the rim, as 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -26,7 +27,7 @@ from mazeplan.apps.environment.task import Task
 from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.control.estimation.rim_watch import AGREEING, SAMPLES, SIGMAS, rim_of
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 
@@ -37,19 +38,16 @@ ANGLES = 120  # angles of each ring in the table of expected times
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on the last step; each field has shape (rows,).
+    """Verdict on the last step.
 
-    reward: the reward.
     arrived: whether the ball has arrived.
     out: whether the ball was not seen for too long, or has left the maze.
-    left: whether the ball has left the maze.
-    ring: ring in which the ball was seen last."""
+    left: whether the ball has left the maze."""
 
-    reward: Array
-    arrived: np.ndarray
-    out: np.ndarray
-    left: np.ndarray
-    ring: IntArray
+    reward: float
+    arrived: bool
+    out: bool
+    left: bool
 
 
 @lru_cache(maxsize=8)
@@ -64,59 +62,46 @@ def expected_times(maze: Maze, goal: int) -> Array:
     return table
 
 
-class Judge:
-    """Judges N balls. Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
+class Potential:
+    """phi of a task. Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
 
-    def __init__(self, task: Task, senses: Senses, number: int) -> None:
-        maze = senses.maze
-        self._task, self._senses, self.goal = task, senses, task.goal(maze)
-        times = expected_times(maze, self.goal)
+    def __init__(self, task: Task, maze: Maze) -> None:
+        goal = task.goal(maze)
+        times = expected_times(maze, goal)
         for ring in task.starts(maze):
             if not np.all(np.isfinite(times[ring - 1])):
-                raise SettingsError(f"there is no way from ring {ring} to ring {self.goal}", key="goal_ring")
+                raise SettingsError(f"there is no way from ring {ring} to ring {goal}", key="goal_ring")
         longest = float(np.max(times[np.isfinite(times)]))
-        self._potential = 1.0 - np.where(np.isfinite(times), times, longest) / longest
-        self._phi, self._since = np.zeros(number), np.full(number, math.nan)
-        self._votes = np.full((number, SAMPLES), -1)  # where the last samples show the ball: 1 out, -1 in, 0 not seen
-        self._beyond = rim_of(maze) + SIGMAS * EstimatorOptions().camera_sigma  # m
+        self._phi = 1.0 - np.where(np.isfinite(times), times, longest) / longest
 
-    def reset(self, rows: IntArray) -> None:
-        """Begin new episodes of the balls `rows`, from the present state of the senses."""
-        self._since[rows], self._votes[rows] = math.nan, -1
-        self._phi[rows] = self.potential(rows)
+    def at(self, ring: int, theta: float) -> float:
+        """phi at a place: 1 at the goal, 0 where the expected time is longest. theta: rad"""
+        return float(np.interp(theta, np.linspace(-math.pi, math.pi, ANGLES + 1), self._phi[ring - 1]))
 
-    def potential(self, rows: IntArray) -> Array:
-        """phi at the places where the balls were seen last: 1 at the goal, 0 where the expected time is longest."""
-        radius, theta = self._senses.place(rows)
-        at = (theta + math.pi) / math.tau * ANGLES
-        low = np.minimum(at.astype(np.int64), ANGLES - 1)
-        ring = self._senses.ring(radius) - 1
-        share = at - low
-        return (1.0 - share) * self._potential[ring, low] + share * self._potential[ring, low + 1]
 
-    def judge(self, rows: IntArray) -> Verdict:
-        """Judge the balls `rows`. Call this after the senses have taken new samples."""
-        senses, t = self._senses, self._senses.t[rows]
-        radius, _ = senses.place(rows)
-        unseen = senses.unseen_s(rows)
-        seen, goal = unseen <= 0.0, senses.maze.ring(self.goal)
-        inside = (goal.inner_radius <= radius) & (radius <= goal.outer_radius)
-        vote = np.where(seen, np.where(radius > self._beyond, 1, -1), 0)
-        self._since[rows] = since = _held(self._since[rows], t, inside)
-        arrived = seen & (t - since >= HOLD - 1e-6)
-        self._votes[rows] = votes = np.column_stack([self._votes[rows, 1:], vote])
-        left = ~arrived & (votes.sum(axis=1) >= AGREEING)
-        out = left | (~arrived & (unseen >= LOST - 1e-6))
-        reward = arrived.astype(float)
+class Judge:
+    """Judges one episode."""
+
+    def __init__(self, task: Task, senses: Senses, potential: Potential) -> None:
+        self._task, self._senses, self._potential = task, senses, potential
+        self._goal, self._since = senses.maze.ring(task.goal(senses.maze)), math.nan
+        self._phi = potential.at(senses.ring, senses.theta)
+        self._votes = deque([-1] * SAMPLES, SAMPLES)  # where the samples show the ball: 1 out, -1 in, 0 not seen
+        self._beyond = rim_of(senses.maze) + SIGMAS * EstimatorOptions().camera_sigma  # m
+
+    def judge(self) -> Verdict:
+        """Judge the ball. Call this after the senses have taken a new sample."""
+        senses, radius, unseen = self._senses, self._senses.radius, self._senses.unseen_s
+        seen = unseen <= 0.0
+        inside = self._goal.inner_radius <= radius <= self._goal.outer_radius
+        self._since = math.nan if not inside else senses.t if math.isnan(self._since) else self._since
+        self._votes.append((1 if radius > self._beyond else -1) if seen else 0)
+        arrived = seen and senses.t - self._since >= HOLD - 1e-6
+        left = not arrived and sum(self._votes) >= AGREEING
+        out = left or (not arrived and unseen >= LOST - 1e-6)
+        reward = float(arrived)
         if self._task.reward == "dense":
-            phi = np.where(arrived | out, 0.0, self.potential(rows))
-            reward += self._task.discount * phi - self._phi[rows]
-            self._phi[rows] = phi
-        return Verdict(reward, arrived, out, left, senses.ring(radius))
-
-
-def _held(since: Array, t: Array, holds: np.ndarray) -> Array:
-    """Time since which a condition has held; NaN where it does not hold.
-
-    since: the times so far; t: the present times, s; holds: whether the condition holds now."""
-    return np.where(holds, np.where(np.isnan(since), t, since), math.nan)
+            phi = 0.0 if arrived or out else self._potential.at(senses.ring, senses.theta)
+            reward += self._task.discount * phi - self._phi
+            self._phi = phi
+        return Verdict(reward, arrived, out, left)

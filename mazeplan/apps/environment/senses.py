@@ -1,16 +1,17 @@
-"""Memory of the measurements of N balls, and the observation "state" made from it.
+"""Memory of the measurements of a rig, and the observation made from it.
 
 This module does not smooth, predict or look into the simulation: a rig on a table would give the same. Positions carry
-the camera's noise and its delay. While a ball is not seen, its last position and speed stay. Speeds and tilt rates are
-differences over two samples; for speeds, only samples that show the ball count.
+the camera's noise and its delay. While the ball is not seen, its last position and speed stay. Speeds and tilt rates
+are differences over two samples; for speeds, only samples that show the ball count.
 """
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
-from mazeplan.apps.environment.worlds import Samples
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze
 
 NAMES = (
@@ -26,69 +27,57 @@ APART = 2  # samples from one end of a difference to the other
 
 
 class Senses:
-    """Memory of N balls: where each ball was seen last, tilts, commands.
+    """Memory of a ball: where it was seen last, tilts, commands. It begins at rest, at a ring and an angle (rad)."""
 
-    t (N,): time of the last sample, s."""
+    def __init__(self, maze: Maze, rate_hz: float, first: Observation, ring: int, theta: float) -> None:
+        self.maze, self._rate = maze, rate_hz
+        x, y = maze.track_radius(ring) * np.array([np.cos(theta), np.sin(theta)])
+        ages = range(APART, -1, -1)
+        self._seen = deque(((first.t - age / rate_hz, x, y) for age in ages), APART + 1)  # t, x, y of the last sights
+        self._tilts = deque(((first.beta, first.gamma) for _ in ages), APART + 1)
+        self._command, self.t = np.zeros(2), first.t
+        if first.x is not None and first.y is not None:
+            self._seen[-1] = (first.t, first.x, first.y)
 
-    def __init__(self, maze: Maze, rate_hz: float, number: int) -> None:
-        self.maze, self._rate, self._past = maze, rate_hz, APART + 1
-        self._where = np.zeros((self._past, number, 3))  # t, x, y of the last sights of the ball, the newest first
-        self._tilt = np.zeros((self._past, number, 2))
-        self._command = np.zeros((number, 2))
-        self.t = np.zeros(number)
-        edges = [0.5 * (a.inner_radius + b.outer_radius) for a, b in zip(maze.rings, maze.rings[1:], strict=False)]
-        self._edges = np.array(edges[::-1])  # radii of the borders between rings, the innermost first, m
+    def take(self, sample: Observation, command: np.ndarray) -> None:
+        """Store a sample, and the command (2,), rad, that came before it."""
+        if sample.x is not None and sample.y is not None:
+            self._seen.append((sample.t, sample.x, sample.y))
+        self._tilts.append((sample.beta, sample.gamma))
+        self._command, self.t = command, sample.t
 
-    def reset(self, rows: IntArray, samples: Samples, rings: list[int], thetas: list[float]) -> None:
-        """Begin with balls at rest, at known rings and angles (rad)."""
-        radius = np.array([self.maze.track_radius(ring) for ring in rings])
-        theta = np.array(thetas)
-        for age in range(self._past):
-            t = samples.t - age / self._rate
-            self._where[age, rows] = np.column_stack([t, radius * np.cos(theta), radius * np.sin(theta)])
-            self._tilt[age, rows] = np.column_stack([samples.beta, samples.gamma])
-        self._command[rows], self.t[rows] = 0.0, samples.t
-        seen = np.isfinite(samples.x)
-        where = np.column_stack([samples.t, samples.x, samples.y])
-        self._where[0, rows[seen]] = where[seen]
+    @property
+    def radius(self) -> float:
+        """Radius at which the ball was seen last, m."""
+        return float(np.hypot(*self._seen[-1][1:]))
 
-    def take(self, rows: IntArray, samples: Samples, commands: Array) -> None:
-        """Store samples, and the commands (len(rows), 2), rad, that came before them."""
-        seen = np.isfinite(samples.x)
-        fresh = rows[seen]
-        self._where[1:, fresh] = self._where[:-1, fresh]
-        self._where[0, fresh] = np.column_stack([samples.t, samples.x, samples.y])[seen]
-        self._tilt[1:, rows] = self._tilt[:-1, rows]
-        self._tilt[0, rows] = np.column_stack([samples.beta, samples.gamma])
-        self._command[rows], self.t[rows] = commands, samples.t
+    @property
+    def theta(self) -> float:
+        """Angle at which the ball was seen last, rad."""
+        return float(np.arctan2(self._seen[-1][2], self._seen[-1][1]))
 
-    def place(self, rows: IntArray) -> tuple[Array, Array]:
-        """Radius (m) and angle (rad) at which the balls were seen last."""
-        x, y = self._where[0, rows, 1], self._where[0, rows, 2]
-        return np.hypot(x, y), np.arctan2(y, x)
+    @property
+    def ring(self) -> int:
+        """Ring in which the ball was seen last."""
+        return self.maze.ring_at(self.radius)
 
-    def ring(self, radius: Array) -> IntArray:
-        """As `Maze.ring_at`, for many radii (m)."""
-        return len(self.maze.rings) - np.searchsorted(self._edges, radius, side="left")
+    @property
+    def unseen_s(self) -> float:
+        """Time since the ball was seen last, s; 0 for a ball in the last sample."""
+        return self.t - self._seen[-1][0]
 
-    def unseen_s(self, rows: IntArray) -> Array:
-        """Time since the balls were seen last, s; 0 for balls in the last sample."""
-        return self.t[rows] - self._where[0, rows, 0]
-
-    def state(self, rows: IntArray) -> np.ndarray:
-        """The observations (len(rows), 13), see NAMES."""
+    def state(self) -> np.ndarray:
+        """The observation (13,), see NAMES."""
         limit, rim = self.maze.tilt_limit, self.maze.rings[0].outer_radius
-        now, before = self._where[0, rows], self._where[-1, rows]
-        apart = np.maximum(now[:, :1] - before[:, :1], 1.0 / self._rate)  # a rig's clock may stand still
-        velocity = (now[:, 1:] - before[:, 1:]) / apart
-        radius = np.hypot(now[:, 1], now[:, 2])
-        safe = np.maximum(radius, 1e-9)
-        c, s = np.where(radius > 0.0, now[:, 1] / safe, 1.0), now[:, 2] / safe
-        rate = (self._tilt[0, rows] - self._tilt[-1, rows]) * (self._rate / APART)
-        columns = (
-            radius / rim, c, s,
-            (c * velocity[:, 0] + s * velocity[:, 1]) / SPEED, (c * velocity[:, 1] - s * velocity[:, 0]) / SPEED,
-            *(self._tilt[0, rows] / limit).T, *(rate / (RATE * limit)).T, *(self._command[rows] / limit).T,
-            (self.ring(radius) - 1) / (len(self.maze.rings) - 1), self.unseen_s(rows) / UNSEEN,
+        now, before = np.array(self._seen[-1]), np.array(self._seen[0])
+        vx, vy = (now[1:] - before[1:]) / max(now[0] - before[0], 1.0 / self._rate)  # a rig's clock may stand still
+        radius = self.radius
+        c, s = (now[1] / radius, now[2] / radius) if radius > 0.0 else (1.0, 0.0)
+        tilt = np.array(self._tilts[-1])
+        rate = (tilt - np.array(self._tilts[0])) * (self._rate / APART)
+        values = (
+            radius / rim, c, s, (c * vx + s * vy) / SPEED, (c * vy - s * vx) / SPEED, *(tilt / limit),
+            *(rate / (RATE * limit)), *(self._command / limit), (self.ring - 1) / (len(self.maze.rings) - 1),
+            self.unseen_s / UNSEEN,
         )  # fmt: skip
-        return np.clip(np.column_stack(columns).astype(np.float32), LOW, HIGH)
+        return np.clip(np.array(values, dtype=np.float32), LOW, HIGH)

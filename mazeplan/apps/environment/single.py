@@ -1,18 +1,28 @@
-"""The environment with one rig."""
+"""The environment: a rig under a watchdog, and the ball on it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 
-from mazeplan.apps.environment.episodes import Episodes
+from mazeplan.apps.environment.judging import Judge, Potential
+from mazeplan.apps.environment.senses import HIGH, LOW, Senses
 from mazeplan.apps.environment.task import Task
-from mazeplan.core.errors import SettingsError
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Observation
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.interface import check_ready
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.watchdog import WatchedRig, watched
 
-_ONE = np.array([0])
+OPTIONS = ("start_ring", "start_angle_deg")  # options of reset()
 
 
 class CircularMazeEnv(gymnasium.Env):
@@ -20,49 +30,117 @@ class CircularMazeEnv(gymnasium.Env):
 
     Raises SettingsError or MapError for an option that cannot be used, RigError when the rig fails."""
 
-    metadata = {"render_modes": ["rgb_array", "ansi"], "render_fps": 30}  # noqa: RUF012  Gymnasium has it so
+    metadata = {"render_modes": ["ansi"], "render_fps": 30}  # noqa: RUF012  Gymnasium has it so
 
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            modes = ", ".join(self.metadata["render_modes"])
-            raise SettingsError(f"got {render_mode!r}, expected one of {modes}", key="render_mode")
+        if render_mode not in (None, "ansi"):
+            raise SettingsError(f"got {render_mode!r}, expected ansi", key="render_mode")
         self.render_mode = render_mode
-        self.episodes = Episodes(Task.of(options), 1)
-        self.action_space, self.observation_space = self.episodes.action_space, self.episodes.observation_space
+        self.task = Task.of(options)
+        self.maze = load_map(self.task.map)
+        if self.maze.balls > 1:
+            raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
+        self._potential = Potential(self.task, self.maze)
+        self.rig = watched(make_rig(self.task.rig, self.maze), wakes=False)
+        check_ready(self.rig)  # the loop is another program's code
+        self._sample: Observation | None = None
+        self._closed = False
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Place the ball and level the plate. options: `start_ring`, `start_angle_deg` of this episode."""
         super().reset(seed=seed)
-        observed, info = self.episodes.reset(_ONE, [self.np_random], options)
-        return observed[0], _of_one(info)
+        self._check_open()
+        ring, theta = self._start(options)
+        self.rig.reset(ring=ring, theta=theta, rng=self.np_random)
+        self._sample = self.rig.observe()
+        self._rest()  # nobody knows when the first step comes
+        self._senses = Senses(self.maze, self.rig.rate_hz, self._sample, ring, theta)
+        self._judge = Judge(self.task, self._senses, self._potential)
+        return self._senses.state(), self._info()
+
+    def _start(self, options: Any) -> tuple[int, float]:
+        """Ring and angle (rad) at which an episode begins. Raises SettingsError for an option that cannot be used."""
+        if not isinstance(options, Mapping | None):
+            raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
+        asked = dict(options or {})
+        for name in asked:
+            if name not in OPTIONS:
+                raise SettingsError(f"unknown option of reset, expected {one_of(OPTIONS, name)}", key=name)
+        starts = self.task.starts(self.maze, asked.get("start_ring"))
+        degrees = asked.get("start_angle_deg", self.task.start_angle_deg)
+        if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
+            raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
+        # always draw both, so that a given value does not change the later random numbers
+        ring, angle = starts[int(self.np_random.integers(len(starts)))], self.np_random.uniform(-math.pi, math.pi)
+        return ring, self.maze.clear_angle(ring, float(angle) if degrees is None else math.radians(degrees))
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Command the tilt `action` x the tilt limit, (u_beta, u_gamma), for one sample."""
-        observed, verdict, info = self.episodes.step(_ONE, np.asarray(action)[None])
-        ended = bool(verdict.arrived[0] or verdict.out[0])
-        return observed[0], float(verdict.reward[0]), ended, False, _of_one(info)
+        """Command the tilt `action` x the tilt limit, (u_beta, u_gamma), for one sample.
+
+        Raises ValueError for an action of another shape, or that is not finite."""
+        self._check_open()
+        if self._sample is None:
+            raise RigError("reset() comes first")
+        command = self._command(action)
+        self.rig.command(*command.tolist())
+        self._sample = self.rig.observe()
+        self._senses.take(self._sample, command)
+        verdict = self._judge.judge()
+        ended = verdict.arrived or verdict.out
+        if ended:
+            self._rest()
+        return self._senses.state(), verdict.reward, ended, False, self._info(verdict.arrived, verdict.left)
+
+    def _command(self, action: Any) -> np.ndarray:
+        try:
+            given = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            given = np.array(math.nan)
+        if given.shape != (2,) or not np.all(np.isfinite(given)):
+            what = action.tolist() if isinstance(action, np.ndarray) else action
+            raise ValueError(f"action: got {what!r}, expected two numbers from -1 to 1")
+        return np.clip(given, -1.0, 1.0) * self.maze.tilt_limit
+
+    def _info(self, arrived: bool = False, left: bool = False) -> dict[str, Any]:
+        """The info of Gymnasium. `is_success` is the same as `success`; some libraries expect this name."""
+        senses = self._senses
+        known = {"ring": senses.ring, "time_s": senses.t, "seen": senses.unseen_s <= 0.0}
+        return {**known, "success": arrived, "is_success": arrived, "ball_out": left}
 
     def measured(self) -> Observation:
         """The last sample of the rig, in SI units."""
-        return self.episodes.observation(0)
+        if self._sample is None:
+            raise RuntimeError("reset() comes first")
+        return self._sample
 
     def render(self) -> Any:
-        """For rgb_array the picture of the camera, (480, 640, 3); for ansi a line of text."""
-        if self.render_mode == "rgb_array":
-            return self.episodes.picture(0)
-        if self.render_mode != "ansi":
+        """For ansi a line of text."""
+        if self.render_mode is None:
             return None
         sample = self.measured()
         where = "not seen" if sample.x is None else f"x {1e3 * sample.x:6.1f} y {1e3 * (sample.y or 0.0):6.1f} mm"
         beta, gamma = (float(np.degrees(angle)) for angle in (sample.beta, sample.gamma))
         return f"t {sample.t:6.2f} s  {where}  beta {beta:5.2f} gamma {gamma:5.2f} deg\n"
 
+    def _rest(self) -> None:
+        """Answer the last sample with a level plate. A simulation waits for nobody, and keeps its tilt."""
+        if isinstance(self.rig, WatchedRig):
+            self.rig.level()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the environment is closed: its rig was given back")
+
     def close(self) -> None:
-        """Level the plate and release the rig."""
-        self.episodes.close()
-
-
-def _of_one(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    return {name: values[0].item() for name, values in info.items()}
+        """Level the plate and release the rig. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        with suppress(RigError):  # a rig that fails now has raised its error before
+            self.rig.level()
+        with suppress(RigError):  # also a rig that cannot level gives its port back
+            self.rig.close()

@@ -22,18 +22,15 @@ class Task(Section):
     start_ring: a ring, or "any".
     goal_ring: a ring; None: the innermost.
     start_angle_deg: None: drawn anew for each episode.
-    discount: discount of the learner; the dense reward uses it.
-    size: side of a picture, px."""
+    discount: discount of the learner; the dense reward uses it."""
 
     map: str = "cme"
     rig: str = "toy"
-    observation: Literal["state", "pixels"] = "state"
     reward: Literal["sparse", "dense"] = "sparse"
     start_ring: int | str = 1
     goal_ring: int | str | None = None
     start_angle_deg: float | None = None
     discount: float = Field(default=0.99, gt=0.0, le=1.0)
-    size: int = Field(default=96, ge=16, le=480)
 
     @classmethod
     def of(cls, options: dict[str, Any]) -> Task:
