@@ -1,8 +1,8 @@
 """Plan, learn and navigate a ball through a circular maze on a tilting plate.
 
-`from mazeplan import Maze, Observation, Rig, check_rig, navigate` works, as do MazeLeaf, Port and Status for leaves of
-one's own; the names load when first used, so that
-`import mazeplan` stays cheap.
+The functions navigate, evaluate, collect, learn, compare, diagnose and improve do what the commands of the same names do.
+Maze, Observation, Rig and check_rig are for rigs of one's own, MazeLeaf, Port and Status for leaves. The names load when
+first used, so that `import mazeplan` stays cheap.
 """
 
 from __future__ import annotations
@@ -21,11 +21,18 @@ if TYPE_CHECKING:
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.interface import Rig
+    from mazeplan.run.commands.collect import collect
+    from mazeplan.run.commands.compare import compare
+    from mazeplan.run.commands.diagnose import diagnose
+    from mazeplan.run.commands.evaluate import evaluate
+    from mazeplan.run.commands.improve import improve
+    from mazeplan.run.commands.learn import learn
     from mazeplan.run.goals import Goals
     from mazeplan.run.navigate import navigate
 
 __version__ = "0.1.0"
 
+_COMMANDS = ("collect", "compare", "diagnose", "evaluate", "improve", "learn")
 _HOMES = {
     "Goals": "mazeplan.run.goals",
     "Maze": "mazeplan.maze.geometry",
@@ -39,13 +46,14 @@ _HOMES = {
     "SKIPPED": "mazeplan.btree.status",
     "Status": "mazeplan.btree.status",
     "check_rig": "mazeplan.rigs.conformance",
+    **{name: f"mazeplan.run.commands.{name}" for name in _COMMANDS},
     "load_map": "mazeplan.maze.mapfile",
     "navigate": "mazeplan.run.navigate",
 }
 
 __all__ = [
     "SKIPPED", "Control", "Decorator", "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig",
-    "Status", "check_rig", "load_map", "navigate",
+    "Status", "check_rig", "collect", "compare", "diagnose", "evaluate", "improve", "learn", "load_map", "navigate",
 ]  # fmt: skip
 
 

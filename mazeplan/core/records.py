@@ -23,10 +23,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mazeplan.core.results import Result
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -327,7 +329,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class NavigationResult:
+class NavigationResult(Result):
     """The outcome of one navigation, as `navigate --json` prints it.
 
     success:    the tree succeeded with the ball in the newest of `goals`
@@ -340,6 +342,8 @@ class NavigationResult:
     others:     balls after the first
     misfits:    how the rig does not behave as the model says
     """
+
+    kind: ClassVar[str] = "run"
 
     success: bool
     reason: str
@@ -358,13 +362,13 @@ class NavigationResult:
     others: tuple[OtherBall, ...] = ()
     misfits: tuple[Misfit, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def json(self) -> dict[str, Any]:
         """The document that `navigate --json` prints."""
         return _result_adapter().dump_python(self, mode="json")
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> NavigationResult:
-        """Read a document of `to_json`, exact to the last bit. Raises ValueError for any other document."""
+        """Read a document of `json`, exact to the last bit. Raises ValueError for any other document."""
         return _result_adapter().validate_python(document)
 
 

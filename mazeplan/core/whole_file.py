@@ -80,3 +80,13 @@ def whole_folder(folder: Path) -> Iterator[None]:
             with suppress(OSError):  # a file, or a folder that is not empty
                 place.rmdir()
         raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole file and the folders above it. Raises InputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside:
+            beside.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import FileSettings, placed, read_rig_file
-from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.interface import Rig, RigWrapper
 from mazeplan.rigs.sim.settings import settings_from
 
 PACKAGED = Path(__file__).resolve().parent
@@ -32,7 +34,34 @@ TABLE_KEYS = {
     "unseen_s",
     "world",
 }  # keys that only the files of rigs on a table have
+GIVEN: dict[str, Callable[[Maze], Rig]] = {}  # rigs of `named_rig`, by name
 METHODS = ("reset", "observe", "command", "level", "close")
+
+
+class _KeptOpen(RigWrapper):
+    """A rig that several runs use one after the other: it stays open between them."""
+
+    def close(self) -> None:
+        """Leave the plate level."""
+        self.inside.level()
+
+
+@contextmanager
+def named_rig(rig: str | Path | Rig | type) -> Iterator[str]:
+    """A name for `make_rig` within this context. A class of rigs is made anew each time, a rig is closed at the end."""
+    if isinstance(rig, str | Path):
+        yield str(rig)
+        return
+    kind = rig if isinstance(rig, type) else type(rig)
+    _check_class(kind, kind.__name__, {})
+    name = f"{kind.__name__} of Python"
+    GIVEN[name] = (lambda maze: rig(maze, {})) if isinstance(rig, type) else (lambda maze: _KeptOpen(rig))
+    try:
+        yield name
+    finally:
+        del GIVEN[name]
+        if not isinstance(rig, type):
+            rig.close()
 
 
 def rig_names() -> tuple[str, ...]:
@@ -44,6 +73,8 @@ def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec names, or None for a class.
 
     Raises SettingsError for an unknown rig."""
+    if spec in GIVEN:
+        return None
     packaged = PACKAGED / f"{spec}.yaml"
     if spec == HARDWARE and Path(packaged.name).is_file():  # the user's hardware.yaml comes before the packaged one
         return Path(packaged.name)
@@ -99,6 +130,8 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     sense: how a simulated rig sees the ball, ideal or camera; None: as its settings say."""
     if sense not in (None, *SENSES):
         raise SettingsError(f"--sense: got {shown(sense)}, expected {one_of(SENSES, sense)}")
+    if spec in GIVEN:
+        return GIVEN[spec](maze)
     path = rig_file(spec)
     kind, data = (spec, None) if path is None else read_rig_file(path)
     if kind is not None:

@@ -65,11 +65,11 @@ def attempt_job(
             ended.append((run.result_after_rig_failure(error), error))
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
-                messages.result(run.result(False, "interrupted").to_json())
+                messages.result(run.result(False, "interrupted").json())
             elif isinstance(error, Exception):
-                messages.result(run.result_after_error(error).to_json())
+                messages.result(run.result_after_error(error).json())
             raise
-        messages.result(ended[0][0].to_json())
+        messages.result(ended[0][0].json())
     return ended.pop()  # an error that stays in this frame would be in a cycle with it, and keep the rig
 
 

@@ -122,7 +122,7 @@ def replay(
     compared = RunMessages(script.keep)
     run = Run(script, setup, job, compared, NullDisplay(), watch=script.watch, requests=requests)
     with suppress(_OverError):
-        compared.result(run.drive().to_json())
+        compared.result(run.drive().json())
     return script.outcome(str(header.get("version", "")))
 
 

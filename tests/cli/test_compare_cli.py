@@ -172,7 +172,7 @@ def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, t
         raise InputError("cannot be written: No space left on device", file="a.html")
 
     import_module("mazeplan.apps.report.diagnosis")  # else it would keep the function below
-    monkeypatch.setattr("mazeplan.apps.report.page.write_page", full)
+    monkeypatch.setattr("mazeplan.apps.report.write.write_page", full)
     given = ("compare", folder / "one.csv", "--map", "seven", "--report", tmp_path / "a.html")
     assert call(*given)[:2] == (2, "the tables\n")
     code, out, err = call(*given, "--json")

@@ -19,14 +19,14 @@ from report_documents import diagnosis, evidence
 from ring_record import write_csv
 from standalone_page import alone
 
-from mazeplan.apps.cli import diagnose_ring
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, write_reports
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.sensors import Camera
+from mazeplan.run.commands import diagnose_ring
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, write_reports
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -51,7 +51,7 @@ def asked_of_ring(monkeypatch):
             return SimpleNamespace(document=lambda: {"notes": []})
 
         monkeypatch.setattr(diagnose_ring.ring_diagnosis, "diagnose", diagnosis)
-        request = DiagnosisRequest([log], None, radius, list(declare), None, test, None, None, None, [], True)
+        request = DiagnosisRequest([log], None, radius, list(declare), None, test, None, None, None, [])
         diagnose_ring._diagnose(log, MAZE, model, request)
         return asked
 

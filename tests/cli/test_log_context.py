@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from mazeplan.apps.cli.diagnose_rig import diagnose_rig
-from mazeplan.apps.cli.diagnose_ring import diagnose_ring
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest
-from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.core.errors import InputError, ShortWarning
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.maze.mapfile import dump_map, load_map, packaged_maps
+from mazeplan.run.commands.diagnose_rig import diagnose_rig
+from mazeplan.run.commands.diagnose_ring import diagnose_ring
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest
+from mazeplan.run.commands.log_context import logged_map
 
 CME, SEVEN = dump_map(load_map("cme")), dump_map(load_map("seven"))
 OTHER = next(name for name in packaged_maps() if name != "cme")

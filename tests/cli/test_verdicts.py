@@ -10,10 +10,10 @@ from dataclasses import replace
 import pytest
 from planar_rig import PlanarRig
 
-from mazeplan.apps.report.model_score import RingError, ring_errors, score_document, whole
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.model_score import RingError, ring_errors, score_document, whole
 from mazeplan.learning.modelfile import save_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.collect import Collection, run_collection

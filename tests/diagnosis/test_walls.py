@@ -12,7 +12,6 @@ import pytest
 from plant import play
 from ring_records import DECLARED
 
-from mazeplan.apps.cli.diagnose_ring import ring_openings
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.ring import remainder
@@ -29,6 +28,7 @@ from mazeplan.physics.effects.openings import Openings, closer_library, finer_li
 from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.formulas.symbols import INPUTS
 from mazeplan.physics.registry import EFFECTS
+from mazeplan.run.commands.diagnose_ring import ring_openings
 
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
 RADIUS = 0.0689

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map import app
 from mazeplan.apps.cli.map_watch import watch
 from mazeplan.core.errors import InputError
 from mazeplan.maze.drawing import save_drawing
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.run.commands.log_context import parse_opening
 from mazeplan.run.resolve import ring_number
 
 CME = load_map("cme")

@@ -235,5 +235,5 @@ def test_a_campaign_goes_on_when_the_rig_fails():
     (dead,) = evaluate(Campaign(runs=1, rig=f"{__name__}:DeadAtOnce", seed=5))
     assert (dead.success, dead.reason, dead.seed) == (False, "rig_failed", 5)
     assert dead.failures[-1].words == "no power"
-    assert dead.to_json()["failures"][-1]["kind"] == "rig_failed"
+    assert dead.json()["failures"][-1]["kind"] == "rig_failed"
     assert math.isfinite(dead.time_s)

@@ -40,7 +40,7 @@ def test_another_goal_rules_the_command_of_the_same_tick_and_the_plate_is_not_le
         k = int(np.flatnonzero(at)[0])
         assert math.hypot(*rig.commands[k]) > 0.01
     assert rig.levelled == 2  # at the end of the run, by the run and by its guard
-    assert result.to_json()["goals"] == [{"ring": g.ring, "t": g.t} for g in result.goals]
+    assert result.json()["goals"] == [{"ring": g.ring, "t": g.t} for g in result.goals]
 
 
 def test_another_goal_on_the_same_way_costs_no_time():

@@ -174,7 +174,7 @@ def test_the_log_tells_the_run(tmp_path):
     result, rig = go(log=path)
     log = read_log(path)
     assert log.complete
-    assert log.result == json.loads(json.dumps(result.to_json()))
+    assert log.result == json.loads(json.dumps(result.json()))
     assert len(log.ticks["t"]) == len(rig.commands)
     assert log.plans
     assert {"ring", "opening", "passed"} <= {event.kind for event in log.events}

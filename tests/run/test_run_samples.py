@@ -43,7 +43,7 @@ def test_without_anything_broken_there_are_no_doubts():
     result, _ = go(lambda k, sample, last: sample)
     assert result.success
     assert result.doubts == ()
-    assert result.to_json()["doubts"] == []
+    assert result.json()["doubts"] == []
 
 
 def now_and_then(k):
@@ -67,7 +67,7 @@ def test_a_few_broken_samples_are_got_over_told_and_replayed_alike(change, what,
     result, rig = go(change, log=log)
     assert result.success
     assert {doubt.what for doubt in result.doubts} == {what}
-    assert {"t": result.doubts[0].t, "what": what} == result.to_json()["doubts"][0]
+    assert {"t": result.doubts[0].t, "what": what} == result.json()["doubts"][0]
     assert len(rig.commands) == rig.k  # each sample is answered, also one that says nothing
     if what != "clock":
         told = [event.detail["what"] for event in read_log(log).events if event.kind == "doubt"]

@@ -38,7 +38,7 @@ def test_both_balls_come_to_the_centre(run):
     (other,) = result.others
     assert other.ball == 2
     assert [p.ring for p in other.rings][::4] == [1, 5]
-    assert result.to_json()["others"][0]["rings"][0]["opening"].startswith("1-2@")
+    assert result.json()["others"][0]["rings"][0]["opening"].startswith("1-2@")
 
 
 def test_the_log_holds_both_balls(run):

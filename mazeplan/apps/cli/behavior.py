@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say, write_text
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import TreeError
+from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.btree.node import TreeNode

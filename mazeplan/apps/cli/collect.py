@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import say
-from mazeplan.core.errors import InputError
+from mazeplan.apps.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from mazeplan.run.collect import Collected
-
-LEAST_TILT = 0.2  # degrees; a smaller tilt hardly moves a ball
 
 
 def collect(
@@ -31,46 +27,27 @@ def collect(
     tilt: opt.Tilt = None,
     highest_hz: opt.HighestHz = 1.5,
     force: opt.Force = False,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
     from mazeplan.apps.cli.emergency import interrupt, stop_key
     from mazeplan.apps.cli.navigate import note_missing_model
-    from mazeplan.apps.cli.progress import campaign_progress
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.registry import make_rig, rig_label
-    from mazeplan.rigs.watchdog import watched
-    from mazeplan.run.collect import Collection, run_collection, run_tour
-    from mazeplan.run.resolve import resolve_model, ring_number
-    from mazeplan.run.specification import Setup
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.run.commands.collect import collect as record
 
-    if model is not None and (place or not rings):
-        raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
-    maze = load_map(map_)
-    first = ring_number(ring, maze)
-    others = [r.number for r in maze.rings if r.number != first] if rings else []
-    limit = math.degrees(maze.tilt_limit)
-    if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
-        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees")
-    most = None if tilt is None else math.radians(tilt)
-    plan = Collection(seconds, (first, *others), seed, most, highest_hz, rig, map_)
-    setup, tour = None, None
     if rings and not place:
         note_missing_model(rig, model)
-        setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
-    machine = watched(make_rig(rig, maze), own_process=True)
-    if highest_hz > 0.5 * machine.rate_hz:
-        why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
-        raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
-    bar = campaign_progress(math.ceil(seconds), label="seconds")
-    with _report_kept(output), stop_key(machine, interrupt), bar as advance:
-        if setup is None:
-            rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
-        else:
-            tour = run_tour(machine, setup, plan, output, progress=advance)
-            rows = tour.rows
-    if tour is not None:
-        report(tour)
-    say(f"wrote {rows} samples to {output}")
+    with _report_kept(output), ProgressBar("seconds", transient=False) as bar:
+        done = record(
+            output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed, tilt=tilt,
+            highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
+            advance=bar.advance,
+        )  # fmt: skip
+    if done.tour is not None:
+        report(done.tour)
+    if as_json:
+        print_json(done.document)
+    say(f"wrote {done.document['samples']} samples to {output}")
 
 
 @contextmanager

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import plural, print_json, say
-from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
@@ -28,38 +28,20 @@ def compare(
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
-    from mazeplan.core.logs.column_units import parse_columns
-    from mazeplan.core.logs.table import check_there, read_table
+    from mazeplan.core.logs.table import check_there
 
     for log in (*logs, *(test or ())):
         check_there(log)
-    from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.report import write_report
-    from mazeplan.learning import comparison
-    from mazeplan.learning.fitting import KINDS, FitOptions
-    from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
-    from mazeplan.learning.samples import SampleOptions
+    from mazeplan.run.commands.compare import compare as score
 
-    chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
-    if wrong := [kind for kind in chosen if kind not in KINDS]:
-        raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
-    found = logged_map(map_, *logs, *(test or ()))
-    if ring is not None and radius is None:
-        check_channel(ring, found.maze)
-    fit = FitOptions(most=most, training=THOROUGH, seed=seed)
-    samples = SampleOptions(ring=ring, radius=radius)
-    options = CompareOptions(samples=samples, fit=fit, kinds=chosen, seed=seed)
     with ProgressBar("comparing") as bar:
-        bar.show("reading")
-        named = parse_columns(columns or [])
-        tables, held_out = ([read_table(log, named) for log in group] for group in (logs, test or []))
-        shown: dict[str, Any] = {"progress": bar.show, "advance": bar.advance, "left_out": say}
-        if radius is not None:
-            for table in (*tables, *held_out):
-                check_radius(table, radius, ring)
-        scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
-    document = {f"ring{score.ring}": score.document() for score in scores}
+        done = score(
+            logs, test=test, map=map_, columns=columns or [], ring=ring, radius=radius, kinds=kinds, most=most,
+            seed=seed, progress=bar.show, advance=bar.advance, say=say,
+        )  # fmt: skip
+    document, scores = done.document, done.scores
     if as_json:
         print_json(document)
     else:
@@ -69,7 +51,7 @@ def compare(
         write_report("comparison", document, page, ", ".join(log.name for log in logs))
 
 
-def report(scores: list[RingScores]) -> None:
+def report(scores: Sequence[RingScores]) -> None:
     """Print the tables. If there are too few windows or blocks of time for an interval, print this instead."""
     from mazeplan.learning.split import TOO_FEW, enough
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
-from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
@@ -33,27 +30,16 @@ def improve(
     Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
     from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.core.logs.column_units import parse_columns
-    from mazeplan.core.logs.table import read_table
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.physics.registry import own_effects
-    from mazeplan.rigs.registry import make_rig
-    from mazeplan.run.campaign import improve as campaign
+    from mazeplan.run.commands.improve import improve as run_rounds
 
-    maze = load_map(map_)
-    own = own_effects(effects)
-    make_rig(rig, maze)
     note_missing_model(rig, model)
-    options = campaign.Options(rounds, runs, seconds, seed, workers, map_, True, effects)
-    with ExitStack() as stack:
-        folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
-        bar = stack.enter_context(ProgressBar("improving"))
-        known = [read_table(log, parse_columns(columns or [])) for log in reference or []]
-        shown: dict[str, Any] = {"tell": bar.note, "working": bar.show, "advance": bar.advance}
-        done = campaign.improve(rig, folder, options, model=model, reference=known, own=own, **shown)
-    if output is None:
-        for entry in done:
-            entry["diagnosis"]["model"] = None
+    with ProgressBar("improving") as bar:
+        improved = run_rounds(
+            rig, model=model, rounds=rounds, runs=runs, seconds=seconds, reference=reference or [],
+            columns=columns or [], effects=effects, map=map_, seed=seed, workers=workers, output=output,
+            own_process=True, tell=bar.note, progress=bar.show, advance=bar.advance,
+        )  # fmt: skip
+    done = improved.rounds
     if as_json:
         print_json({"rounds": done})
     else:

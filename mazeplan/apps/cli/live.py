@@ -261,7 +261,7 @@ def navigate_live(
         session.serve(host, port)
     finally:
         if as_json and session.result is not None:
-            print_json(session.result.to_json())
+            print_json(session.result.json())
     return exit_status(session)
 
 

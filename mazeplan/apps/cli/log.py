@@ -13,7 +13,9 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import file_or_stdout
-from mazeplan.apps.cli.output import finite, print_json, say, write_text
+from mazeplan.apps.cli.output import print_json, say
+from mazeplan.core.results import finite
+from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
 from mazeplan.apps.cli.option_checks import listed
 from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.maths.angles import place_deg
+from mazeplan.run.commands.log_context import parse_opening
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.log_context import logged_map
-from mazeplan.apps.cli.output import print_json, say, write_text
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import TableError
 from mazeplan.core.maths.angles import place_deg
+from mazeplan.core.whole_file import write_text
+from mazeplan.run.commands.log_context import logged_map
 
 if TYPE_CHECKING:
     from mazeplan.maze.learnedmap import LearnedMap, LearnedRing

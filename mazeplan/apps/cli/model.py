@@ -90,13 +90,13 @@ def score(
     as_json: opt.AsJson = False,
 ) -> None:  # fmt: skip
     """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
-    from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.report.model_score import learned_from, ring_errors, score_document
     from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning.fits import fits_words
+    from mazeplan.learning.model_score import learned_from, ring_errors, score_document
     from mazeplan.learning.modelfile import load_model
+    from mazeplan.run.commands.log_context import logged_map
 
     found, maze = load_model(model), logged_map(map_, *logs).maze
     with ProgressBar("scoring") as bar:

@@ -70,10 +70,10 @@ def navigate(
             result = navigate_once(request, Company(**camera))
     except RigError as problem:
         if as_json and problem.result is not None:
-            print_json(problem.result.to_json())
+            print_json(problem.result.json())
         raise
     if as_json:
-        print_json(result.to_json())
+        print_json(result.json())
     sys.exit(0 if result.success else 1)
 
 

@@ -12,10 +12,11 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import folder_problem
-from mazeplan.apps.cli.output import check_new, say, write_text
+from mazeplan.apps.cli.output import check_new, say
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
+from mazeplan.core.whole_file import write_text
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import sys
@@ -15,16 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError, ShortWarning
-from mazeplan.core.whole_file import is_stream, whole_file
-
-
-def finite(value: Any) -> Any:
-    """The document with None in place of NaN and infinities, which JSON cannot hold."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+from mazeplan.core.results import finite
+from mazeplan.core.whole_file import is_stream
 
 
 def print_json(document: Any) -> None:
@@ -84,16 +75,6 @@ def short_warnings() -> Iterator[None]:
 
         warnings.showwarning = show  # pyright: ignore[reportAttributeAccessIssue]
         yield
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a whole file and the folders above it. Raises InputError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
-            beside.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 
 
 def plural(count: int, noun: str) -> str:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
 from mazeplan.apps.cli.options import Force, Video, file, new_file
-from mazeplan.apps.cli.output import finite, say
+from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
-
-if TYPE_CHECKING:
-    from mazeplan.apps.report.inputs import Input
-    from mazeplan.apps.report.page import PageSection
+from mazeplan.core.results import finite
 
 Inputs = Annotated[
     list[Path],
@@ -36,15 +32,14 @@ def report(inputs: Inputs, output: Page, video: Video = None, title: Title = Non
     """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import read_input
-    from mazeplan.apps.report.page import write_page
+    from mazeplan.apps.report.write import write_inputs
     from mazeplan.apps.view.film import write_film
     from mazeplan.core.logs.run_log_reader import read_messages
 
     if video is not None:
         _check_film(inputs, video)
     with ProgressBar("drawing", compiles=False) as bar:
-        sections = _sections([part for path in inputs for part in read_input(path)], bar.show)
-        write_page(output, title or sections[0].title + " and more" * (len(sections) > 1), sections)
+        write_inputs([part for path in inputs for part in read_input(path)], output, title, bar.show)
         if video is not None:
             bar.show(video.name)
             write_film(read_messages(inputs[0])[1], video)
@@ -67,36 +62,7 @@ def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> 
     kind: kind of input, as in `report.inputs`
     name: name of what the page is about"""
     from mazeplan.apps.report.inputs import Input
-    from mazeplan.apps.report.page import write_page
+    from mazeplan.apps.report.write import write_inputs
 
-    sections = _sections([Input(kind, path, name, finite(document))])
-    write_page(path, sections[0].title, sections)
+    write_inputs([Input(kind, path, name, finite(document))], path)
     say(f"wrote {path}")
-
-
-def _sections(given: list[Input], show: Callable[[str], None] = lambda text: None) -> list[PageSection]:
-    """One section for each input; all evaluations share one section. Raises InputError.
-
-    show: gets the name of each input before it is drawn"""
-    from mazeplan.apps.report.diagnosis import diagnosis_section
-    from mazeplan.apps.report.evaluation import evaluation_section
-    from mazeplan.apps.report.models import models_section
-    from mazeplan.apps.report.run import run_section
-    from mazeplan.core.logs.run_log import read_log
-
-    evaluations = [part for part in given if part.kind == "evaluation"]
-    sections = []
-    for part in given:
-        show(part.path.name)
-        if part.kind == "run":
-            log = read_log(part.path)
-            if "excitation" in log.header:
-                raise InputError("got a log of `collect`, expected one of `navigate --log`", file=part.path)
-            sections.append(run_section(log))
-        elif part.kind == "comparison":
-            sections.append(models_section(part))
-        elif part.kind == "diagnosis":
-            sections.append(diagnosis_section(part))
-        elif part is evaluations[0]:
-            sections.append(evaluation_section(evaluations))
-    return sections

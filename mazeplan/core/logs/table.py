@@ -73,6 +73,7 @@ class Table:
         return float(np.mean(steps[np.abs(steps / np.median(steps) - 1.0) < 0.5])) if steps.size else float("nan")
 
 
+IN_MEMORY = Path("the table")
 OTHERS = (
     "an empty file", "a file with nothing but blanks", "a PNG picture", "a JPEG picture", "a PDF", "a zip archive",
     "a gzip archive", "an HDF5 file", "a MATLAB file", "XML", "HTML", "JSON", "YAML",
@@ -80,8 +81,9 @@ OTHERS = (
 EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or x and y, in its first row"
 
 
-def check_there(path: Path) -> None:
+def check_there(path: str | Path) -> None:
     """Raises TableError if a file is missing, cannot be read, or is certainly neither a run log nor a table."""
+    path = Path(path)
     if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
         raise TableError(file_kinds.refused(path, EXPECTED), file=path)
 
@@ -105,6 +107,49 @@ def read_table(path: str | Path, columns: Mapping[str, ColumnSource] | None = No
     with np.errstate(all="ignore"):  # very large numbers overflow in the checks, but comparisons still work
         found = checked(found, rows)
     return Table(found, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
+
+
+def as_table(given: Any, columns: Mapping[str, ColumnSource] | None = None) -> Table:
+    """A table from what a user of Python has: a Table, a path, {column: numbers}, or a DataFrame of pandas.
+
+    columns: as of `read_table`. Raises TableError, LogError."""
+    if isinstance(given, Table):
+        return given
+    if isinstance(given, str | Path):
+        return read_table(given, columns)
+    found, rows = given_columns(given)
+    found, named = select_columns(found, columns or {}, UNITS, (), rows.file)
+    with np.errstate(all="ignore"):
+        return Table(checked(found, replace(rows, named=named)), {"file": rows.file.name})
+
+
+def given_columns(given: Any) -> tuple[dict[str, Array], Rows]:
+    """Columns of a table in memory, and their rows for messages. Raises TableError."""
+    columns = given.columns if isinstance(given, Table) else given
+    try:
+        cells = {str(name): np.asarray(columns[name]) for name in columns}
+        count = {len(column) for column in cells.values()}
+    except (TypeError, KeyError, IndexError, ValueError):
+        got = type(given).__name__
+        raise TableError(f"got {got}, expected a path, a Table, a dict of columns or a DataFrame") from None
+    if len(count) != 1:
+        raise TableError(f"got columns of {len(count)} lengths, expected all as long as t", file=IN_MEMORY)
+    rows = Rows(IN_MEMORY, range(count.pop()))
+    return {name: _numbers(column, name, rows) for name, column in cells.items()}, rows
+
+
+def several(given: Any) -> list[Any]:
+    """One log or table, or several of them, as a list."""
+    if given is None:
+        return []
+    return [given] if isinstance(given, str | Path | Table | Mapping) or hasattr(given, "columns") else list(given)
+
+
+def name_of(given: Any) -> str:
+    """Name of a log or table in titles: its file, if it has one."""
+    if isinstance(given, str | Path):
+        return Path(given).name
+    return given.source.get("file", IN_MEMORY.name) if isinstance(given, Table) else IN_MEMORY.name
 
 
 def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:

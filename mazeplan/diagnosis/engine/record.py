@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.column_units import ColumnSource, select_columns
-from mazeplan.core.logs.table import OTHERS, content_of, read_csv
+from mazeplan.core.logs.table import OTHERS, content_of, given_columns, read_csv
 from mazeplan.core.logs.table_checks import Rows
 from mazeplan.core.records import Array
 
@@ -65,17 +66,23 @@ class Record:
 
 
 def read_record(
-    path: Path, positions: Sequence[str], units: Sequence[str], inputs: Sequence[str],
+    given: Any, positions: Sequence[str], units: Sequence[str], inputs: Sequence[str],
     columns: Mapping[str, ColumnSource] | None = None,
 ) -> Record:  # fmt: skip
-    """The columns t, positions and inputs of a table (CSV). Cells of positions may be empty. Raises TableError."""
-    expected = f"a table (CSV) with {', '.join(('t', *positions, *inputs))} in its first row"
-    if not path.is_file() or file_kinds.got(path) in OTHERS:
-        raise TableError(file_kinds.refused(path, expected), file=path)
-    found, rows = read_csv(content_of(path), path)
-    found, named = select_columns(
-        found, columns or {}, {"t": "s", **dict(zip(positions, units, strict=True))}, inputs, path
-    )
+    """The columns t, positions and inputs of a table. Cells of positions may be empty. Raises TableError.
+
+    given: path of a CSV, or a table in memory (`given_columns`)"""
+    if isinstance(given, str | Path):
+        path = Path(given)
+        expected = f"a table (CSV) with {', '.join(('t', *positions, *inputs))} in its first row"
+        if not path.is_file() or file_kinds.got(path) in OTHERS:
+            raise TableError(file_kinds.refused(path, expected), file=path)
+        found, rows = read_csv(content_of(path), path)
+    else:
+        found, rows = given_columns(given)
+        path = rows.file
+    known = {"t": "s", **dict(zip(positions, units, strict=True))}
+    found, named = select_columns(found, columns or {}, known, inputs, path)
     rows = replace(rows, named=named)
     for name in ("t", *positions, *inputs):
         if name not in found:

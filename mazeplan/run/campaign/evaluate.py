@@ -122,7 +122,7 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
         "failures": dict(sorted(failures.items())),
         "planner_ms": worst(outcomes, "planner_ms"),
         "tick_ms": worst(outcomes, "tick_ms"),
-        "results": [outcome.to_json() for outcome in outcomes],
+        "results": [outcome.json() for outcome in outcomes],
     }
 
 

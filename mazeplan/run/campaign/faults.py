@@ -59,7 +59,7 @@ class Outcome:
     def to_json(self) -> dict[str, Any]:
         """The document of `navigate` with additional keys about the faults."""
         return {
-            **self.result.to_json(),
+            **self.result.json(),
             "faults": [fault.to_json() for fault in self.faults],
             "noticed_s": self.noticed_s,
             "noticed_as": self.noticed_as,

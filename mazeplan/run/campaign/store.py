@@ -67,7 +67,7 @@ class Store:
 
     def keep(self, index: int, ran: Ran, document: dict[str, Any] | None = None) -> None:
         """Store a run at once. document: replaces the document of its result, if it has to hold more."""
-        document = ran.result.to_json() if document is None else document
+        document = ran.result.json() if document is None else document
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         times = {"wall_s": ran.wall_s, "cpu_s": ran.cpu_s, "host": ran.host, "ended": now}
         self._append({"index": index, **times, "result": document})

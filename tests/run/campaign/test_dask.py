@@ -104,7 +104,7 @@ CAMPAIGN = Campaign(RUNS, "far.yaml", "my_cme.yaml", None, "my_navigate.xml", st
 
 def same(results: list[NavigationResult]) -> list[dict]:
     """All but what the clock on the wall says."""
-    return [{**result.to_json(), "planner_ms": None, "tick_ms": None} for result in results]
+    return [{**result.json(), "planner_ms": None, "tick_ms": None} for result in results]
 
 
 def test_a_scheduler_without_workers_is_no_use(scheduler, monkeypatch):

@@ -36,7 +36,7 @@ def same(result: NavigationResult) -> NavigationResult:
 
 def test_a_result_comes_back_to_the_last_bit():
     for result in (run(), replace(run(), start=None, failures=(), tick_ms={})):
-        assert NavigationResult.from_json(json.loads(json.dumps(result.to_json()))) == result
+        assert NavigationResult.from_json(json.loads(json.dumps(result.json()))) == result
 
 
 def test_a_row_is_pleasant_to_read(tmp_path):

@@ -1,4 +1,4 @@
-"""What all kinds of `diagnose` share: their options, known parameters, and the output."""
+"""What all kinds of `diagnose` share: their options, known parameters, and the result."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from mazeplan.apps.cli.output import finite, print_json, write_text
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.column_units import ColumnSource
 from mazeplan.core.name_hints import one_of
+from mazeplan.core.progress import Words, no_words
+from mazeplan.core.results import PAGES, DocumentResult, finite
+from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
     from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
+    from mazeplan.learning.modelfile import RigModel
+    from mazeplan.maze.geometry import Maze
     from mazeplan.physics.effect import Effect
 
 Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
@@ -24,20 +29,46 @@ Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """Options of `diagnose`. radius: of the track, m"""
+    """Options of `diagnose`.
 
-    logs: list[Path]
-    model: str | None
+    logs, test, references: paths, or tables in memory
+    radius: of the track, m
+    progress: gets the step under way"""
+
+    logs: list[Any]
+    model: str | Path | RigModel | None
     radius: float | None
     declare: list[str]
     ring: int | None
-    test: Path | None
-    map: str | None
+    test: Any
+    map: str | Path | Maze | None
     effects: str | None
     output: Path | None
-    references: list[Path]
-    as_json: bool
+    references: list[Any]
     columns: Mapping[str, ColumnSource] = field(default_factory=dict)
+    progress: Words = no_words
+
+    @property
+    def known(self) -> RigModel | None:
+        """The model, read; None without one. Raises ModelError."""
+        from mazeplan.learning.modelfile import RigModel, load_model
+
+        return self.model if isinstance(self.model, RigModel | None) else load_model(self.model)
+
+
+@dataclass(frozen=True)
+class DiagnosisResult(DocumentResult):
+    """A diagnosis: its document, what its pictures show, and the result in words."""
+
+    kind: ClassVar[str] = "diagnosis"
+
+    evidence: dict[str, Any] = field(repr=False)
+    lines: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """nothing_missing, effect_found, ambiguous or unknown_effect."""
+        return self.document["verdict"]
 
 
 def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effect], partly: str = "") -> None:
@@ -77,25 +108,22 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
 
 def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Path) -> None:
     """Write report.json, evidence.json and report.html. Sets `report` in the document."""
-    from mazeplan.apps.report.diagnosis import write_diagnosis
-
     document["report"] = str(output / "report.html")
     write_text(output / "report.json", json.dumps(finite(document), indent=1) + "\n")
     write_text(output / "evidence.json", json.dumps(finite(evidence)) + "\n")
-    write_diagnosis(document, evidence, output / "report.html")
+    import_module(PAGES).write_diagnosis(document, evidence, output / "report.html")
 
 
-def finish(done: Diagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
-    """Write the report of a diagnosis of one mechanism, and print the result."""
-
+def finish(
+    done: Diagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
+) -> DiagnosisResult:
+    """The result of a diagnosis of one mechanism. Writes its report, if one was asked for."""
+    further = [note for note in document["notes"] if note not in done.remarks]
+    evidence = done.evidence_document(title, further)
     if request.output is not None:
-        further = [note for note in document["notes"] if note not in done.remarks]
-        write_reports(document, done.evidence_document(title, further), request.output)
-    if request.as_json:
-        print_json(document)
-    else:
-        on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
-        print("\n".join(result_lines(done.sentence(), document, on_test)))
+        write_reports(document, evidence, request.output)
+    on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
+    return DiagnosisResult(document, evidence, tuple(result_lines(done.sentence(), document, on_test)))
 
 
 def lines_of_test(errors: str) -> list[str]:

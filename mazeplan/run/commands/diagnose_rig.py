@@ -7,51 +7,52 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, write_reports
-from mazeplan.apps.cli.log_context import logged_map
-from mazeplan.apps.cli.output import print_json
-from mazeplan.apps.cli.progress import ProgressBar
-from mazeplan.core.logs.table import Table, join, read_table
+from mazeplan.core.logs.table import Table, as_table, join, name_of
 from mazeplan.diagnosis.rig.evidence import rig_evidence
 from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
 from mazeplan.diagnosis.rig.result import RigVerdict, advice, words_on_test
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
-from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.physics.registry import own_effects
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, lines_of_test, write_reports
+from mazeplan.run.commands.log_context import logged_map
 
 
-def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
+def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> DiagnosisResult:
     """Find the differences between a rig and its reference, all rings together. Raises TableError, InputError."""
     further = [] if request.test is None else [request.test]
     found = logged_map(request.map, *request.logs, *further, *request.references)
-    maze, known = found.maze, None if request.model is None else load_model(request.model)
+    maze, known = found.maze, request.known
     added = own_effects(request.effects)
-    with ProgressBar("diagnosing") as bar:
-        bar.show("reference")
-        references = [read_table(path, request.columns) for path in request.references]
-        was = reference_of(references, maze, known) if references else known_reference(request.model, known, maze)
-        test = None if request.test is None else read_table(request.test, request.columns)
-        table = tables[0] if len(tables) == 1 else join(tables)
-        done = verdict_on(table, maze, was, bar.show, test, added)
+    request.progress("reference")
+    references = [as_table(log, request.columns) for log in request.references]
+    folder = None if isinstance(request.model, RigModel | None) else str(request.model)
+    was = reference_of(references, maze, known) if references else known_reference(folder, known, maze)
+    test = None if request.test is None else as_table(request.test, request.columns)
+    table = tables[0] if len(tables) == 1 else join(tables)
+    done = verdict_on(table, maze, was, request.progress, test, added)
     document: dict[str, Any] = done.document() | {"model": None, "report": None}
-    names = [path.name for path in request.logs]
+    names = [name_of(log) for log in request.logs]
     title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")
     if request.output is not None:
         _write_model(done, document, known, request.output)
     needed = {"--model MODEL (the folder of `mazeplan learn`)": known, "-o FOLDER": request.output}
     add = " and ".join(option for option, value in needed.items() if value is None)
-    document["advice"] = advice(done, document["model"], add, shlex.join(map(str, request.logs)))
+    document["advice"] = advice(done, document["model"], add, shlex.join(map(_typed, request.logs)))
+    evidence = rig_evidence(done, maze, found.text, title)
     if request.output is not None:
-        write_reports(document, rig_evidence(done, maze, found.text, title), request.output)
-    if request.as_json:
-        print_json(document)
-        return
+        write_reports(document, evidence, request.output)
     on_test = lines_of_test(words_on_test(done))
     lines = [document["sentence"], *on_test, *document["advice"], *(f"note: {note}" for note in done.notes)]
     lines += [f"{key}: {document[key]}" for key in ("report", "model") if document[key] is not None]
-    print("\n".join(lines))
+    return DiagnosisResult(document, evidence, tuple(lines))
+
+
+def _typed(log: Any) -> str:
+    """A log as in a command line."""
+    return str(log) if isinstance(log, str | Path) else name_of(log)
 
 
 def _write_model(done: RigVerdict, document: dict[str, Any], known: RigModel | None, output: Path) -> None:

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
-from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
-from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
-from mazeplan.core.logs.table import Table, read_table
+from mazeplan.core.logs.table import Table, as_table, name_of
 from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
 from mazeplan.diagnosis.maze_camera import camera_effects
 from mazeplan.diagnosis.record import centred, record_of, turned_round
@@ -21,7 +17,7 @@ from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
 from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import base_model, left_out, updated
-from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effects.openings import Openings, wall_library
@@ -30,16 +26,18 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, Values, declare_known, finish
+from mazeplan.run.commands.log_context import check_channel, check_radius, logged_map
 
 FEWEST_IN_RINGS = 0.7  # minimum share of the samples in rings of the map; a run's log also has passages
 
 
-def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
-    """Diagnose one ring of a log, write the report and the model, and print the result. Raises InputError.
+def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> DiagnosisResult:
+    """Diagnose one ring of a log; write the report and the model, if asked for. Raises InputError.
 
     why: why the other rings are left out; empty if one ring was asked for"""
     maze = logged_map(request.map, log, *([] if request.test is None else [request.test])).maze
-    model = None if request.model is None else load_model(request.model)
+    model = request.known
     done, document = _diagnose(log, maze, model, request)
     number, known = document["ring"], document["declared"]
     if why:
@@ -50,7 +48,7 @@ def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
         new = updated(old, {number or 1: done.effects})
         document["notes"] += left_out(done.effects)
         document["model"] = str(save_model(new, request.output / "model").parent)
-    finish(done, document, request, f"ring {number} of {log.name}" if number else log.name)
+    return finish(done, document, request, f"ring {number} of {name_of(log)}" if number else name_of(log))
 
 
 @dataclass(frozen=True)
@@ -79,11 +77,11 @@ def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData
 
 
 def _diagnose(
-    log: Path, maze: Maze, model: RigModel | None, request: DiagnosisRequest
+    log: Any, maze: Maze, model: RigModel | None, request: DiagnosisRequest
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
     """Diagnose a ring. Returns the diagnosis and its document."""
     added = own_effects(request.effects)
-    raw = read_table(log, request.columns)
+    raw = as_table(log, request.columns)
     camera, of_positions = _known_camera(raw, model, request.declare)
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
     data = _ring_data(centred(raw, seen_by), maze, request)
@@ -99,19 +97,18 @@ def _diagnose(
     table, odd = turned_round(data.table, data.radius)
     test, test_as_model = None, None
     if request.test is not None:
-        measured = read_table(request.test, request.columns)
+        measured = as_table(request.test, request.columns)
         other, _ = turned_round(centred(measured, seen_by), data.radius)
         in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
         test = record_of(other, in_ring, ring=data.ring)
         test_as_model = record_of(centred(measured, camera), in_ring, ring=data.ring) if picture else None
-    with ProgressBar("diagnosing") as bar:
-        done = ring_diagnosis.diagnose(
-            record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
-            more=added, test=test, progress=bar.show,
-            known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
-            as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
-            corrected=seen_by, test_as_model=test_as_model,
-        )  # fmt: skip
+    done = ring_diagnosis.diagnose(
+        record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
+        more=added, test=test, progress=request.progress,
+        known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
+        as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
+        corrected=seen_by, test_as_model=test_as_model,
+    )  # fmt: skip
     document = done.document()
     more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
     return done, {**document, **more}

@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
-from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
+from mazeplan.core.logs.table import name_of
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.user_modules import user_module
 from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
@@ -18,19 +17,19 @@ from mazeplan.diagnosis.engine.record import read_record
 from mazeplan.diagnosis.engine.system import System, system_of
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import load_effects
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, Values, declare_known, finish
 
 
-def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
-    """Diagnose a record. system: emps or MODULE:CLASS. Raises InputError, TableError."""
+def diagnose_system(system: Any, log: Any, request: DiagnosisRequest) -> DiagnosisResult:
+    """Diagnose a record. system: emps, MODULE:CLASS, or a class. Raises InputError, TableError."""
     own = [] if request.effects is None else load_effects(request.effects)
-    machine = _machine(system, path.parent, own)
+    machine = _machine(system, Path(log).parent if isinstance(log, str | Path) else Path(), own)
     known, fitted = _declared(request.declare, machine)
     done: Any
     if system == "emps":
-        record, gain = read_drive(path)
-        test = None if request.test is None else read_drive(request.test, gain)[0]
-        with ProgressBar("diagnosing") as bar:
-            done = emps_result(machine, record, known, fitted, test, bar.show)
+        record, gain = read_drive(Path(log))
+        test = None if request.test is None else read_drive(Path(request.test), gain)[0]
+        done = emps_result(machine, record, known, fitted, test, request.progress)
     else:
         read = partial(
             read_record,
@@ -39,17 +38,17 @@ def diagnose_system(system: str, path: Path, request: DiagnosisRequest) -> None:
             inputs=machine.inputs,
             columns=request.columns,
         )
-        record, test = read(path), None if request.test is None else read(request.test)
-        with ProgressBar("diagnosing") as bar:
-            done = diagnose_motion(machine, record, known, fitted, test=test, progress=bar.show)
-    document: dict[str, Any] = {**done.document(), "system": system, "declared": known, "report": None}
-    finish(done, document, request, path.name)
+        record, test = read(log), None if request.test is None else read(request.test)
+        done = diagnose_motion(machine, record, known, fitted, test=test, progress=request.progress)
+    name = system if isinstance(system, str) else f"{system.__module__}:{system.__qualname__}"
+    document: dict[str, Any] = {**done.document(), "system": name, "declared": known, "report": None}
+    return finish(done, document, request, name_of(log))
 
 
-def _machine(system: str, folder: Path, own: Sequence[Effect]) -> System:
+def _machine(system: Any, folder: Path, own: Sequence[Effect]) -> System:
     """The system of a name. folder: folder of the log, in which the module is searched, too"""
-    kind: Any = Axis
-    if system != "emps":
+    kind: Any = Axis if system == "emps" else system
+    if isinstance(system, str) and system != "emps":
         module, _, name = system.partition(":")
         kind = getattr(user_module(module, "--system", folder), name, None)
         if kind is None:

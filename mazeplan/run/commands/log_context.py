@@ -36,22 +36,26 @@ class LoggedMap:
     @property
     def text(self) -> str:
         """The map as text."""
+        from mazeplan.maze.mapfile import dump_map
+
         if self.logged_text is not None:
             return self.logged_text
-        return Path(str(self.maze.source)).read_text(encoding="utf-8")
+        source = Path(str(self.maze.source))
+        return source.read_text(encoding="utf-8") if source.is_file() else dump_map(self.maze)
 
 
-def logged_map(name: str | None, *logs: Path) -> LoggedMap:
-    """The named map, otherwise the map in the run logs, otherwise cme. Files that are no run logs have no map.
+def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
+    """The named map, otherwise the map in the run logs, otherwise cme. Tables have no map.
 
     Raises MapError, and InputError for logs of several maps. Warns (ShortWarning) of a log that was recorded on another
     map than the named map."""
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.maze.mapfile import check_text, load_map
 
-    given = None if name is None else LoggedMap(load_map(name), f"map {name}")
+    given = LoggedMap(name, f"map {name.name}") if isinstance(name, Maze) else None
+    given = LoggedMap(load_map(name), f"map {name}") if isinstance(name, str | Path) else given
     found: dict[Path, LoggedMap] = {}
-    for log in logs:
+    for log in (Path(log) for log in logs if isinstance(log, str | Path)):
         if file_kinds.got(log) == file_kinds.LOG:
             text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None

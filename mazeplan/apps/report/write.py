@@ -1,0 +1,65 @@
+"""Writes the page of inputs, or of a result that Python got."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from mazeplan.apps.report.diagnosis import diagnosis_section, write_diagnosis
+from mazeplan.apps.report.evaluation import evaluation_section
+from mazeplan.apps.report.inputs import Input, of_document
+from mazeplan.apps.report.learning import model_section, record_section
+from mazeplan.apps.report.models import models_section
+from mazeplan.apps.report.page import PageSection, write_page
+from mazeplan.apps.report.run import run_section
+from mazeplan.core.errors import InputError
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.progress import no_words
+from mazeplan.core.results import Result
+
+__all__ = ["page_sections", "write_diagnosis", "write_inputs", "write_result"]
+ALONE = {"comparison": models_section, "diagnosis": diagnosis_section, "model": model_section, "record": record_section}
+
+
+def write_inputs(
+    inputs: Sequence[Input], path: Path, title: str | None = None, show: Callable[[str], None] = no_words
+) -> None:
+    """Write one page about all inputs. title: None: that of the first section. Raises InputError."""
+    sections = page_sections(inputs, show)
+    write_page(path, title or sections[0].title + " and more" * (len(sections) > 1), sections)
+
+
+def page_sections(given: Sequence[Input], show: Callable[[str], None] = no_words) -> list[PageSection]:
+    """One section for each input; all evaluations share one section. Raises InputError.
+
+    show: gets the name of each input before it is drawn"""
+    evaluations = [part for part in given if part.kind == "evaluation"]
+    sections = []
+    for part in given:
+        show(part.path.name)
+        if part.kind == "run":
+            log = read_log(part.path)
+            if "excitation" in log.header:
+                raise InputError("got a log of `collect`, expected one of `navigate --log`", file=part.path)
+            sections.append(run_section(log))
+        elif part.kind in ALONE:
+            sections.append(ALONE[part.kind](part))
+        elif part is evaluations[0]:
+            sections.append(evaluation_section(evaluations))
+    return sections
+
+
+def write_result(result: Result, path: Path) -> None:
+    """Write the page of a result. Raises InputError, also for a navigation without a log."""
+    document: dict[str, Any] = result.json()
+    if result.kind == "run":
+        if document["log"] is None:
+            raise InputError("got a run without a log, expected navigate(log=FILE.mcap)", key="report")
+        log = Path(document["log"])
+        inputs = [Input("run", log, log.stem)]
+    elif result.kind:
+        inputs = [Input(result.kind, path, path.stem, document, getattr(result, "evidence", None))]
+    else:
+        inputs = of_document(document, path)
+    write_inputs(inputs, path)

@@ -1,0 +1,63 @@
+"""What Python gets from a command: a record with its document, its page, and a few words for a notebook."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar
+
+PAGES = "mazeplan.apps.report.write"  # writes pages; it stands above and is loaded by name, as a rig is
+SHOWN = 12  # most rows in a notebook
+
+
+def finite(value: Any) -> Any:
+    """The document with None in place of NaN and infinities, which JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Result:
+    """The result of a command. kind: of its page, as in `apps.report.inputs`"""
+
+    kind: ClassVar[str] = ""
+
+    def json(self) -> dict[str, Any]:
+        """The document that the command prints with `--json`."""
+        raise NotImplementedError
+
+    def report(self, path: str | Path) -> Path:
+        """Write a page (HTML) without external content, and return its path. Raises InputError."""
+        import_module(PAGES).write_result(self, Path(path))
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        rows = [(name, text) for name, value in self.json().items() if (text := _short(value))]
+        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows[:SHOWN])
+        return f"<b>{escape(type(self).__name__)}</b><table>{cells}</table>"
+
+
+@dataclass(frozen=True)
+class DocumentResult(Result):
+    """A result that keeps its document."""
+
+    document: dict[str, Any] = field(repr=False)
+
+    def json(self) -> dict[str, Any]:
+        """The document that the command prints with `--json`."""
+        return finite(self.document)
+
+
+def _short(value: Any) -> str:
+    """A number, a text, or the numbers of a small dict; empty for anything longer."""
+    if isinstance(value, dict):
+        parts = {key: _short(item) for key, item in value.items() if not isinstance(item, dict | list)}
+        return ", ".join(f"{key} {text}" for key, text in parts.items() if text)
+    if value is None or isinstance(value, list):
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,100 @@
+"""`collect`: excite a rig and record it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from mazeplan.core.errors import InputError
+from mazeplan.core.progress import Advance, no_advance, of_total
+from mazeplan.core.results import DocumentResult
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
+from mazeplan.run.collect import Collected, Collection, run_collection, run_tour
+from mazeplan.run.resolve import resolve_model, ring_number
+from mazeplan.run.specification import Setup
+
+LEAST_TILT = 0.2  # degrees; a smaller tilt hardly moves a ball
+
+
+@dataclass(frozen=True)
+class RecordResult(DocumentResult):
+    """A record of a rig: the document of `collect --json`, the log, and what the tour did, if the ball was driven."""
+
+    kind: ClassVar[str] = "record"
+
+    log: Path
+    tour: Collected | None
+
+
+def collect(
+    output: str | Path,
+    seconds: float = 300.0,
+    *,
+    rig: str | Path | Rig = "toy",
+    map: str | Path | Maze = "cme",
+    ring: int | str = 1,
+    rings: bool = False,
+    place: bool = False,
+    model: str | Path | RigModel | None = None,
+    seed: int = 0,
+    tilt: float | None = None,
+    highest_hz: float = 1.5,
+    own_process: bool = False,
+    guard: Callable[[Rig], AbstractContextManager[object]] = nullcontext,
+    advance: Advance = no_advance,
+) -> RecordResult:
+    """Excite a rig with 50 random sines per axis and write a log.
+
+    output: run log (MCAP) to write
+    seconds: length of the record, s of rig time
+    ring: where the ball is placed; rings: whether the ball visits all rings, driven with the model
+    place: with `rings`: whether a person places the ball in each ring instead
+    tilt: largest tilt, degrees; None: the map's limit
+    highest_hz: highest frequency of the sines
+    guard: context in which the rig is driven
+    advance: gets the progress, s
+
+    Raises InputError, RigError."""
+    if model is not None and (place or not rings):
+        raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
+    maze = map if isinstance(map, Maze) else load_map(map)
+    first = ring_number(ring, maze)
+    others = [r.number for r in maze.rings if r.number != first] if rings else []
+    limit = math.degrees(maze.tilt_limit)
+    if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
+        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees")
+    most = None if tilt is None else math.radians(tilt)
+    spec = str(rig) if isinstance(rig, str | Path) else None
+    label = type(rig).__name__ if spec is None else rig_label(spec)
+    given = maze.name if isinstance(map, Maze) else str(map)
+    plan = Collection(seconds, (first, *others), seed, most, highest_hz, spec or label, given)
+    setup, tour = None, None
+    if rings and not place:
+        name = "" if isinstance(model, RigModel | None) else str(model)
+        setup = Setup(maze, resolve_model(model, spec, maze), rig_name=label, model_name=name)
+    made = rig if not isinstance(rig, str | Path) else make_rig(str(rig), maze)
+    machine = watched(made, own_process=own_process)
+    if highest_hz > 0.5 * machine.rate_hz:
+        why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
+        raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
+    shown = of_total(advance, math.ceil(seconds))
+    with guard(machine):
+        if setup is None:
+            samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
+        else:
+            tour = run_tour(machine, setup, plan, output, progress=shown)
+            samples = tour.rows
+    document = {
+        "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "map": given, "seed": seed,
+        "tour": None if tour is None else asdict(tour),
+    }  # fmt: skip
+    return RecordResult(document, Path(output), tour)

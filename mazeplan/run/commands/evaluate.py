@@ -1,0 +1,223 @@
+"""`evaluate`: many runs, in processes or on Dask, kept in a store, with faults or with learning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.name_hints import nearest
+from mazeplan.core.progress import Words, no_words
+from mazeplan.core.records import NavigationResult
+from mazeplan.core.results import DocumentResult
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.faults.kinds import KINDS
+from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
+from mazeplan.rigs.interface import Rig
+from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
+from mazeplan.run.campaign.evaluate import evaluate as run_campaign
+from mazeplan.run.campaign.executor import Executor, open_executor
+from mazeplan.run.campaign.faults import evaluate_faults, report
+from mazeplan.run.campaign.online_learning import (
+    Learner,
+    Lesson,
+    learn_while,
+    learner_of,
+    learning_alone,
+    lesson_document,
+    lesson_line,
+)
+from mazeplan.run.campaign.store import Store, open_store, open_stores
+from mazeplan.run.commands.given import by_name
+from mazeplan.run.specification import TIME_LIMIT
+
+RUNS, FAULT_RUNS = 16, 10
+EXCLUDED = {
+    "--faults": "faulty runs must not teach the model",
+    "--dask": "each run needs the model of the run before it",
+    "--store": "-o keeps the model",
+}
+Bar = Callable[[int, int], AbstractContextManager[Callable[[int], None]]]  # of so many runs, of which some are done
+
+
+def no_bar(total: int, begin: int) -> AbstractContextManager[Callable[[int], None]]:
+    """The default: the progress is not shown."""
+    return nullcontext(lambda finished: None)
+
+
+@dataclass(frozen=True)
+class Evaluation(DocumentResult):
+    """Many navigations: the document of `evaluate --json`, and each result."""
+
+    kind: ClassVar[str] = "evaluation"
+
+    results: tuple[NavigationResult, ...] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Work:
+    """How a campaign is done. store: folder of finished runs; say: gets messages; bar: shows the progress"""
+
+    workers: int | None
+    dask: str | None
+    store: Path | None
+    say: Words
+    bar: Bar
+
+
+def evaluate(
+    runs: int | None = None, *, rig: str | Path | Rig | type = "toy", map: str | Path | Maze = "cme",
+    model: str | Path | RigModel | None = None, effects: str | None = None, policy: str | Path | None = None,
+    behavior: str = "navigate", behavior_modules: Sequence[str] = (), settings: str | Path | None = None,
+    start: int | str = 1, goal: int | str | None = None, balls: int | None = None, seed: int = 0,
+    time_limit: float = TIME_LIMIT, workers: int | None = None, dask: str | None = None,
+    store: str | Path | None = None, deadline: bool = True, faults: str | Path | None = None, learn: bool = False,
+    output: str | Path | None = None, sense: str | None = None, own_process: bool = False, say: Words = no_words,
+    bar: Bar = no_bar,
+) -> Evaluation:  # fmt: skip
+    """Run many navigations and summarise success, times and failures; with `faults` also the response to each fault.
+
+    rig, map, model, effects, policy, behavior, behavior_modules, settings, balls, sense: as of `mazeplan.navigate`;
+        a rig that is an object does all runs in this process
+    runs: number of runs; None: 16, or 10 for each fault
+    seed: of the first run; the first 16 start angles go round the circle
+    workers: number of processes; dask: address of a scheduler, or "local"
+    store: folder that keeps each run; kept runs are not done again
+    deadline: whether plans have a limit of time; without it, results are repeatable
+    faults: file of faults to inject, or "all"
+    learn: whether the model is updated after each run; output: folder of the updated model
+
+    Raises InputError, RigError."""
+    folder = None if output is None else Path(output)
+    _check_learning(learn, folder, workers, {"--faults": faults, "--dask": dask, "--store": store})
+    work = Work(workers, dask, None if store is None else Path(store), say, bar)
+    with by_name(rig, map, model, alone=(workers or 1) == 1 and dask is None) as named:
+        campaign = Campaign(
+            runs=runs or (FAULT_RUNS if faults else RUNS), rig=named.rig, map=named.map, model=named.model, start=start,
+            behavior="policy" if policy is not None and behavior == "navigate" else behavior,
+            goal=goal, seed=seed, time_limit=time_limit, settings=None if settings is None else str(settings),
+            behavior_modules=tuple(behavior_modules), own_process=own_process, sense=sense, deadline=deadline,
+            effects=effects, policy=None if policy is None else str(policy), balls=balls,
+        )  # fmt: skip
+        if faults is not None:
+            outcomes, document = _with_faults(campaign, str(faults), work)
+        elif learn:
+            outcomes, learning = _learning(campaign, folder, work)
+            document = {**summary(outcomes), "learning": learning}
+        else:
+            outcomes = _plain(campaign, work)
+            document = summary(outcomes)
+        document["setup"] = setup_document(campaign)
+    return Evaluation(document, tuple(outcomes))
+
+
+def _plain(campaign: Campaign, work: Work) -> list[NavigationResult]:
+    """Run a campaign without faults. Returns all results."""
+    with ExitStack() as stack:
+        stores = [] if work.store is None else [stack.enter_context(open_store(work.store, campaign))]
+        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, 1))
+        return run_campaign(campaign, progress=advance, executor=executor, store=stores[0] if stores else None)
+
+
+def _with_faults(campaign: Campaign, faults: str, work: Work) -> tuple[list[NavigationResult], dict[str, Any]]:
+    """Run a campaign that tries each fault of a schedule. faults: file of the schedule, or all"""
+    trials = _trials(faults)
+    late = [trial.name for trial in trials if any(e.at_s[0] >= campaign.time_limit for e in trial.entries)]
+    if late:
+        limit = f"begins only after the time limit of {campaign.time_limit:g} s"
+        work.say(f"--faults: {', '.join(late)}: {limit}; expected an earlier at_s, or a longer --time-limit")
+    with ExitStack() as stack:
+        documents = [trial.to_json() for trial in trials]
+        stores = () if work.store is None else stack.enter_context(open_stores(work.store, campaign, documents))
+        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, len(trials)))
+        outcomes = evaluate_faults(campaign, trials, progress=advance, executor=executor, stores=stores)
+    flat = [outcome for per_trial in outcomes for outcome in per_trial]
+    results = [outcome.result for outcome in flat]
+    document = summary(results)
+    document["results"] = [outcome.to_json() for outcome in flat]
+    document["faults"] = [report(trial, found) for trial, found in zip(trials, outcomes, strict=True)]
+    return results, document
+
+
+def _trials(faults: str) -> tuple[FaultTrial, ...]:
+    """The trials of a schedule. faults: file of the schedule, or all"""
+    if faults == "all":
+        return every_kind()
+    kind = faults if faults in KINDS else nearest(faults, KINDS)
+    if kind is not None and not Path(faults).exists():
+        how = f"{kind} is a kind of fault, for such a file: `faults: [{{kind: {kind}}}]`"
+        raise InputError(f"got {faults!r}, expected all, or a schedule of faults (YAML); {how}", key="--faults")
+    return load_schedule(faults)
+
+
+@contextmanager
+def _executor(work: Work, stores: Sequence[Store], runs: int, campaigns: int) -> Iterator[tuple[Executor, Any]]:
+    """The executor of the runs that no store holds, and `advance(finished)` of their bar.
+
+    stores: one for each campaign
+
+    After Ctrl-C or a failure of the rig, a message says what is kept and how to continue."""
+    count = runs * campaigns
+    kept = _kept(stores, runs)
+    if kept:
+        work.say(f"{kept} of {count} runs are in {stores[0].folder} already")
+    try:
+        opened = open_executor(work.workers, work.dask, say=work.say) if kept < count else open_executor()
+        with opened as executor, work.bar(count, kept) as advance:
+            yield executor, advance
+    except (KeyboardInterrupt, RigError):
+        if stores:
+            kept, folder = _kept(stores, runs), stores[0].folder
+            work.say(f"{kept} of {count} runs are kept in {folder}; the same command continues with the others")
+        else:
+            work.say("no run is kept; use --store DIR to keep runs and to continue with the same command")
+        raise
+
+
+def _kept(stores: Sequence[Store], runs: int) -> int:
+    return sum(index in store.documents for store in stores for index in range(runs))
+
+
+def _check_learning(learn: bool, output: Path | None, workers: int | None, others: dict[str, object]) -> None:
+    """Raises InputError for options that exclude each other. others: {option in EXCLUDED: its value, or None}"""
+    if output is not None and not learn:
+        raise InputError("-o: got a folder without --learn, expected both: -o keeps the model that the runs teach")
+    if learn and workers is not None and workers > 1:
+        raise InputError(f"--workers: got {workers} with --learn, expected 1: {EXCLUDED['--dask']}")
+    for name, value in others.items():
+        if learn and value is not None:
+            raise InputError(f"--learn with {name}: {EXCLUDED[name]}; give one of them")
+
+
+def _learning(campaign: Campaign, output: Path | None, work: Work) -> tuple[list[NavigationResult], dict[str, Any]]:
+    """Run a campaign that learns. Returns the results of its runs, and the entry `learning` of its document."""
+    done: list[Lesson] = []
+
+    def on_lesson(lesson: Lesson) -> None:
+        done.append(lesson)
+        if line := lesson_line(lesson):
+            work.say(line)
+
+    with learning_alone(output):
+        learner = learner_of(campaign.model, campaign.rig, campaign.maze(), output)
+        try:
+            with work.bar(campaign.runs, 0) as advance:
+                outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=on_lesson)
+        except KeyboardInterrupt:
+            if output is not None:
+                kept, left = f"{len(done)} of {campaign.runs} runs are kept in {output}", campaign.runs - len(done)
+                work.say(f"{kept}; --runs {left} continues with the others")
+            raise
+        work.say(_learned(done, learner, output))
+    kept = None if output is None else str(output)
+    return outcomes, {"runs": [lesson_document(lesson) for lesson in lessons], "model": kept}
+
+
+def _learned(lessons: Sequence[Lesson], learner: Learner, output: Path | None) -> str:
+    rows, used = sum(sum(lesson.rows.values()) for lesson in lessons), sum(not lesson.why for lesson in lessons)
+    where = "not kept (give -o FOLDER)" if output is None else f"{output}, {learner.online.now} runs so far"
+    return f"learned from {rows} samples of {used} of {len(lessons)} runs: {where}"

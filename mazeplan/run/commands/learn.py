@@ -1,0 +1,141 @@
+"""`learn`: fit the model of a rig to its logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.table import Table, as_table, name_of, several
+from mazeplan.core.progress import Advance, Words, no_advance, no_words
+from mazeplan.core.results import DocumentResult
+from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
+from mazeplan.learning.fitting import FitOptions
+from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.model_score import ring_errors, score_document
+from mazeplan.learning.modelfile import RigModel, model_document, save_model
+from mazeplan.learning.smoothing import Smoothing
+from mazeplan.learning.torch_device import DEVICES
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.interface import Rig, traits
+from mazeplan.rigs.registry import make_rig, named_rig
+from mazeplan.run.campaign.one_run import start_angle
+from mazeplan.run.commands.log_context import logged_map
+from mazeplan.run.execution import attempt_job
+from mazeplan.run.learn import Drive, Learned
+from mazeplan.run.learn import learn as learn_model
+from mazeplan.run.specification import Job, Setup
+
+RUNS = 8  # of each model on a simulated rig
+
+
+@dataclass(frozen=True)
+class LearnedModel(DocumentResult):
+    """A learned model: the document of `learn --json`, and how the model was found."""
+
+    kind: ClassVar[str] = "model"
+
+    learned: Learned
+
+    @property
+    def model(self) -> RigModel:
+        """The model, for `model=` of other functions."""
+        return self.learned.model
+
+
+def learn(
+    logs: Any,
+    output: str | Path | None = None,
+    *,
+    kind: str = "sp",
+    device: str = "cpu",
+    most: int = 4000,
+    smoothing: str = "rts",
+    seed: int = 0,
+    rig: str | Path | Rig | type | None = None,
+    map: str | Path | Maze | None = None,
+    columns: Iterable[str] | Mapping[str, str] = (),
+    progress: Words = no_words,
+    advance: Advance = no_advance,
+) -> LearnedModel:
+    """Fit the model of a rig, stage and ball, to its logs.
+
+    logs: logs and tables: a path, a Table, {column: numbers} or a DataFrame, or several of them
+    output: folder of the model; None: the model is only returned
+    kind: p, pi, np or sp
+    most: most training rows of a Gaussian process, per ring
+    smoothing: rts or savgol, for missing derivatives
+    rig: simulated rig on which to drive a few runs; the model that drives best is kept
+    columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
+
+    Raises InputError, TableError."""
+    if device not in DEVICES:
+        raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
+    chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
+    options = FitOptions(most=most, training=TrainingOptions(starts=2), seed=seed)
+    given, named = several(logs), parse_columns(columns)
+    maze = logged_map(map, *given).maze
+    progress("reading")
+    tables = [as_table(log, named) for log in given]
+    with named_rig(rig or "") as name:
+        drive = None if rig is None else _drive(name, maze)
+        try:
+            done = learn_model(
+                tables, maze, kind, options, smoothing=chosen, progress=progress, advance=advance, drive=drive
+            )
+        except ValueError as problem:
+            raise TableError(str(problem), file=", ".join(_place(log) for log in given)) from None
+    path = None if output is None else save_model(done.model, output)
+    kept = None if output is None else _keep_reference(done, Path(output))
+    progress("judging")
+    verdict = _verdict(done.model, tables, maze, "MODEL" if output is None else str(output))
+    document = {
+        "model": None if path is None else str(path), "reference": kept, **model_document(done.model),
+        "windows": done.fit.windows, "fits": done.fits(), "judged": done.judgement.document(),
+        "verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict,
+    }  # fmt: skip
+    return LearnedModel(document, done)
+
+
+def _place(log: Any) -> str:
+    return str(log) if isinstance(log, str | Path) else name_of(log)
+
+
+def _drive(rig: str, maze: Maze) -> Drive:
+    """Does a few runs on a simulated rig. Raises InputError for a rig in real time."""
+    if traits(make_rig(rig, maze)).realtime:
+        raise InputError(f"got {rig}, a rig in real time; expected a simulated one: learn would drive it", key="--rig")
+
+    def times(model: RigModel) -> list[float]:
+        out = []
+        for i in range(RUNS):
+            job = Job(1, len(maze.rings), start_angle(i), i)
+            result, _ = attempt_job(make_rig(rig, maze), Setup(maze, model, rig_name=rig), job)
+            out.append(result.time_s if result.success else math.inf)
+        return out
+
+    return times
+
+
+def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: str) -> dict[str, Any]:
+    """The score of the model on the logs that it was learned from."""
+    try:
+        rings = ring_errors(model, tables, maze)
+    except InputError:  # the logs are too short for any ring
+        rings = {}
+    document = score_document(rings, folder, "LOG", [r.number for r in maze.rings[:-1]])
+    document["because"] += "; on the logs that it was learned from"
+    document["advice"].append(f"judge it on a log that it has not seen: mazeplan score {folder} NEW.mcap")
+    return document
+
+
+def _keep_reference(done: Learned, folder: Path) -> str | None:
+    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
+    if done.reference is None:
+        reference_path(folder).unlink(missing_ok=True)
+        return None
+    return str(save_reference(done.reference, done.model, folder))
