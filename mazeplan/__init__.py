@@ -1,8 +1,8 @@
 """Plan, learn and navigate a ball through a circular maze on a tilting plate.
 
-The functions navigate, evaluate, collect, learn, compare, diagnose and improve do what the commands of the same names do.
-Maze, Observation, Rig and check_rig are for rigs of one's own, MazeLeaf, Port and Status for leaves. The names load when
-first used, so that `import mazeplan` stays cheap.
+The functions navigate, evaluate, collect, learn, compare, diagnose and improve do what the commands of these names do.
+Maze, Observation, Rig and check_rig are for rigs of one's own; MazeLeaf, Port and Status for leaves. The names load
+when first used, so that `import mazeplan` stays cheap.
 """
 
 from __future__ import annotations

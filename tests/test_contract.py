@@ -6,30 +6,33 @@ Everything else may be renamed. What the commands print as JSON is checked where
 from __future__ import annotations
 
 from dataclasses import fields
+from inspect import signature
 
 import pytest
 from typer.main import get_command
 
 import mazeplan
 from mazeplan.apps.cli.app import app
+from mazeplan.behavior.current_leg import measured_miss
 from mazeplan.core.logs.table_checks import KNOWN
-from mazeplan.core.records import NavigationResult, Observation
+from mazeplan.core.records import Failure, NavigationResult, Observation, State
+from mazeplan.core.results import DocumentResult, Result
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.rigs.registry import rig_names
 
 COMMANDS = {
     "navigate": "--from --to --map --rig --model --behavior --start-angle --seed --time-limit --log --view --json "
     "--policy --balls --via --video --behavior-module --force",
-    "evaluate": "--runs --rig --model --seed --workers --dask --json --report",
-    "collect": "--seconds --output --rig",
-    "learn": "--output --kind --device",
-    "compare": "--test --json",
-    "diagnose": "--model --radius --declare --reference --ring --test --effects --system --output --json",
-    "improve": "--rig --rounds --runs --json",
+    "evaluate": "--runs --rig --model --seed --workers --dask --json --report --compare",
+    "collect": "--seconds --output --rig --json",
+    "learn": "--output --kind --device --columns",
+    "compare": "--test --json --columns",
+    "diagnose": "--model --radius --declare --reference --ring --test --effects --system --output --json --columns",
+    "improve": "--rig --rounds --runs --json --columns",
     "map check": "",
     "map show": "--output --log",
     "map route": "",
-    "map learn": "--output",
+    "map learn": "--output --columns",
     "log info": "",
     "log export": "--output",
     "log replay": "",
@@ -48,7 +51,7 @@ COMMANDS = {
     "effect show": "",
     "model list": "",
     "model show": "",
-    "score": "",
+    "score": "--columns",
     "policy train": "",
     "new rig": "",
     "new tree": "--output",
@@ -82,10 +85,15 @@ EFFECTS = {
     "local_friction": "ring start end coefficient",
     "ball_imbalance": "amplitude phase",
 }
-PYTHON = ("Maze", "Observation", "Rig", "check_rig", "navigate", "MazeLeaf", "Port", "Status")
+FUNCTIONS = ("evaluate", "collect", "learn", "compare", "diagnose", "improve")
+PYTHON = ("Maze", "Observation", "Rig", "check_rig", "navigate", "MazeLeaf", "Port", "Status",
+          *FUNCTIONS)  # fmt: skip
 COLUMNS = (
     "t theta r x y beta gamma u_beta u_gamma segment ring theta_dot beta_dot gamma_dot theta_ddot beta_ddot gamma_ddot"
 )
+MISSED = "passed_deg off_mm radial_m_s tangential_m_s"
+NOT_PYTHON = {"force", "as_json", "report", "page", "compare"}  # of files and the terminal; methods of results
+PYTHON_WORDS = {"behavior_module": "behavior_modules", "no_deadline": "deadline"}
 RESULT = "success reason time_s seed rig rings failures replans planner_ms log"
 
 
@@ -113,3 +121,25 @@ def test_rigs_and_columns_of_tables_and_keys_of_results_keep_their_names():
     assert set(COLUMNS.split()) <= set(KNOWN)
     assert [field.name for field in fields(Observation)][:5] == ["t", "x", "y", "beta", "gamma"]
     assert set(RESULT.split()) <= {field.name for field in fields(NavigationResult)}
+
+
+def test_a_missed_opening_has_what_was_measured():
+    state = State(0.0, 0.06, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
+    detail = measured_miss(state, state, mazeplan.load_map("cme").opening("1-2@45"), 1)
+    assert list(detail) == MISSED.split()
+    assert "detail" in {field.name for field in fields(Failure)}
+
+
+@pytest.mark.parametrize("kind", Result.__subclasses__() + DocumentResult.__subclasses__())
+def test_a_result_has_a_document_a_page_and_words_for_a_notebook(kind):
+    for name in ("json", "report", "_repr_html_"):
+        assert callable(getattr(kind, name))
+    assert kind.__dataclass_params__.frozen
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_of_python_has_the_words_of_its_command(name):
+    command = get_command(app).commands[name]
+    words = {parameter.name.removesuffix("_") for parameter in command.params} - NOT_PYTHON
+    words = {PYTHON_WORDS.get(word, word) for word in words}
+    assert words <= set(signature(getattr(mazeplan, name)).parameters)

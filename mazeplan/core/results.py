@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 PAGES = "mazeplan.apps.report.write"  # writes pages; it stands above and is loaded by name, as a rig is
-SHOWN = 12  # most rows in a notebook
+SHOWN, LONGEST = 12, 300  # most rows in a notebook, and most characters of a text
 
 
 def finite(value: Any) -> Any:
@@ -36,8 +36,12 @@ class Result:
         import_module(PAGES).write_result(self, Path(path))
         return Path(path)
 
+    def facts(self) -> dict[str, Any]:
+        """What a notebook shows: the short entries of these."""
+        return self.json()
+
     def _repr_html_(self) -> str:
-        rows = [(name, text) for name, value in self.json().items() if (text := _short(value))]
+        rows = [(name, text) for name, value in self.facts().items() if (text := _short(value))]
         cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows[:SHOWN])
         return f"<b>{escape(type(self).__name__)}</b><table>{cells}</table>"
 
@@ -58,6 +62,5 @@ def _short(value: Any) -> str:
     if isinstance(value, dict):
         parts = {key: _short(item) for key, item in value.items() if not isinstance(item, dict | list)}
         return ", ".join(f"{key} {text}" for key, text in parts.items() if text)
-    if value is None or isinstance(value, list):
-        return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return "" if value is None or isinstance(value, list) or len(text) > LONGEST else text

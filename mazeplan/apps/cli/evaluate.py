@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
@@ -33,11 +34,15 @@ def evaluate(
     learn: opt.Learn = False,
     output: opt.LearnedModel = None,
     sense: opt.Sense = None,
+    compare: opt.Compare = None,
     report: opt.Report = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Run many navigations and summarise success, times and failures; with --faults also the response to each fault."""
+    if compare is not None:
+        _compare(compare, as_json)
+        return
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.apps.cli.report import write_report
     from mazeplan.maze.mapfile import load_map
@@ -64,6 +69,19 @@ def evaluate(
     else:
         print("\n".join(summary_lines(document)))
     sys.exit(_exit_status(document))
+
+
+def _compare(files: tuple[Path, Path], as_json: bool) -> None:
+    """Print the difference between two evaluations. Raises InputError."""
+    from mazeplan.apps.report.inputs import read_document
+    from mazeplan.run.campaign.pairs import paired
+
+    a, b = (read_document(file) for file in files)
+    done = paired(a, b, (str(files[0]), str(files[1])))
+    if as_json:
+        print_json(done.document)
+    else:
+        print(done.sentence)
 
 
 def _exit_status(document: dict[str, Any]) -> int:

@@ -184,6 +184,13 @@ Store = Annotated[
     ),
 ]  # fmt: skip
 NoDeadline = Annotated[bool, Option("--no-deadline", help="Let plans take any time, for repeatable results.")]
+Compare = Annotated[
+    tuple[Path, Path] | None,
+    Option(
+        "--compare", metavar="FILE FILE",
+        help="Run nothing: compare two documents of --json, A and B, seed by seed, with 95 % intervals.",
+    ),
+]  # fmt: skip
 Faults = Annotated[
     str | None, Option("--faults", metavar="FILE", help="YAML file of faults to inject, or all for each kind.")
 ]

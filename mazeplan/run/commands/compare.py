@@ -28,6 +28,10 @@ class Comparison(DocumentResult):
 
     scores: tuple[RingScores, ...] = field(repr=False)
 
+    def facts(self) -> dict[str, Any]:
+        """The nRMSE of each kind on the test rows, ring by ring."""
+        return {f"{ring}, nRMSE": entry["nrmse_test"] for ring, entry in self.document.items()}
+
 
 def compare(
     logs: Any,

@@ -31,6 +31,7 @@ from mazeplan.run.campaign.online_learning import (
     lesson_document,
     lesson_line,
 )
+from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, open_store, open_stores
 from mazeplan.run.commands.given import by_name
 from mazeplan.run.specification import TIME_LIMIT
@@ -56,6 +57,10 @@ class Evaluation(DocumentResult):
     kind: ClassVar[str] = "evaluation"
 
     results: tuple[NavigationResult, ...] = field(repr=False)
+
+    def compare(self, other: Evaluation) -> PairedRuns:
+        """How the other evaluation differs from this one, seed by seed (`evaluate --compare`)."""
+        return paired(self.document, other.document)
 
 
 @dataclass(frozen=True)

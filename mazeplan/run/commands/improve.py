@@ -32,6 +32,16 @@ class Improvement(DocumentResult):
         """The documents of the rounds."""
         return self.document["rounds"]
 
+    def facts(self) -> dict[str, Any]:
+        """The sentence of each round, and how many navigations arrived in which time."""
+        found: dict[str, Any] = {}
+        for number, entry in enumerate(self.rounds, start=1):
+            found[f"round {number}"] = entry["diagnosis"]["sentence"]
+            for when, done in entry["navigation"].items():
+                numbers = {key: done[key] for key in ("runs", "success")}
+                found[f"{when} {number}"] = numbers | {"mean": done["time_s"]["mean"]}
+        return found
+
 
 def improve(
     rig: str | Path | Rig | type,
