@@ -59,7 +59,10 @@ def follow(block: Block, desk: Path) -> None:
     for command in block.commands:
         words = block.tried(command)
         assert words[0] in PROGRAMS, f"{block.page}:{block.line}: {command}: not among {', '.join(sorted(PROGRAMS))}"
+        words, target = (words[: words.index(">")], words[-1]) if ">" in words else (words, None)
         done = run(words, desk)
+        if target is not None:
+            (desk / target).write_text(done.stdout, encoding="utf-8")
         where = f"{block.page}:{block.line}: {command}"
         assert done.returncode in block.statuses, f"{where}\n{done.stdout}\n{done.stderr}"
         assert "Traceback" not in done.stderr, f"{where}\n{done.stderr}"

@@ -14,9 +14,9 @@ SHOWN, LONGEST = 12, 300  # most rows in a notebook, and most characters of a te
 
 
 def finite(value: Any) -> Any:
-    """The document with None in place of NaN and infinities, which JSON cannot hold."""
+    """The document as JSON can hold it: None in place of NaN and infinities, and keys as text."""
     if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
+        return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
