@@ -106,6 +106,13 @@ def test_a_command_keeps_its_options(path):
     assert set(COMMANDS[path].split()) <= given
 
 
+def test_several_columns_may_follow_the_option():
+    words = ["a.csv", "--columns", "t=time:ms", "x=east:mm", "b.csv", "--columns", "beta=tilt:deg"]
+    given = get_command(app).commands["compare"].make_context("compare", words).params
+    assert given["columns"] == ["t=time:ms", "x=east:mm", "beta=tilt:deg"]
+    assert [str(log) for log in given["logs"]] == ["a.csv", "b.csv"]
+
+
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_keeps_its_parameters(name):
     assert set(EFFECTS[name].split()) <= set(PACKAGED[name].parameters)

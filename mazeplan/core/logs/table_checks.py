@@ -74,7 +74,7 @@ def fields_of(data: bytes, line: int) -> list[str]:
 
 def checked(columns: dict[str, Array], rows: Rows) -> dict[str, Array]:
     """The columns, with theta, r, x, y computed where possible. Raises TableError."""
-    _check_present(columns, rows.file)
+    _check_present(columns, rows)
     _check_numbers(columns, rows)
     _check_time(columns, rows)
     _check_units(columns, rows)
@@ -88,8 +88,8 @@ def checked(columns: dict[str, Array], rows: Rows) -> dict[str, Array]:
     return columns
 
 
-def _check_present(columns: dict[str, Array], file: Path) -> None:
-    names = list(columns)
+def _check_present(columns: dict[str, Array], rows: Rows) -> None:
+    file, names = rows.file, list(rows.header or columns)
     there = ", ".join(names[:30]) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
     missing = [name for name in ("t", "beta", "gamma") if name not in columns]
     if "theta" not in columns and not {"x", "y"} <= set(columns):
