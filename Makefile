@@ -116,7 +116,6 @@ pictures: $(VENV)/installed
 	$(BIN)/mazeplan map show --labels --route -o docs/map.png --force
 	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap --force
 	$(BIN)/mazeplan map show detour --labels --route --log build/detour.mcap -o docs/detour.png --force
-	$(BIN)/python tools/draw_reports.py
 	$(BIN)/python tools/draw_camera.py
 
 bench: $(VENV)/installed

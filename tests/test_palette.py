@@ -83,12 +83,6 @@ def test_the_edges_of_a_maze_are_seen_on_its_floor_and_the_ball_is_seen_as_one()
     assert contrast(palette.COLOURS["planned"], palette.MAZE["floor"]) >= 3.0  # the route
 
 
-def test_each_shape_of_a_tree_picture_has_a_fill():
-    from mazeplan.apps.report.tree_picture import SHAPES
-
-    assert set(SHAPES) < set(palette.TINTS)
-
-
 def test_no_other_file_of_the_program_or_its_tools_has_a_colour_of_its_own():
     files = [*(ROOT / "mazeplan").rglob("*.py"), *(ROOT / "mazeplan").rglob("*.html"), *(ROOT / "tools").glob("*.py")]
     found = {

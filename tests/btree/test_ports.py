@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 from py_trees.common import Status
 
-from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.outline import tree_text
@@ -211,32 +209,6 @@ def test_a_named_subtree_goes_by_its_name(tmp_path):
     tree, _ = load(tmp_path, '<SubTree ID="S" name="there" n="3"/>', tree_s('<Take number="{n}"/>'))
     assert [path for path, _ in tree.snapshot()] == ["there", "there/Take"]
     assert tree_text(tree).splitlines() == ["SubTree 'there' ID=S n=3", "└── Take number={n}"]
-
-
-def test_drawing_takes_any_words(tmp_path):
-    content = (
-        '<Sequence name="costs $5 and \\frac{$"><Take thing="&#10;$"/><Timeout msec="5"><Wait/></Timeout></Sequence>'
-    )
-    tree, _ = load(tmp_path, content)
-    assert len(tree_text(tree).splitlines()) == 4
-    for kind, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
-        picture = tmp_path / f"tree.{kind}"
-        save_tree_picture(tree, picture)
-        assert picture.read_bytes().startswith(start)
-
-
-def test_drawing_is_as_wide_as_its_words(tmp_path):
-    import matplotlib.image
-
-    widths = []
-    for name in ("a", "a" * 100):
-        tree, _ = load(tmp_path, f'<Wait name="{name}"/>')
-        picture: Path = tmp_path / "tree.png"
-        save_tree_picture(tree, picture)
-        pixels = matplotlib.image.imread(picture)[:, :, :3].min(axis=(0, 2))  # darkest of each column
-        widths.append(pixels.size)
-        assert pixels[-10:].min() == 1.0  # a margin, and nothing cut off
-    assert widths[1] > widths[0] + 500
 
 
 def test_palette_has_the_types_of_the_format():

@@ -8,7 +8,6 @@ from typing import ClassVar
 import pytest
 from py_trees.common import Status
 
-from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.trees import load_tree, tree_names
 from mazeplan.btree.leaf import Leaf
@@ -250,15 +249,6 @@ def test_packaged_trees_load_and_can_be_shown():
         text = tree_text(tree, whole=True)
         assert "PassOpening opening={opening}" in text
         assert len(text.splitlines()) == len(list(tree.nodes()))
-
-
-@pytest.mark.parametrize(
-    "name", [name if name == "policy" else pytest.param(name, marks=pytest.mark.slow) for name in tree_names()]
-)
-def test_packaged_trees_can_be_drawn(tmp_path, name):
-    picture = tmp_path / f"{name}.png"
-    save_tree_picture(load_tree(name, REGISTRY, Run()), picture)
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_halt(tmp_path):

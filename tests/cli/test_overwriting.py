@@ -35,7 +35,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("report", "-o"): (("evaluation.json",), "page.html"),
     ("map show", "-o"): (("cme",), "maze.svg"),
     ("log export", "-o"): (("recorded.mcap",), "run.csv"),
-    ("behavior show", "-o"): (("navigate",), "tree.svg"),
     ("behavior palette", "-o"): ((), "palette.xml"),
     ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
     ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),

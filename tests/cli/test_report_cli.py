@@ -10,7 +10,7 @@ import pytest
 from report_documents import EVIL, a_log, comparison, diagnosis, drawn, evaluation, evidence
 from standalone_page import alone
 
-from mazeplan.apps.report.run import _left_of, run_section
+from mazeplan.apps.report.run import run_section
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
 from mazeplan.core.records import Command, Observation
 
@@ -49,7 +49,7 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
         "2.97 s",
         "3.33 s",
         "0.200 / 0.345</b><br><small>[0.31, 0.37]",
-        "16.78",
+        "16.782",
         "0.412 ± 0.020 rad/s²",
     )
     for number in numbers:
@@ -64,7 +64,7 @@ def test_the_rounds_of_improve(report, tmp_path):
     page = alone(tmp_path / "i.html")
     assert len(re.findall("<h2[^>]*>Diagnosis of i, round", page)) == 2
     assert "16 of 16" in page
-    assert "3.22\u00a0s" in page
+    assert "3.22 s" in page
 
 
 def spoilt(document, *path, value):
@@ -112,7 +112,6 @@ def test_dollars_in_a_name_are_no_formula(report, call, tmp_path):
     code, _, err = report(paid, "-o", tmp_path / "x.html")
     assert code == 0, err
     assert call("map", "show", "cme", "--log", log, "-o", tmp_path / "x.png")[0] == 0
-    assert _left_of(["Pay $5_$6 for the maze"]) > _left_of(["Pay"])
     axes_of_the_plate = drawn(run_section(read_log(log)).parts, "path").axes[0]
     assert [text.get_parse_math() for text in axes_of_the_plate.texts if text.get_text() == "$x$"] == [True]
 

@@ -9,7 +9,6 @@ import pytest
 from report_documents import EVIL
 from standalone_page import alone, svgs
 
-from mazeplan.apps.report import page as module
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
 from mazeplan.apps.report.words import MISSING
 from mazeplan.core.errors import InputError
@@ -37,14 +36,6 @@ def test_everything_is_escaped_and_nothing_is_loaded(tmp_path):
     escaped = html.escape(EVIL, quote=False)
     assert escaped.replace("'", "&#39;") in plain
     assert len(svgs((tmp_path / "page.html").read_text())) == 2
-
-
-def test_a_picture_that_is_large_as_svg_goes_in_as_png(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "SVG_MOST", 1000)
-    write_page(tmp_path / "page.html", "t", [section()])
-    text = (tmp_path / "page.html").read_text()
-    assert "data:image/png;base64,iVBOR" in text
-    assert "svg+xml" not in text
 
 
 def test_the_same_report_is_the_same_file(tmp_path):

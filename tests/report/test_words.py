@@ -23,7 +23,7 @@ def test_a_size_whose_error_nobody_knows(error):
 
 
 def test_a_label_and_its_value_change_unit_together():
-    for label, shown in (("theta error after 40 samples, rad", "error of the angle after 40 samples, degrees"),
+    for label, shown in (("error after 40 samples, rad", "error after 40 samples, degrees"),
                          ("theta, rad", "angle of the ball, degrees")):  # fmt: skip
         assert words.relabelled(label) == shown
         assert words.labelled(math.pi, label) == pytest.approx(180.0)

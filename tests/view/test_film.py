@@ -116,17 +116,10 @@ def test_what_cannot_be_filmed_is_refused(messages, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("shorter_end")
-def test_navigate_and_report_write_films(tmp_path, monkeypatch, capsys):
+def test_navigate_writes_a_film(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     way = ("--from", "4", "--to", "5", "--rig", "ideal")
-    status, _, told = call(monkeypatch, capsys, "navigate", *way, "--log", "a.mcap", "--video", "a.gif")
+    status, _, told = call(monkeypatch, capsys, "navigate", *way, "--video", "a.gif")
     assert status == 0, told
-    assert "wrote a.gif" in told
     assert (tmp_path / "a.gif").read_bytes()[:4] == b"GIF8"
-    status, _, told = call(monkeypatch, capsys, "report", "a.mcap", "-o", "a.html", "--video", "b.gif")
-    assert status == 0, told
-    assert (tmp_path / "b.gif").stat().st_size > 1000
-    status, _, told = call(monkeypatch, capsys, "report", "a.mcap", "a.mcap", "-o", "b.html", "--video", "c.gif")
-    assert (status, "--video: got 2 inputs, expected one run log" in told) == (2, True)
-    status, _, told = call(monkeypatch, capsys, "navigate", "--view", "--video", "c.gif")
-    assert (status, "film the log with `report --video`" in told) == (2, True)
+    assert call(monkeypatch, capsys, "navigate", "--view", "--video", "c.gif")[0] == 2

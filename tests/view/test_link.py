@@ -9,9 +9,9 @@ from time import perf_counter, sleep
 import pytest
 from soon import soon
 
-from mazeplan.apps.view.door import Door, listen
 from mazeplan.apps.view.link import MOST, WAITING, PageLink
 from mazeplan.apps.view.livetab import Offer
+from mazeplan.apps.view.server import listen, port_of
 from mazeplan.maze.mapfile import dump_map, load_map
 
 pytest.importorskip("viser")
@@ -30,15 +30,15 @@ def tick(k):
 @pytest.fixture(scope="module")
 def page():
     """A page of its own process; orders are kept."""
-    listening = listen("127.0.0.1", 0)
-    door = Door.at("127.0.0.1", listening.getsockname()[1])
+    listening = listen(0)
+    port = port_of(listening)
     orders = []
-    with PageLink(Offer(MAZE, "toy", {"frames_lost": "no picture"}), door, listening, orders.append) as link:
+    with PageLink(Offer(MAZE, "toy", {"frames_lost": "no picture"}), listening, orders.append) as link:
         listening.close()
         link.take("/header", 0.0, HEADER)
         link.take("/tree", 0.0, TREE)
         link.take("/tick", 0.0, tick(0))
-        yield link, door.port, orders
+        yield link, port, orders
 
 
 def shown(viewer, text):
@@ -134,11 +134,11 @@ def test_a_page_that_hangs_costs_the_run_no_time_and_no_memory(page):
 
 
 def test_a_page_that_dies_is_told_and_the_run_goes_on(capsys):
-    listening = listen("127.0.0.1", 0)
-    door = Door.at("127.0.0.1", listening.getsockname()[1])
-    with PageLink(Offer(MAZE, "toy"), door, listening, lambda order: None) as link:
+    listening = listen(0)
+    port = port_of(listening)
+    with PageLink(Offer(MAZE, "toy"), listening, lambda order: None) as link:
         listening.close()
-        viewer = Viewer(door.port)
+        viewer = Viewer(port)
         assert soon(lambda: link.viewers)
         os.kill(link._process.pid, signal.SIGKILL)
         assert link.ended.wait(20.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from fake_scene import FakeServer
 from mazeplan.apps.view.meshes import gap_box, ring_floor, wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
-from mazeplan.apps.view.scene import FLOORS, GOAL_FLOOR, UNIT, Scene, attitude, opening_colour, resampled
+from mazeplan.apps.view.scene import FLOORS, GOAL_FLOOR, UNIT, Scene, attitude, resampled
 from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
@@ -95,17 +94,9 @@ def test_openings_show_what_is_known_of_them(drawn):
     name = MAZE.openings[0].name
     scene.show(moment(openings=(opening(name),)))
     assert node(nodes, f"opening/{name}/floor").color == rgb("skipped")
-    tried = opening(name, chance=0.5)
-    scene.show(moment(tick=4, openings=(tried,)))
-    assert node(nodes, f"opening/{name}/floor").color == rgb("unsure")
-    scene.show(moment(tick=5, openings=(replace(tried, closed=True, next=True),)))
+    scene.show(moment(tick=5, openings=(opening(name, closed=True, next=True),)))
     assert node(nodes, f"opening/{name}/plug").visible
     assert node(nodes, f"opening/{name}/floor").color == rgb("planned")
-
-
-@pytest.mark.parametrize(("chance", "colour"), [(0.0, "bad"), (0.5, "unsure"), (1.0, "good")])
-def test_colours_go_from_bad_to_good(chance, colour):
-    assert opening_colour(opening("a", chance=chance)) == rgb(colour)
 
 
 @pytest.mark.parametrize("wall", MAZE.walls, ids=lambda wall: f"wall{wall.outer_ring}")

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,10 +13,9 @@ import pytest
 from soon import soon
 
 from mazeplan.apps.cli import live
-from mazeplan.apps.cli.live import LOADING, READING, LiveSession, exit_status, navigate_live, numbered
-from mazeplan.apps.cli.progress import NavigationProgress
-from mazeplan.apps.view.door import listen
+from mazeplan.apps.cli.live import LOADING, READING, LiveSession, exit_status, navigate_live
 from mazeplan.apps.view.livetab import Offer, head_html
+from mazeplan.apps.view.server import listen, port_of
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, StopRequested
 from mazeplan.core.records import NavigationResult
@@ -31,7 +29,7 @@ MAZE = load_map("cme")
 class FakePage:
     """Of `PageLink` what a session uses; `press` sends an order."""
 
-    def __init__(self, offer, door, listening, on_order):
+    def __init__(self, offer, listening, on_order):
         self.told, self.taken, self.viewers = [], [], 1
         self.opened, self.ended = threading.Event(), threading.Event()
         self.opened.set()
@@ -69,7 +67,7 @@ def served(once, monkeypatch, **options):
 
     monkeypatch.setattr("mazeplan.apps.view.link.PageLink", page)
     session = LiveSession(MAZE, "toy", once, **{"begin": False, "stay": True, **options})
-    serving = threading.Thread(target=session.serve, args=("127.0.0.1", 0), daemon=True)
+    serving = threading.Thread(target=session.serve, args=(0,), daemon=True)
     serving.start()
     assert soon(lambda: pages and pages[0].told)
     try:
@@ -156,18 +154,6 @@ def test_a_fault_begins_between_two_samples_and_knows_the_next_opening(running, 
     assert machine.observe().x is None
     assert [fault.kind.name for fault in machine.inside.begun] == ["frames_lost"]
     machine.close()
-
-
-def test_a_closed_stderr_ends_nothing(running, monkeypatch):
-    class Gone:
-        def write(self, text):
-            raise BrokenPipeError
-
-        flush = write
-
-    monkeypatch.setattr(live.sys, "stderr", Gone())
-    assert running[0].press("fault", kind="frames_lost") == ("running", "injected: frames_lost")
-    NavigationProgress(Gone()).event(0.0, "stuck")
 
 
 def refuses():
@@ -257,13 +243,7 @@ def test_bad_input_ends_it_at_its_first_run(monkeypatch):
 
     monkeypatch.setattr("mazeplan.apps.view.link.PageLink", FakePage)
     with pytest.raises(InputError, match="no such tree"):
-        LiveSession(MAZE, "toy", wrong, begin=True, stay=True).serve("127.0.0.1", 0)
-
-
-def test_each_run_has_a_log_of_its_own():
-    path = Path("runs/a.mcap")
-    assert [numbered(path, k) for k in range(3)] == [path, Path("runs/a-2.mcap"), Path("runs/a-3.mcap")]
-    assert numbered(None, 3) is None
+        LiveSession(MAZE, "toy", wrong, begin=True, stay=True).serve(0)
 
 
 @pytest.mark.realtime
@@ -274,7 +254,7 @@ def test_a_run_with_a_page_and_nobody_there_ends_by_itself(monkeypatch, tmp_path
     monkeypatch.setattr(live, "GRACE_S", 0.1)
     monkeypatch.setattr(live, "at_terminal", lambda: False)
     request = NavigationRequest(1, 2, MAZE, "ideal", seed=1, log=tmp_path / "a.mcap")
-    assert navigate_live(request, "127.0.0.1", 0, as_json=True) == 0
+    assert navigate_live(request, 0, as_json=True) == 0
     said = capsys.readouterr()
     assert '"success": true' in said.out
     assert "page: http://127.0.0.1:" in said.err
@@ -283,10 +263,10 @@ def test_a_run_with_a_page_and_nobody_there_ends_by_itself(monkeypatch, tmp_path
 
 
 def test_a_taken_port_is_told_before_anything_begins():
-    with listen("127.0.0.1", 0) as taken:
+    with listen(0) as taken:
         session = LiveSession(MAZE, "toy", lambda number, **more: outcome(), begin=True, stay=False)
         with pytest.raises(InputError, match="cannot be listened at"):
-            session.serve("127.0.0.1", taken.getsockname()[1])
+            session.serve(port_of(taken))
     assert session.result is None
 
 

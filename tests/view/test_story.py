@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from mazeplan.apps.view.moment import BallShown, TreeShown
-from mazeplan.apps.view.story import PRIOR, SHOWN_S, Story, moments
+from mazeplan.apps.view.story import SHOWN_S, Story, moments
 from mazeplan.core.logs.run_log_reader import read_messages
-from mazeplan.maze.graph import RouteOptions
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.maze.memory import FADING_S
 from mazeplan.run.navigate import navigate
 
 MAZE = load_map("cme")
@@ -109,25 +107,11 @@ def test_theta_goes_on_beyond_half_a_turn_and_the_plan_with_it():
     np.testing.assert_allclose(moment.column("planned_theta"), moment.column("theta"), atol=1e-9)
 
 
-def test_openings_are_told_with_what_is_known_of_them_and_fade():
-    counts = {"t": 0.0, "fading_s": FADING_S, "names": ["2-3@0"], "successes": [1.0], "failures": [2.0]}
-    moment = after(("/openings", counts), tick(0, opening="2-3@0"))
-    gates = {gate.name: gate for gate in moment.openings}
+def test_openings_are_told_with_what_is_known_of_them():
+    gates = {gate.name: gate for gate in after(tick(0, opening="2-3@0")).openings}
     assert set(gates) == {o.name for o in MAZE.openings}
-    tried = gates["2-3@0"]
-    a, b = PRIOR[0] + 1.0, PRIOR[1] + 2.0
-    assert tried.chance == pytest.approx(a / (a + b))
-    assert tried.next
-    assert math.isnan(gates["2-3@90"].chance)
+    assert [name for name, gate in gates.items() if gate.next] == ["2-3@0"]
     assert gates["1-2@45"].closed  # by the command that began the run
-    later = after(("/openings", counts), tick(0), tick(30 * 120, opening="2-3@0"))
-    a, b = PRIOR[0] + 1.0 / math.e, PRIOR[1] + 2.0 / math.e
-    assert next(g for g in later.openings if g.name == "2-3@0").chance == pytest.approx(a / (a + b))
-
-
-def test_the_prior_is_that_of_the_route_graph():
-    options = RouteOptions()
-    assert (options.prior_successes, options.prior_failures) == PRIOR
 
 
 def test_what_is_said_to_a_run_shows():

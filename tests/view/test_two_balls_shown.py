@@ -11,8 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import mazeplan
-from mazeplan.apps.report.run import run_section
-from mazeplan.apps.report.run_record import followed_plans, second_trail
+from mazeplan.apps.report.run import run_section, second_trail
 from mazeplan.apps.view.moment import BallShown, Moment
 from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import moments
@@ -79,13 +78,3 @@ def test_a_run_with_one_ball_has_no_second(tmp_path):
     path = tmp_path / "one.mcap"
     mazeplan.navigate(rig="ideal", seed=1, time_limit=0.3, log=path)
     assert second_trail(read_log(path)) is None
-
-
-def test_plans_for_the_second_ball_are_not_shown_as_those_of_the_first(tmp_path):
-    mazeplan.navigate(rig="ideal", balls=2, seed=3, time_limit=0.6, log=tmp_path / "two.mcap")
-    log = read_log(tmp_path / "two.mcap")
-    assert set(log.ticks["ball"]) == {2}
-    assert log.plans
-    assert not followed_plans(log)
-    for name in ("planned_theta", "goal_theta"):
-        assert name not in log.ticks or np.all(np.isnan(log.ticks[name])), name

@@ -15,7 +15,6 @@ from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.btree.node import TreeNode
-    from mazeplan.btree.tree import BehaviorTree
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
@@ -28,13 +27,6 @@ CheckedMap = Annotated[
     str | None,
     typer.Option("--map", metavar="MAP", help="Map whose rings and openings the tree may name. Default: any names."),
 ]
-Drawing = Annotated[
-    Path | None,
-    typer.Option(
-        "-o", "--output", parser=opt.file(*opt.PICTURES, chosen=True), callback=opt.new_file, metavar="FILE",
-        help="Draw into a PNG, SVG or PDF file.",
-    ),
-]  # fmt: skip
 Palette = Annotated[
     Path | None,
     typer.Option(
@@ -46,13 +38,6 @@ Palette = Annotated[
 
 LEAVES = ("Action", "Condition")  # categories of leaves
 KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorators"}
-
-
-def _load(source: str, modules: list[str] | None) -> BehaviorTree:
-    from mazeplan.behavior.own_nodes import registry_with
-    from mazeplan.behavior.trees import StaticContext, load_tree
-
-    return load_tree(source, registry_with(modules or ()), StaticContext())
 
 
 @app.command("check")
@@ -98,24 +83,13 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
 
 
 @app.command("show")
-def show(
-    source: ShownTree = None,
-    output: Drawing = None,
-    whole: Whole = False,
-    behavior_module: opt.BehaviorModule = None,
-    force: opt.Force = False,
-) -> None:
-    """Show a tree as text, or draw it."""
+def show(source: ShownTree = None, whole: Whole = False, behavior_module: opt.BehaviorModule = None) -> None:
+    """Draw a tree as text."""
+    from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.trees import StaticContext, load_tree
     from mazeplan.btree.outline import tree_text
 
-    tree = _load(source or "navigate", behavior_module)
-    if output is None:
-        print(tree_text(tree, whole))
-        return
-    from mazeplan.apps.report.tree_picture import save_tree_picture
-
-    save_tree_picture(tree, output, whole)
-    say(f"wrote {output}")
+    print(tree_text(load_tree(source or "navigate", registry_with(behavior_module or ()), StaticContext()), whole))
 
 
 @app.command("list")

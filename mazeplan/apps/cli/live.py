@@ -67,23 +67,22 @@ class LiveSession:
         self.result: NavigationResult | None = None
         self.problem: MazeplanError | None = None
 
-    def serve(self, host: str, port: int) -> None:
+    def serve(self, port: int) -> None:
         """Serve the page until Ctrl-C, or until the last viewer has left. Raises InputError without a page."""
-        from mazeplan.apps.view.server import check_installed
+        from mazeplan.apps.view.server import check_installed, listen, url_of
 
         check_installed()
-        from mazeplan.apps.view.door import Door, listen
         from mazeplan.apps.view.link import PageLink
         from mazeplan.apps.view.livetab import Offer
 
-        listening = listen(host, port)
-        door = Door.at(host, listening.getsockname()[1])
+        listening = listen(port)
+        url = url_of(listening)
         kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in {*NOT_OFFERED, *self._impossible}}
         offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
-        with PageLink(offer, door, listening, self._order) as self._page:
+        with PageLink(offer, listening, self._order) as self._page:
             listening.close()
             try:
-                say(f"page: {door.url}")
+                say(f"page: {url}")
                 self._serve(self._page)
             except KeyboardInterrupt:  # Ctrl-C without a run closes the page
                 if not self._resting:
@@ -240,9 +239,7 @@ class LiveSession:
             self._faulty.add(at_once(kind, self._faulty.now, self._injected))
 
 
-def navigate_live(
-    request: NavigationRequest, host: str, port: int, *, begin: bool = True, as_json: bool = False
-) -> int:
+def navigate_live(request: NavigationRequest, port: int, *, begin: bool = True, as_json: bool = False) -> int:
     """Serve a page and its runs. Returns the exit status.
 
     begin: whether to start the first run at once
@@ -258,7 +255,7 @@ def navigate_live(
     stay = not begin or at_terminal()
     session = LiveSession(request.maze, str(request.rig), once, begin=begin, stay=stay, sense=request.sense)
     try:
-        session.serve(host, port)
+        session.serve(port)
     finally:
         if as_json and session.result is not None:
             print_json(session.result.json())

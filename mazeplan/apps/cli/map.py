@@ -98,9 +98,8 @@ def _draw(map_: str, output: Path, *, with_route: bool, labels: bool, log: Path 
     maze = load_map(map_)
     trail, second, start, goal, title = None, None, ("ring1", 0.0), None, f"map {maze.name}"
     if log is not None:
-        from mazeplan.apps.report.run import lead
-        from mazeplan.apps.report.run_record import second_trail
-        from mazeplan.apps.report.run_record import trail as trail_of
+        from mazeplan.apps.report.run import lead, second_trail
+        from mazeplan.apps.report.run import trail as trail_of
 
         read = _log_of(log, maze)
         trail, second = trail_of(read), second_trail(read)

@@ -43,7 +43,6 @@ def navigate(
     memory: opt.Memory = None,
     sense: opt.Sense = None,
     view: opt.Page = False,
-    host: opt.Host = opt.HOST,
     port: opt.PagePort = opt.PORT,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
@@ -59,12 +58,12 @@ def navigate(
         from mazeplan.apps.view.film import check_film
 
         if view:
-            raise InputError("--video with --view: give --log, and film the log with `report --video`")
+            raise InputError("--video with --view: give one of them")
         check_film(video)
     if view:
         from mazeplan.apps.cli.live import navigate_live
 
-        sys.exit(navigate_live(request, host, port, as_json=as_json))
+        sys.exit(navigate_live(request, port, as_json=as_json))
     try:
         with filmed(video) as camera:
             result = navigate_once(request, Company(**camera))

@@ -83,16 +83,10 @@ Sense = Annotated[
         "--sense", metavar="ideal|camera", help="Ball sensor of a simulated rig: ideal, or camera (rendered pictures)."
     ),
 ]
-Host = Annotated[
-    str,
-    Option(
-        "--host", metavar="ADDRESS", help="Address of the page. Any other than the loopback needs the token in its URL."
-    ),
-]
 PagePort = Annotated[
     int, Option("--port", min=0, max=65535, metavar="PORT", help="Port of the page; 0: any free port.")
 ]
-HOST, PORT = "127.0.0.1", 8080
+PORT = 8080
 Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: parsed first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
 OutputFolder = Annotated[

@@ -26,7 +26,6 @@ def view(
     seed: opt.Seed = 0,
     time_limit: opt.TimeLimit = 20.0,
     sense: opt.Sense = None,
-    host: opt.Host = opt.HOST,
     port: opt.PagePort = opt.PORT,
 ) -> None:
     """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it."""
@@ -37,7 +36,7 @@ def view(
         with ProgressBar("reading") as bar:
             bar.show(log.name)
             recording = open_recording(log)
-        show_log(recording, host, port)
+        show_log(recording, port)
         return
     from mazeplan.apps.cli.live import navigate_live
     from mazeplan.run.request import NavigationRequest
@@ -46,4 +45,4 @@ def view(
         start, goal, map_, rig, model, sense=sense, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
         settings=settings, seed=seed, time_limit=time_limit,
     )  # fmt: skip
-    sys.exit(navigate_live(request, host, port, begin=False))
+    sys.exit(navigate_live(request, port, begin=False))

@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.report.drawing import FAILURE_MARKERS, INK, failure_mark, legend_beside, line, plan_view, series
+from mazeplan.apps.report.drawing import FAILURE_MARKERS, SERIES, failure_mark, legend_beside, line
 from mazeplan.apps.report.inputs import Input, number, read_as_printed
 from mazeplan.apps.report.page import PagePicture, PageSection, PageTable
 from mazeplan.apps.report.words import MISSING, seconds, setup_facts
 from mazeplan.core.errors import InputError, MapError
-from mazeplan.core.palette import COLOURS, MARKERS
 from mazeplan.core.records import Array
+from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Z = 1.959964  # half width of a 95 % interval, in standard deviations
@@ -129,15 +128,15 @@ def _table(several: Several, kinds: Sequence[str]) -> PageTable:
 
 
 def _pictures(several: Several, maze: Maze, kinds: Sequence[str]) -> list[PagePicture]:
-    """All pictures, in the order of the page. A picture shows the evaluations side by side, or one below the other."""
-    n = len(several)
+    """All pictures, in the order of the page. A picture shows the evaluations together, or side by side."""
     found = [
         PagePicture(
-            "arrivals", "Arrived by then", "share of the runs that arrived against time, and the times of each run",
-            partial(_arrivals, several=several), (9.0, 3.2 + 0.45 * n),
+            "arrivals", "Arrived by then", "share of the runs that arrived against time",
+            partial(_arrivals, several=several), (9.0, 3.2),
         ),
     ]  # fmt: skip
     if kinds:
+        n = len(several)
         found.append(
             PagePicture(
                 "places", "Where the ball was when something failed", "failures by kind and place on the maze",
@@ -148,52 +147,32 @@ def _pictures(several: Several, maze: Maze, kinds: Sequence[str]) -> list[PagePi
 
 
 def _arrivals(figure: Figure, several: Several) -> None:
-    upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.4, 0.45 * len(several))})
+    axes = figure.add_subplot()
     for i, runs in enumerate(several):
         t = np.sort(runs.time[runs.arrived])
         share = 100.0 * np.arange(len(t) + 1) / len(runs.time)
         steps = np.r_[0.0, t, max(runs.limit, t[-1] if len(t) else 0.0)]
-        upper.plot(steps, np.r_[share, share[-1]], drawstyle="steps-post", **line(series(i)), label=runs.name)
-        _strip(lower, runs, i)
-    upper.set_ylim(0.0, 103.0)
-    upper.set_ylabel("arrived, % of all runs")
-    upper.grid(axis="y")
-    legend_beside(upper)
-    lower.set_yticks(range(len(several)), [_short(runs.name) for runs in several], fontsize=8)
-    lower.set_ylim(len(several) - 0.4, -0.6)
-    lower.set_xlabel("time until arrival, s    (line: mean;  X at the limit: did not arrive)")
-    slowest = [r.limit if not r.arrived.all() else r.time.max() for r in several]
-    lower.set_xlim(0.0, 1.06 * float(max(slowest)))
-
-
-def _strip(axes: Axes, runs: EvaluatedRuns, row: int) -> None:
-    """Draw a point for each run that arrived, a line at their mean, and a cross with the number of the other runs."""
-    name, t = series(row), runs.time[runs.arrived]
-    beside = row + 0.5 * (np.mod(np.arange(len(t)) * 0.618, 1.0) - 0.5)  # keeps neighbouring points apart
-    axes.plot(t, beside, marker=MARKERS[name], ls="none", color=COLOURS[name], ms=4, mec="white", mew=0.4)
-    if len(t):
-        axes.plot([t.mean()] * 2, [row - 0.38, row + 0.38], color=INK, lw=2.0, solid_capstyle="butt")
-    lost = int((~runs.arrived).sum())
-    if lost:
-        axes.plot([runs.limit], [row], clip_on=False, **failure_mark("X"))
-        axes.annotate(f"{lost}", (runs.limit, row), xytext=(-8, 0), textcoords="offset points", va="center", ha="right")
-
-
-def _short(name: str, most: int = 26) -> str:
-    return name if len(name) <= most else name[: most - 1] + "…"
+        style = line(SERIES[i % len(SERIES)])
+        axes.plot(steps, np.r_[share, share[-1]], drawstyle="steps-post", **style, label=runs.name)
+    axes.set_ylim(0.0, 103.0)
+    axes.set_xlim(left=0.0)
+    axes.set_ylabel("arrived, % of all runs")
+    axes.set_xlabel("time until arrival, s")
+    axes.grid(axis="y")
+    legend_beside(axes)
 
 
 def _places(figure: Figure, several: Several, maze: Maze, kinds: Sequence[str]) -> None:
     panels = figure.subplots(1, len(several), squeeze=False)[0]
     for axes, runs in zip(panels, several, strict=True):
         known = [(kind, x, y) for kind, x, y, _ in runs.failures if math.isfinite(x) and math.isfinite(y)]
-        plan_view(axes, maze, np.array([(x, y) for _, x, y in known]).reshape(-1, 2))
+        places = np.array([(x, y) for _, x, y in known]).reshape(-1, 2)
+        draw_maze(maze, axes, path=places, ball=False)
         for kind, marker in zip(kinds, FAILURE_MARKERS, strict=False):
-            at = 1e3 * np.array([(x, y) for k, x, y in known if k == kind]).reshape(-1, 2)
+            at = 1e3 * places[[k == kind for k, *_ in known]]
             if len(at):
                 mark = failure_mark(marker, markersize=6.5, markeredgewidth=0.7, alpha=0.85)
                 axes.plot(*at.T, label=f"{kind.replace('_', ' ')}, {len(at)}", **mark)
-        without = len(runs.failures) - len(known)
-        axes.set_title(_short(runs.name) + (f" ({without} without a place)" if without else ""))
+        axes.set_title(runs.name)
         if known:
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2)

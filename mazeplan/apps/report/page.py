@@ -1,7 +1,7 @@
 """Writes a page: sections of tables and pictures as one HTML file that loads no other file and runs no script.
 
-Pictures are SVG, which is as sharp as text in print. A PNG replaces an SVG larger than SVG_MOST. The template (Jinja2)
-escapes all text, and a Content-Security-Policy forbids loading from elsewhere.
+Pictures are SVG, which is as sharp as text in print. The template (Jinja2) escapes all text, and a
+Content-Security-Policy forbids loading from elsewhere.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.report.words import HARD
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
 from mazeplan.core.whole_file import whole_file
@@ -23,8 +22,6 @@ from mazeplan.core.whole_file import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SVG_MOST = 400_000  # bytes, largest SVG in a page
-DPI = 160  # dots an inch of a PNG
 STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
@@ -43,10 +40,6 @@ STYLE: Any = {
     "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
-LETTERS = re.compile(r"[^\W\d_]+")
-AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
-LONGEST = 60  # characters; a longer cell may break into lines
-UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|degrees|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
@@ -58,15 +51,13 @@ class PagePicture:
     title: title above it.
     alt: description in words.
     draw: draws into a figure.
-    size: width and height, inches.
-    automatic: whether a layout engine places the parts of the figure."""
+    size: width and height, inches."""
 
     name: str
     title: str
     alt: str
     draw: Callable[[Figure], None]
     size: tuple[float, float] = (9.0, 3.4)
-    automatic: bool = True
 
     def figure(self) -> Figure:
         """The picture as a figure of Matplotlib."""
@@ -74,21 +65,18 @@ class PagePicture:
         from matplotlib.figure import Figure
 
         with rc_context(STYLE):
-            figure = Figure(figsize=self.size, layout="constrained" if self.automatic else None)
+            figure = Figure(figsize=self.size, layout="constrained")
             self.draw(figure)
         return figure
 
     def source(self) -> str:
-        """The picture as SVG in a data URL, or as PNG if the SVG is too large."""
+        """The picture as SVG in a data URL."""
         from matplotlib import rc_context
 
-        svg, points, figure = io.BytesIO(), io.BytesIO(), self.figure()
+        svg, figure = io.BytesIO(), self.figure()
         with rc_context(STYLE):
             figure.savefig(svg, format="svg", metadata=NO_METADATA)
-            if svg.tell() <= SVG_MOST:
-                return f"data:image/svg+xml;base64,{base64.b64encode(svg.getvalue()).decode()}"
-            figure.savefig(points, format="png", dpi=DPI)
-        return f"data:image/png;base64,{base64.b64encode(points.getvalue()).decode()}"
+        return f"data:image/svg+xml;base64,{base64.b64encode(svg.getvalue()).decode()}"
 
 
 @dataclass(frozen=True)
@@ -123,14 +111,6 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Steps:
-    """A numbered list of instructions."""
-
-    caption: str
-    notes: Sequence[Note]
-
-
-@dataclass(frozen=True)
 class PageSection:
     """A section of a page.
 
@@ -142,7 +122,7 @@ class PageSection:
     title: str
     lead: str
     facts: Sequence[tuple[str, str]]
-    parts: Sequence[PagePicture | PageTable | Note | Steps]
+    parts: Sequence[PagePicture | PageTable | Note]
 
 
 def write_page(path: Path, title: str, sections: Sequence[PageSection]) -> None:
@@ -168,17 +148,6 @@ def write_page(path: Path, title: str, sections: Sequence[PageSection]) -> None:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
 
 
-def _figures(cell: str) -> bool:
-    """Whether a cell has only figures, signs and units. The page does not break such a cell into lines."""
-    figures = AMONG_FIGURES.issuperset(LETTERS.findall(cell))
-    return figures and len(cell) <= LONGEST and any(c.isdigit() for c in cell)
-
-
-def _whole(text: str) -> str:
-    """The text with hard spaces, so that no line breaks between a number and its unit or error."""
-    return UNIT.sub(lambda found: found[0].replace(" ", HARD), text)
-
-
 def _template() -> Any:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -186,7 +155,6 @@ def _template() -> Any:
         loader=PackageLoader("mazeplan.apps.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    room.tests["figures"], room.filters["whole"] = _figures, _whole
     room.globals["colours"] = {
         "ink": INKS["ink"], "quiet": INKS["quiet"], "paper": TINTS["paper"], "band": TINTS["band"],
         "rule": FAINT["rule"], "strong": COLOURS["real"], "edge": COLOURS["neutral"],

@@ -1,6 +1,6 @@
 """Words of reports: words for names in files, one unit for each quantity, one sign for a missing value.
 
-Angles and their errors are in degrees, angular speeds in rad/s, angular accelerations in rad/s², lengths in mm or m.
+Angles and their errors are in degrees, angular speeds in rad/s, angular accelerations in rad/s², lengths in m.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ MISSING = "–"
 HARD = "\u00a0"  # a space at which no line breaks
 DEG = 180.0 / math.pi
 UNITS = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
-TIME = "time, s"
-ANGLE, SPEED = "angle of the ball, degrees", "angular speed of the ball, rad/s"
-BETA, GAMMA = "tilt down at +x (beta), degrees", "tilt up at +y (gamma), degrees"
 SCORES = {
     "nrmse": "relative error of the angular acceleration (nRMSE)",
     "rollout20": "error of the angle after 20 samples, rad", "rollout40": "error of the angle after 40 samples, rad",
@@ -27,11 +24,6 @@ SCORES = {
 KINDS = {
     "rf": "random forest", "p": "bare equation", "pi": "weighted terms", "np": "Gaussian process",
     "npd": "discrete process", "sp": "terms and process",
-    "model": "the model",
-}  # fmt: skip
-CANDIDATES = {
-    "placebo: friction with it": "placebo: friction by tilt played backwards",
-    "speed and lean": "no name: by speed and wall", "direction and lean": "no name: by direction and wall",
 }  # fmt: skip
 SETUP = {
     "rig": "rig", "map_name": "map", "model": "model", "behavior": "behaviour tree", "seed": "seed",
@@ -40,6 +32,7 @@ SETUP = {
 }  # fmt: skip
 _NAME = re.compile(r"\b[a-z]+(?:_[a-z]+)+\b")
 _SPOKEN = {"theta_dd": "angular acceleration", "theta_ddot": "angular acceleration", "theta_dot": "angular speed"}
+_LABELS = {"theta, rad": "angle of the ball, degrees", "theta_dot, rad/s": "angular speed of the ball, rad/s"}
 
 
 def spoken(name: str) -> str:
@@ -49,16 +42,8 @@ def spoken(name: str) -> str:
 
 def sentence(text: Any) -> str:
     """A remark as a sentence in words: with a capital letter and a full stop."""
-    words = str(text).strip()
-    for name, shown in CANDIDATES.items():
-        words = words.replace(name, shown)
-    words = spoken(words)
+    words = spoken(str(text).strip())
     return words[:1].upper() + words[1:] + ("" if words[-1:] in ".:?!" else ".")
-
-
-def candidate(name: str) -> str:
-    """A candidate of a diagnosis, in words."""
-    return CANDIDATES.get(name, spoken(name))
 
 
 def parameter(effect: str, name: str) -> str:
@@ -72,12 +57,7 @@ def parameter(effect: str, name: str) -> str:
 
 def kind(name: str) -> str:
     """A kind of model, in words, followed by its name in commands."""
-    return KINDS.get(name, name) if name == "model" or name not in KINDS else f"{KINDS[name]} ({name})"
-
-
-def in_unit(value: float, unit: str) -> tuple[float, str]:
-    """A value and its unit, converted to the units of reports: angles in degrees."""
-    return (DEG * value, "deg") if unit == "rad" else (value, UNITS.get(unit, unit))
+    return f"{KINDS[name]} ({name})" if name in KINDS else name
 
 
 def labelled(value: float, label: str) -> float:
@@ -87,26 +67,19 @@ def labelled(value: float, label: str) -> float:
 
 def relabelled(label: str) -> str:
     """A label such as `theta, rad`, which ends in its unit, in words and with the unit of reports."""
-    words = {"theta, rad": ANGLE, "theta_dot, rad/s": SPEED}.get(label, label)
-    words = words.removesuffix("rad") + "degrees" if words.endswith(", rad") else words
-    return spoken(re.sub(r"\btheta error\b", "error of the angle", words))
+    words = _LABELS.get(label, label)
+    return spoken(words.removesuffix("rad") + "degrees" if words.endswith(", rad") else words)
 
 
-def split_unit(label: str) -> tuple[str, str]:
-    """A label in words, and its unit with a blank before it. The unit is empty for a number without a unit."""
-    text, _, unit = relabelled(label).rpartition(", ")
-    return (text, f" {unit}") if text else (unit, "")
-
-
-def measured(value: float, stderr: float | None, unit: str, show_error: bool = True) -> str:
+def measured(value: float, stderr: float | None, unit: str) -> str:
     """Value ± standard error, with their unit. The standard error decides how many digits are shown."""
-    value, shown = in_unit(value, unit)
-    error = math.nan if stderr is None else in_unit(stderr, unit)[0]
+    factor, shown = (DEG, "deg") if unit == "rad" else (1.0, UNITS.get(unit, unit))
+    value, error = factor * value, math.nan if stderr is None else factor * stderr
     after = f"{HARD}{shown}" if shown else ""
     if not (math.isfinite(error) and error > 0.0):
         return f"{value:.4g}{after}"
     places = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{places}f}" + (f"{HARD}±{HARD}{error:.{places}f}" if show_error else "") + after
+    return f"{value:.{places}f}{HARD}±{HARD}{error:.{places}f}{after}"
 
 
 def number(value: float, places: int) -> str:

@@ -4,13 +4,13 @@
                                                                  orders <-
 
 moment.py, story.py     a run at one time, made from its messages; for live page and replay
-page.py                 a page: a server behind the check at its door, and tabs that are drawn 30 times a second
+page.py                 a page: a server, and tabs that are drawn 30 times a second
 scene.py, meshes.py     maze, ball, trail, plan and openings in 3D
 plots.py, panel.py      curves; facts and behaviour tree
 film.py                 a film of a run, of the same moments
 livetab.py, link.py     the tab of a live run; the page's process and its line to the run, which never waits for it
 replay.py               the page of a recorded run
-server.py, door.py      viser behind a check of Host, Origin and token; stop_bar.py adds the emergency stop
+server.py               viser behind a check of Host and Origin; the bar with the emergency stop
 
 To add a tab, write a class with two methods and give an object of it to `Page(tabs=...)`:
 

@@ -21,7 +21,6 @@ from multiprocessing.connection import Connection
 from time import sleep
 from typing import Any
 
-from mazeplan.apps.view.door import Door
 from mazeplan.apps.view.livetab import STATE, LiveTab, Offer, Order
 
 FREQUENT = frozenset({"/tick", "/plan", "/status"})
@@ -39,7 +38,7 @@ class PageLink:
     opened: set when the first browser shows the page
     ended: set when the page has ended"""
 
-    def __init__(self, offer: Offer, door: Door, listening: socket.socket, on_order: Callable[[Order], object]) -> None:
+    def __init__(self, offer: Offer, listening: socket.socket, on_order: Callable[[Order], object]) -> None:
         self.opened, self.ended = threading.Event(), threading.Event()
         self.viewers = 0  # browsers that show the page
         self._on_order, self._closing = on_order, False
@@ -47,7 +46,7 @@ class PageLink:
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
-            target=live_page, args=(offer, door, listening, theirs), name="mazeplan page", daemon=True
+            target=live_page, args=(offer, listening, theirs), name="mazeplan page", daemon=True
         )
         self._process.start()
         theirs.close()
@@ -118,16 +117,16 @@ def _sent(pipe: Connection, batch: list[tuple[str, dict[str, Any]]]) -> bool:
 # -- the page's process ------------------------------------------------------------------------------------------------
 
 
-def live_page(offer: Offer, door: Door, listening: socket.socket, pipe: Connection) -> None:
+def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     """The page's process. It draws until the other end of the pipe is gone. It leaves Ctrl-C to the run's process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
     from mazeplan.apps.view.page import Page
-    from mazeplan.apps.view.stop_bar import STOP_BAR
+    from mazeplan.apps.view.server import STOP_BAR
 
     line = _PageEnd(pipe)
-    page = Page(door, listening, [LiveTab(offer, line.drain, line.order)], bar=STOP_BAR)
+    page = Page(listening, [LiveTab(offer, line.drain, line.order)], bar=STOP_BAR)
     viewers = -1
 
     def on() -> bool:

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from mazeplan.apps.view.page import WIDTH, Page
-from mazeplan.apps.view.panel import facts_panel, tree_panel
-from mazeplan.apps.view.plots import Plots
-from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
+from mazeplan.apps.view.page import Page, RunView
 from mazeplan.apps.view.story import Story
 from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
@@ -52,22 +49,12 @@ class LiveTab:
 
     def build(self, page: Page) -> None:
         """Add scene, curves, buttons, facts and tree to the page."""
-        server, gui = page.server, page.server.gui
-        self._scene = Scene(server, self._offer.maze)
-        look_from_above(server, self._offer.maze)
-        curves = gui.add_panel()
-        with curves.add_tab("Curves"):
-            self._plots = Plots(server)
-        curves.dock_left()
-        curves.set_width(WIDTH)
+        gui = page.server.gui
         with page.tabs.add_tab("Run"):
             self._head = gui.add_html("")
             self._build_buttons(gui)
-            self._facts = facts_panel(server)
-            with gui.add_folder("Behaviour tree"):
-                self._tree = tree_panel(server)
-            tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
-            tilt.on_update(lambda event: setattr(self._scene, "tilt_shown", float(event.target.value)))
+            self._view = RunView(page, self._offer.maze)
+        self._view.add_curves(page)
 
     def _build_buttons(self, gui: Any) -> None:
         offer = self._offer
@@ -101,9 +88,7 @@ class LiveTab:
                 self._story.take(topic, document)
         moment = self._story.moment()
         if moment.run:
-            self._scene.show(moment)
-            for part in (self._plots, self._facts, self._tree):
-                part.show(moment, now)
+            self._view.show(moment, now)
         if self._state != self._state_shown:
             self._state_shown = state = dict(self._state)
             phase = str(state.get("phase", "idle"))

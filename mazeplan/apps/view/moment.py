@@ -99,15 +99,11 @@ class PlanShown:
 
 @dataclass(frozen=True)
 class OpeningShown:
-    """An opening.
-
-    next: whether the run brings the ball there
-    chance: probability of getting through, by earlier tries; NaN for an untried opening"""
+    """An opening. next: whether the run brings the ball there"""
 
     name: str
     closed: bool
     next: bool
-    chance: float = float("nan")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A page: a server behind its door, and tabs that one thread draws.
+"""A page: a server, and tabs that one thread draws.
 
 A tab has the methods `build` and `draw` (`Tab`). `build` gets the page, whose `server` is viser's, and adds the tab to
 `page.tabs`, the group of tabs in the right panel. All tabs share one scene. Therefore only one tab may draw in it.
@@ -14,9 +14,13 @@ from threading import Event
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Protocol
 
-from mazeplan.apps.view.door import Door
+from mazeplan.apps.view.moment import Moment
+from mazeplan.apps.view.panel import HtmlPanel, facts_html, tree_html
+from mazeplan.apps.view.plots import Plots
+from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
 from mazeplan.apps.view.server import open_server
 from mazeplan.core.errors import InputError
+from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
     import socket
@@ -41,10 +45,9 @@ class Tab(Protocol):
 class Page:
     """An open page. bar: HTML above the page. Raises what `open_server` raises."""
 
-    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
-        self.door = door
+    def __init__(self, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
         ready = Event()
-        self.server: ViserServer = open_server(door, listening, ready, bar)
+        self.server: ViserServer = open_server(listening, ready, bar)
         self._tabs = tuple(tabs)
         self._printed = False
         gui, scene = self.server.gui, self.server.scene
@@ -86,3 +89,35 @@ class Page:
     def close(self) -> None:
         """Stop the server."""
         self.server.stop()
+
+
+class RunView:
+    """A run on a page: the scene, curves on its left; facts, tree and a slider for the tilt in the current container.
+
+    maze: None for a run without a map that can be read"""
+
+    def __init__(self, page: Page, maze: Maze | None) -> None:
+        server, gui = page.server, page.server.gui
+        self._scene = None if maze is None else Scene(server, maze)
+        if maze is not None:
+            look_from_above(server, maze)
+        self._facts = HtmlPanel(server, facts_html)
+        with gui.add_folder("Behaviour tree"):
+            self._tree = HtmlPanel(server, tree_html)
+        self._tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
+
+    def add_curves(self, page: Page) -> None:
+        """Add the curves, outside of any other container."""
+        curves = page.server.gui.add_panel()
+        with curves.add_tab("Curves"):
+            self._plots = Plots(page.server)
+        curves.dock_left()
+        curves.set_width(WIDTH)
+
+    def show(self, moment: Moment, now: float) -> None:
+        """Draw a moment; now: monotonic, s."""
+        if self._scene is not None:
+            self._scene.tilt_shown = float(self._tilt.value)
+            self._scene.show(moment)
+        for part in (self._plots, self._facts, self._tree):
+            part.show(moment, now)

@@ -43,16 +43,6 @@ class HtmlPanel:
                 self._content = self._shown.content = content
 
 
-def facts_panel(server: ViserServer) -> HtmlPanel:
-    """The facts of the run in a few lines, as a panel."""
-    return HtmlPanel(server, facts_html)
-
-
-def tree_panel(server: ViserServer) -> HtmlPanel:
-    """The behaviour tree as a panel."""
-    return HtmlPanel(server, tree_html)
-
-
 def facts_html(moment: Moment) -> str:
     """Time, rings, leaf, computing time, outcome, last failure, last events."""
     task = moment.task

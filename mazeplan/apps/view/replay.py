@@ -5,7 +5,6 @@ The time is that of the rig's clock, s.
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -17,13 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.view.door import Door, listen
 from mazeplan.apps.view.moment import Moment
-from mazeplan.apps.view.page import FONT, WIDTH, Page
-from mazeplan.apps.view.panel import facts_panel, tree_panel
-from mazeplan.apps.view.plots import Plots
-from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
-from mazeplan.apps.view.server import check_installed
+from mazeplan.apps.view.page import FONT, Page, RunView
+from mazeplan.apps.view.server import check_installed, listen, url_of
 from mazeplan.apps.view.story import maze_of, moments
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
@@ -106,23 +101,16 @@ def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:
 
 
 class Playback:
-    """The time that a replay shows. times: of the ticks at which steps stop, (N,), s, never decreasing"""
+    """The time that a replay shows, s, between the first and the last tick."""
 
-    def __init__(self, times: Array) -> None:
-        self._times = times
-        self.first, self.last = float(times[0]), float(times[-1])
-        self.t, self.playing, self.speed = self.first, False, 1.0
+    def __init__(self, first: float, last: float) -> None:
+        self.first, self.last = first, last
+        self.t, self.playing, self.speed = first, False, 1.0
 
     def seek(self, t: float) -> None:
-        """Go to a time between the first and the last tick."""
-        self.t = min(max(t, self.first), self.last) if math.isfinite(t) else self.t
-
-    def step(self, ticks: int) -> None:
-        """Go to the next tick (1) or the previous tick (-1), and stay there."""
+        """Go to a time, and stay there."""
         self.playing = False
-        side, sign = ("right", 1.0) if ticks > 0 else ("left", -1.0)
-        at = int(np.searchsorted(self._times, self.t + sign * _NEAR, side=side)) + ticks - (ticks > 0)
-        self.t = float(self._times[min(max(at, 0), len(self._times) - 1)])
+        self.t = min(max(t, self.first), self.last)
 
     def toggle(self) -> None:
         """Go on or stop; at the end, go on from the beginning."""
@@ -133,77 +121,40 @@ class Playback:
     def advance(self, seconds: float) -> None:
         """Let wall time pass, s."""
         if self.playing:
-            self.seek(self.t + self.speed * max(seconds, 0.0))
+            self.t = min(self.t + self.speed * max(seconds, 0.0), self.last)
             self.playing = self.t < self.last - _NEAR
-
-    def jump(self, marks: Sequence[Mark], direction: int) -> None:
-        """Go to the next mark (1) or the previous mark (-1), if there is one, and stay there."""
-        self.playing = False
-        ahead = [mark.t for mark in marks if direction * (mark.t - self.t) > _NEAR]
-        if ahead:
-            self.seek(min(ahead, key=lambda t: abs(t - self.t)))
 
 
 class ReplayTab:
     """See `page.Tab`. Shows a recorded run."""
 
     def __init__(self, recording: RecordedRun) -> None:
-        self._recording, self._marks = recording, recording.failures
-        self._player, self._lock = Playback(recording.times), RLock()
-        self._scene: Scene | None = None
-        self._before, self._drawn, self._tilt_shown = 0.0, (), TILT_SHOWN
+        self._recording = recording
+        self._player, self._lock = Playback(float(recording.times[0]), float(recording.times[-1])), RLock()
+        self._before, self._drawn = 0.0, ()
 
     def build(self, page: Page) -> None:
         """Add scene, curves, controls of time, failures, facts and tree to the page."""
-        server, gui = page.server, page.server.gui
-        if self._recording.maze is not None:
-            self._scene = Scene(server, self._recording.maze)
-            look_from_above(server, self._recording.maze)
-        curves = gui.add_panel()
-        with curves.add_tab("Curves"):
-            self._plots = Plots(server)
-        curves.dock_left()
-        curves.set_width(WIDTH)
+        gui, player, failures = page.server.gui, self._player, self._recording.failures
         with page.tabs.add_tab("Replay"):
             self._head = gui.add_html("")
-            self._build_time(gui)
-            self._build_failures(gui)
-            self._facts = facts_panel(server)
-            with gui.add_folder("Behaviour tree"):
-                self._tree = tree_panel(server)
-            tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
-            tilt.on_update(lambda event: setattr(self, "_tilt_shown", float(event.target.value)))
-
-    def _build_time(self, gui: Any) -> None:
-        player = self._player
-        first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
-        marks = tuple(round(mark.t, 2) for mark in self._marks if player.first <= mark.t <= player.last)
-        self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
-        self._slider.on_update(self._pressed(lambda event: self._seek(event.target.value)))
-        self._play = gui.add_button("Play", color="blue", hint="space")
-        self._play.on_click(self._pressed(lambda event: player.toggle()))
-        steps = gui.add_button_group("Step", ["−tick", "+tick"], hint="arrow keys")
-        steps.on_click(self._pressed(lambda event: player.step(1 if event.target.value == "+tick" else -1)))
-        speeds = [f"{speed:g}×" for speed in SPEEDS]
-        speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
-        speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
-        for label, key, do in (
-            ("Play or stop", "space", player.toggle),
-            ("One tick on", "arrowright", lambda: player.step(1)),
-            ("One tick back", "arrowleft", lambda: player.step(-1)),
-            ("Next failure", "N", lambda: player.jump(self._marks, 1)),
-            ("Previous failure", "P", lambda: player.jump(self._marks, -1)),
-        ):
-            gui.add_command(label, hotkey=key).on_trigger(self._pressed(lambda event, do=do: do()))
-
-    def _build_failures(self, gui: Any) -> None:
-        count = len(self._marks)
-        with gui.add_folder(f"Failures: {count or 'none'}"):
-            for mark in self._marks[:MOST_BUTTONS]:
-                button = gui.add_button(f"{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
-                button.on_click(self._pressed(lambda event, mark=mark: self._seek(mark.t)))
-            if count > MOST_BUTTONS:
-                gui.add_html(f'<div style="{FONT}">and {count - MOST_BUTTONS} more: key N</div>')
+            first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
+            marks = tuple(round(mark.t, 2) for mark in failures if player.first <= mark.t <= player.last)
+            self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
+            self._slider.on_update(self._pressed(lambda event: player.seek(event.target.value)))
+            self._play = gui.add_button("Play", color="blue", hint="space")
+            self._play.on_click(self._pressed(lambda event: player.toggle()))
+            play = gui.add_command("Play or stop", hotkey="space")
+            play.on_trigger(self._pressed(lambda event: player.toggle()))
+            speeds = [f"{speed:g}×" for speed in SPEEDS]
+            speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
+            speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
+            with gui.add_folder(f"Failures: {len(failures) or 'none'}"):
+                for mark in failures[:MOST_BUTTONS]:
+                    button = gui.add_button(f"{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
+                    button.on_click(self._pressed(lambda event, mark=mark: player.seek(mark.t)))
+            self._view = RunView(page, self._recording.maze)
+        self._view.add_curves(page)
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
         """A callback for actions of a person, called one after another. It ignores changes by the program."""
@@ -215,23 +166,13 @@ class ReplayTab:
 
         return on
 
-    def _seek(self, t: float) -> None:
-        self._player.playing = False
-        self._player.seek(t)
-
     def draw(self, now: float) -> None:
         """Let time pass, and draw the moment of the new time."""
         with self._lock:
-            player = self._player
-            player.advance(now - self._before if self._before else 0.0)
+            self._player.advance(now - self._before if self._before else 0.0)
             self._before = now
-            t, playing = player.t, player.playing
-        moment = self._recording.moments[self._recording.tick_at(t)]
-        if self._scene is not None:
-            self._scene.tilt_shown = self._tilt_shown
-            self._scene.show(moment)
-        for part in (self._facts, self._tree, self._plots):
-            part.show(moment, now)
+            t, playing = self._player.t, self._player.playing
+        self._view.show(self._recording.moments[self._recording.tick_at(t)], now)
         shown = (round(t, 2), playing)
         if shown != self._drawn:
             self._drawn = shown
@@ -253,16 +194,15 @@ def head_html(recording: RecordedRun, t: float) -> str:
     )
 
 
-def show_log(recording: RecordedRun, host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
-    """Show a run while `on()` is true. Raises InputError for a port that cannot be used, and without viser."""
+def show_log(recording: RecordedRun, port: int) -> None:
+    """Show a run until Ctrl-C. Raises InputError for a port that cannot be used, and without viser."""
     check_installed()
-    with listen(host, port) as listening:
-        door = Door.at(host, listening.getsockname()[1])
-        page = Page(door, listening, [ReplayTab(recording)])
+    with listen(port) as listening:
+        page = Page(listening, [ReplayTab(recording)])
         try:
             with suppress(OSError):  # stderr may be closed; the page goes on
-                print(f"page: {door.url}", file=sys.stderr, flush=True)
-            page.loop(on)
+                print(f"page: {url_of(listening)}", file=sys.stderr, flush=True)
+            page.loop(lambda: True)
         except KeyboardInterrupt:  # Ctrl-C is the usual way to end a page
             pass
         finally:

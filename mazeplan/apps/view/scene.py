@@ -1,7 +1,6 @@
 """The maze in 3D as it tilts: ball and trail, the plan ahead, and the openings.
 
-opening   its floor is orange if the ball heads for it, grey if it was not tried; otherwise the chance of getting
-          through gives a colour from `bad` over `unsure` to `good`. Red plug: closed
+opening   its floor is orange if the ball heads for it, else grey. Red plug: closed
 goal      the floor of the goal ring is green
 tilt      drawn larger than it is; a slider sets the factor
 """
@@ -128,7 +127,7 @@ class _OpeningMark:
         self._before: tuple[Any, ...] = ()
 
     def show(self, known: OpeningShown) -> None:
-        now = opening_colour(known), known.closed
+        now = rgb("planned" if known.next else "skipped"), known.closed
         if now != self._before:
             self._before = now
             self._floor.color, self._plug.visible = now
@@ -147,16 +146,6 @@ def look_from_above(server: ViserServer, maze: Maze) -> None:
     first = server.initial_camera
     first.position, first.look_at, first.fov = back, (0.0, 0.0, 0.0), FOV
     server.on_client_connect(joined)
-
-
-def opening_colour(known: OpeningShown) -> Colour:
-    """The colour of an opening's floor; see the first lines of this module."""
-    if known.next or math.isnan(known.chance):
-        return rgb("planned") if known.next else rgb("skipped")
-    share = min(max(known.chance, 0.0), 1.0)
-    below, above, part = ("bad", "unsure", 2.0 * share) if share < 0.5 else ("unsure", "good", 2.0 * share - 1.0)
-    mixed = [round((1.0 - part) * a + part * b) for a, b in zip(rgb(below), rgb(above), strict=True)]
-    return mixed[0], mixed[1], mixed[2]
 
 
 def attitude(beta: float, gamma: float) -> tuple[float, float, float, float]:

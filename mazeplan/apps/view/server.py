@@ -1,29 +1,84 @@
-"""viser's server behind the check of `door`, on a socket that listens already.
+"""viser's server on this machine alone, behind a check of each request; and the bar with the emergency stop.
+
+viser itself checks nothing. A page of another origin can make a browser connect to any port of this machine, but it
+cannot forge these headers:
+
+    Host     the name that the browser talks to: only names of this machine, so that a stranger's name for 127.0.0.1
+             (DNS rebinding) is useless.
+    Origin   the page that asks. It must be this page. A websocket, which carries the orders, must have one.
+
+No other page may show this page in a frame, because a visitor could press its buttons without seeing them. This page
+may load nothing from elsewhere.
 
 viser has no place for a check. It serves with `serve` of websockets. While viser starts, a function of this module
-replaces `serve`. The function uses our socket, and for each request it asks the door before viser.
+replaces `serve`. The function uses our socket, and checks each request before viser.
+
+The bar is no part of viser's client: no panel covers, scrolls or folds it. The bar and the Escape key trigger viser's
+command for Escape, also while a text field has the focus.
 """
 
 from __future__ import annotations
 
 import asyncio
+import gzip
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from http import HTTPStatus
 from importlib.util import find_spec
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.view.door import Door, Refusal
-from mazeplan.apps.view.stop_bar import add_bar
 from mazeplan.core.errors import InputError
+from mazeplan.core.palette import FAINT, INKS, STOP, TINTS
 from mazeplan.core.resources import to_install
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
+HOST = "127.0.0.1"
+BACKLOG = 64
 LOOK_S = 0.02  # s between checks whether the page is ready
+POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws://{host} blob: data:; "
+    "frame-ancestors 'none'; form-action 'none'; base-uri 'none'; object-src 'none'"
+)
+STOP_BAR = """<style>
+body {display: flex; flex-direction: column}
+#root {flex: 1; min-height: 0; height: auto}
+#stop-bar {display: flex; align-items: center; gap: 12px; padding: 4px 12px; border-bottom: 1px solid RULE;
+  font-size: 13px; background: PAPER; color: INK}
+#stop-bar button {font: bold 15px sans-serif; color: PAPER; background: FACE; border: 2px solid PRESSED;
+  border-radius: 4px; padding: 6px 18px; cursor: pointer; white-space: nowrap}
+#stop-bar button:active {background: PRESSED}
+#stop-bar kbd {font: inherit; border: 1px solid PAPER; border-radius: 3px; padding: 0 5px; margin-left: 8px}
+</style>
+<header id="stop-bar">
+<button id="emergency-stop" type="button" aria-keyshortcuts="Escape">Emergency stop <kbd>Esc</kbd></button>
+<span>The plate goes level at once, and the run ends.</span>
+<script>
+{
+  const press = () => document.documentElement.dispatchEvent(
+    new KeyboardEvent("keydown", {key: "Escape", code: "Escape", bubbles: true}));
+  const button = document.getElementById("emergency-stop");
+  button.addEventListener("click", press);
+  addEventListener("keydown", event => {
+    if (event.isTrusted && event.key === "Escape" && !event.repeat) press();
+  }, true);
+  document.documentElement.addEventListener("keydown", event => {
+    if (event.isTrusted && event.key === "Escape") event.stopImmediatePropagation();
+  });
+}
+</script>
+</header>
+"""
+for _name, _colour in {
+    "RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"], "FACE": STOP["face"],
+    "PRESSED": STOP["pressed"],
+}.items():  # fmt: skip
+    STOP_BAR = STOP_BAR.replace(_name, _colour)
+ROOT = b'<div id="root">'  # the bar precedes it
 
 
 def check_installed() -> None:
@@ -32,8 +87,50 @@ def check_installed() -> None:
         raise InputError(f"the page needs viser: {to_install('view')}")
 
 
-def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "") -> ViserServer:
-    """viser's server. It gets a request only after the door's check.
+def listen(port: int) -> socket.socket:
+    """A socket that listens at a port of this machine; 0: any free one. Raises InputError for a port that is taken."""
+    if not 0 <= port <= 65535:
+        raise InputError(f"--port: got {port}, expected 0 to 65535")
+    opened = socket.socket()
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((HOST, port))
+        opened.listen(BACKLOG)
+    except OSError as problem:
+        opened.close()
+        raise InputError(f"--port: {port} cannot be listened at: {problem.strerror}; expected a free one") from None
+    return opened
+
+
+def port_of(listening: socket.socket) -> int:
+    """The port of a socket."""
+    return int(listening.getsockname()[1])
+
+
+def url_of(listening: socket.socket) -> str:
+    """The address of the page, for a person."""
+    return f"http://{HOST}:{port_of(listening)}/"
+
+
+def refusal(port: int, headers: Sequence[tuple[str, str]]) -> tuple[int, str] | None:
+    """Status and text of the answer to a bad request, judged by its headers; None for a good request."""
+    hosts, origins, upgrades = (
+        [value.strip().lower() for key, value in headers if key.lower() == name]
+        for name in ("host", "origin", "upgrade")
+    )
+    if len(hosts) != 1 or len(origins) > 1:
+        return 400, "one Host and at most one Origin are expected"
+    if hosts[0] not in (f"{HOST}:{port}", f"localhost:{port}"):
+        return 403, f"this page is at http://{HOST}:{port}/"
+    if upgrades and not origins:
+        return 403, "a websocket needs an Origin"
+    if origins and origins[0] != f"http://{hosts[0]}":
+        return 403, "pages of other origins may not come in"
+    return None
+
+
+def open_server(listening: socket.socket, ready: Event, bar: str = "") -> ViserServer:
+    """viser's server. It gets a request only after the check.
 
     ready: requests wait until it is set
     bar: HTML above viser's client
@@ -51,8 +148,8 @@ def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "
         def disconnect_share_url(self) -> None:
             """Nothing to disconnect."""
 
-    with _behind(door, listening, ready, bar) as served:
-        server = Server(host=door.host, port=door.port, verbose=False)
+    with _behind(listening, ready, bar) as served:
+        server = Server(host=HOST, port=port_of(listening), verbose=False)
     if not served:
         server.stop()
         raise RuntimeError(f"viser {viser.__version__} does not start as expected: the page would be open to everybody")
@@ -60,14 +157,14 @@ def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "
 
 
 @contextmanager
-def _behind(door: Door, listening: socket.socket, ready: Event, bar: str) -> Iterator[list[bool]]:
+def _behind(listening: socket.socket, ready: Event, bar: str) -> Iterator[list[bool]]:
     import websockets.asyncio.server as asyncio_server
 
     before, served = asyncio_server.serve, []
 
     def serve(handler: Any, host: Any = None, port: Any = None, **more: Any) -> Any:
         served.append(True)
-        more["process_request"] = _checked(door, ready, bar, more.get("process_request"))
+        more["process_request"] = _checked(port_of(listening), ready, bar, more.get("process_request"))
         return before(handler, sock=listening, **more)
 
     asyncio_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
@@ -77,28 +174,53 @@ def _behind(door: Door, listening: socket.socket, ready: Event, bar: str) -> Ite
         asyncio_server.serve = before
 
 
-def _checked(door: Door, ready: Event, bar: str, then: Any) -> Any:
-    """The function that answers a request: with the door's refusal, otherwise with viser's answer."""
+def _checked(port: int, ready: Event, bar: str, then: Any) -> Any:
+    """The function that answers a request: with a refusal, otherwise with viser's answer."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 
-    def answer(refusal: Refusal) -> Response:
-        body = f"{refusal.text}\n".encode()
+    def answer(status: int, text: str) -> Response:
+        body = f"{text}\n".encode()
         headers = Headers([("Content-Type", "text/plain; charset=utf-8"), ("Content-Length", str(len(body)))])
-        if refusal.location:
-            headers["Location"], headers["Set-Cookie"] = refusal.location, refusal.cookie
-        return Response(refusal.status, HTTPStatus(refusal.status).phrase, headers, body)
+        return Response(status, HTTPStatus(status).phrase, headers, body)
 
     async def process_request(connection: Any, request: Any) -> Any:
         while not ready.is_set():
             await asyncio.sleep(LOOK_S)
         given = list(request.headers.raw_items())
-        refusal = door.refusal(request.path, given)
-        response = then(connection, request) if refusal is None else answer(refusal)
+        wrong = refusal(port, given)
+        response = then(connection, request) if wrong is None else answer(*wrong)
         if response is not None:
-            add_bar(response, bar)
+            _add_bar(response, bar)
             hosts = [value for name, value in given if name.lower() == "host"]
-            door.dress(response.headers, hosts[0] if hosts else f"{door.host}:{door.port}")
+            _protect(response.headers, hosts[0] if hosts else f"{HOST}:{port}")
         return response
 
     return process_request
+
+
+def _protect(headers: Any, host: str) -> None:
+    """Add to an answer the headers that forbid frames and loading from elsewhere."""
+    headers["Content-Security-Policy"] = POLICY.format(host=host)
+    headers["X-Frame-Options"] = "DENY"
+    headers["X-Content-Type-Options"] = "nosniff"
+    headers["Referrer-Policy"] = "no-referrer"
+    headers["Cross-Origin-Resource-Policy"] = "same-origin"
+    headers["Cache-Control"] = "no-store"
+
+
+def _add_bar(response: Any, bar: str) -> None:
+    """If viser's answer is its page, put the bar above the client."""
+    if not bar or not response.body or not response.headers.get("Content-Type", "").startswith("text/html"):
+        return
+    response.body = _with_bar(response.body, response.headers.get("Content-Encoding") == "gzip", bar)
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(response.body))
+
+
+@lru_cache(maxsize=2)  # the page has 0.6 MB, and each browser asks for it
+def _with_bar(body: bytes, packed: bool, bar: str) -> bytes:
+    page = gzip.decompress(body) if packed else body
+    before, root, after = page.rpartition(ROOT)
+    page = before + bar.encode() + root + after
+    return gzip.compress(page, mtime=0) if packed else page

@@ -46,13 +46,9 @@ from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import Array, Failure, FailureKind
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
-from mazeplan.maze.memory import FADING_S
 
 SHOWN_S = 10.0  # s of rows in a moment
 EVENTS = 8  # maximum number of events in a moment
-# Beta prior of an untried opening, the same as in `maze.graph.RouteOptions`; importing that would import networkx
-PRIOR = (3.0, 0.3)
-LEAST_TRIES = 0.05  # tries that have faded below this number no longer count
 
 
 def number(value: Any) -> float:
@@ -104,7 +100,7 @@ class Story:
         self._goal = header.get("goal_ring")
         self._closed = {o.name for o in self.maze.openings if o.closed} if self.maze else set[str]()
         self._closed |= set(replay.get("closed", ()))
-        self._tries, self._tree = dict[str, Any](), TreeShown()
+        self._tree = TreeShown()
         self._failure: Failure | None = None
         self._events: deque[EventShown] = deque(maxlen=EVENTS)
         self._result: dict[str, Any] | None = None
@@ -125,8 +121,6 @@ class Story:
         elif topic == "/status":
             statuses = str(document.get("nodes", ""))
             self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
-        elif topic == "/openings":
-            self._tries = document
         elif topic == "/event":
             self._take_event(document)
         elif topic == "/result":
@@ -202,7 +196,7 @@ class Story:
         ring, opening = tick.get("ring"), tick.get("opening") if going_on else None
         if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
             ring = self.maze.ring_at(math.hypot(x, y))
-        seen, chances = tick.get("x") is not None and tick.get("y") is not None, self._chances()
+        seen = tick.get("x") is not None and tick.get("y") is not None
         return Moment(
             run=self._runs,
             tick=self.ticks,
@@ -215,7 +209,7 @@ class Story:
             rows=self._rows.newest(),
             plan=self._followed if going_on and self._followed is not None and self._followed.radius > 0.0 else None,
             openings=tuple(
-                OpeningShown(o.name, o.name in self._closed, o.name == opening, chances.get(o.name, math.nan))
+                OpeningShown(o.name, o.name in self._closed, o.name == opening)
                 for o in (self.maze.openings if self.maze else ())
             ),
             tree=self._tree,
@@ -223,17 +217,6 @@ class Story:
             events=tuple(self._events),
             result=self._result,
         )
-
-    def _chances(self) -> dict[str, float]:
-        """Probability of getting through each tried opening: mean of a Beta posterior of tries that fade."""
-        age = max(self._t - number(self._tries.get("t")), 0.0)
-        kept = math.exp(-age / float(self._tries.get("fading_s", FADING_S)))
-        tries = (self._tries.get(key, ()) for key in ("names", "successes", "failures"))
-        return {
-            name: (PRIOR[0] + kept * good) / (sum(PRIOR) + kept * (good + bad))
-            for name, good, bad in zip(*tries, strict=False)
-            if kept * (good + bad) > LEAST_TRIES
-        }
 
 
 def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:

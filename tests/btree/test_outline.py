@@ -1,14 +1,12 @@
-"""Pictures of trees: an outline with repeated SubTrees folded."""
+"""A tree as text: an outline with repeated SubTrees folded."""
 
 from __future__ import annotations
 
 import pytest
 
-from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.outline import rows_of, tree_text
-from mazeplan.core.errors import InputError
 
 TWICE = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main"><Sequence><SubTree ID="Rest"/><Repeat num_cycles="2"><SubTree ID="Rest" name="more"/></Repeat>
@@ -36,15 +34,3 @@ def test_a_subtree_that_stands_in_the_tree_again_is_folded(tree):
         "│   └── SubTree 'more' ID=Rest (as above)", "└── LevelPlate 'end'"
     ]  # fmt: skip
     assert len(tree_text(tree, whole=True).splitlines()) == 11
-
-
-def test_the_picture_has_the_title_of_each_row(tree, tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("matplotlib").rcParams, "svg.fonttype", "none")
-    for whole in (False, True):
-        save_tree_picture(tree, tmp_path / "t.svg", whole)
-        text = (tmp_path / "t.svg").read_text()
-        assert text.count("Dither") == 1 + whole
-    save_tree_picture(tree, tmp_path / "t.png")
-    assert (tmp_path / "t.png").read_bytes()[:4] == b"\x89PNG"
-    with pytest.raises(InputError):
-        save_tree_picture(tree, tmp_path / "no folder" / "t.png")

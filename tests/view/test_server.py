@@ -1,0 +1,133 @@
+"""Who may come in: headers by word, and viser itself behind the check, asked over real connections."""
+
+from __future__ import annotations
+
+import gzip
+import threading
+import urllib.error
+import urllib.request
+from types import SimpleNamespace
+
+import pytest
+from soon import soon
+
+from mazeplan.apps.view import server as server_module
+from mazeplan.apps.view.server import HOST, STOP_BAR, listen, port_of, refusal, url_of
+from mazeplan.core.errors import InputError
+from mazeplan.core.resources import to_install
+
+pytest.importorskip("viser")
+from page_client import Viewer, joined
+
+HERE = ("Host", "127.0.0.1:8080")
+SOCKET = ("Upgrade", "websocket")
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ([HERE], 0),
+        ([("Host", "LOCALHOST:8080"), ("Origin", "http://localhost:8080"), SOCKET], 0),
+        ([HERE, ("Origin", "http://127.0.0.1:8080"), SOCKET], 0),
+        ([HERE, ("Origin", "http://evil.example"), SOCKET], 403),
+        ([HERE, ("Origin", "https://127.0.0.1:8080")], 403),
+        ([HERE, ("Origin", "http://127.0.0.1:8081")], 403),
+        ([HERE, ("Origin", "null")], 403),
+        ([("host", "127.0.0.1:8080"), ("UPGRADE", "x, WebSocket")], 403),
+        ([("Host", "evil.example:8080"), ("Origin", "http://evil.example:8080"), SOCKET], 403),
+        ([("Host", "127.0.0.1:8080.evil.example")], 403),
+        ([("Host", "127.0.0.1")], 403),
+        ([], 400),
+        ([HERE, ("Host", "evil.example")], 400),
+        ([HERE, ("Origin", "http://127.0.0.1:8080"), ("origin", "http://evil.example")], 400),
+    ],
+)
+def test_only_the_page_itself_comes_in(headers, status):
+    wrong = refusal(8080, headers)
+    assert (0 if wrong is None else wrong[0]) == status
+
+
+def test_a_taken_port_is_an_error():
+    with listen(0) as taken, pytest.raises(InputError, match="cannot be listened at") as caught:
+        listen(port_of(taken))
+    assert caught.value.exit_status == 2
+    assert taken.family.name == "AF_INET"
+    with pytest.raises(InputError, match="expected 0 to 65535"):
+        listen(70000)
+
+
+def test_without_viser_one_line_tells_how_to_have_it(monkeypatch):
+    monkeypatch.setattr(server_module, "find_spec", lambda name: None)
+    with pytest.raises(InputError) as refused:
+        server_module.check_installed()
+    assert to_install("view") in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def served():
+    """viser behind the check, in this process."""
+    listening = listen(0)
+    url, port = url_of(listening), port_of(listening)
+    ready, answers = threading.Event(), []
+    server = server_module.open_server(listening, ready, STOP_BAR)
+    early = threading.Thread(target=lambda: answers.append(urllib.request.urlopen(url, timeout=10).status))
+    early.start()
+    pressed = []
+    button = server.gui.add_button("Press")
+    button.on_click(lambda event: pressed.append(event))
+    assert not answers  # who comes before all is there waits
+    ready.set()
+    early.join(10.0)
+    assert answers == [200]
+    yield SimpleNamespace(url=url, port=port, server=server, pressed=pressed)
+    server.stop()
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "http://localhost:1"])
+def test_a_forged_origin_presses_no_button(served, origin):
+    from websockets.exceptions import InvalidStatus
+
+    with pytest.raises(InvalidStatus) as caught:
+        joined(served.port, origin)
+    assert caught.value.response.status_code == 403
+
+
+def test_the_page_itself_presses(served):
+    """So that the refusals above are of the origin, and of nothing else."""
+    viewer = Viewer(served.port)
+    assert soon(lambda: "Press" in viewer.buttons and served.server.get_clients())
+    viewer.press("Press")
+    assert soon(lambda: served.pressed)
+    viewer.close()
+
+
+def test_the_page_is_for_no_frame_and_loads_from_nowhere_else(served):
+    with urllib.request.urlopen(served.url, timeout=10) as answer:
+        headers = dict(answer.headers)
+        body = answer.read()
+    assert headers["X-Frame-Options"] == "DENY"
+    policy = dict(part.strip().split(" ", 1) for part in headers["Content-Security-Policy"].split(";"))
+    assert policy["frame-ancestors"] == "'none'"
+    assert "http" not in policy["default-src"]
+    assert policy["connect-src"].split() == ["'self'", f"ws://{HOST}:{served.port}", "blob:", "data:"]
+    assert b"<html" in body
+
+
+def test_another_name_for_this_machine_gets_no_page(served):
+    request = urllib.request.Request(served.url, headers={"Host": f"evil.example:{served.port}"})
+    with pytest.raises(urllib.error.HTTPError) as caught:
+        urllib.request.urlopen(request, timeout=10)
+    assert caught.value.code == 403
+    caught.value.close()
+
+
+def test_the_page_has_the_bar_packed_or_not(served):
+    pages = []
+    for packing in ("identity", "gzip"):
+        request = urllib.request.Request(served.url, headers={"Accept-Encoding": packing})
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            body = answer.read()
+            assert int(answer.headers["Content-Length"]) == len(body)
+        pages.append(gzip.decompress(body) if packing == "gzip" else body)
+    assert pages[0] == pages[1]
+    assert pages[0].count(STOP_BAR.encode()) == 1
