@@ -45,7 +45,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 # the same, where the work is long: with --force they go on to an input that is not there
 LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("learn", "-o"): (("no.csv",), "model/model.yaml"),
-    ("report", "--video"): (("no.mcap", "-o", "page.html"), "run.gif"),
     ("compare", "--report"): (("no.csv",), "page.html"),
     ("diagnose", "-o"): (("no.csv",), "out/report.html"),
     ("improve", "-o"): (("--rig", "no.yaml"), "out/round1/round.json"),
