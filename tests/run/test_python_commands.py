@@ -84,8 +84,9 @@ def test_an_evaluation(printed, tmp_path):
     again = mazeplan.evaluate(2, rig=PlanarRig(MAZE), map=MAZE, start=4, deadline=False)  # one object for all runs
     assert_same(again.json()["results"], document["results"], rel=0.0)
     assert done.compare(again).json()["time_s"]["difference"] == 0.0
-    with pytest.raises(InputError, match="--workers"):
-        mazeplan.evaluate(2, rig=PlanarRig(MAZE), workers=2)
+    for given in ({"workers": 2}, {"store": tmp_path / "kept"}):
+        with pytest.raises(InputError, match="rig that is an object"):
+            mazeplan.evaluate(2, rig=PlanarRig(MAZE), **given)
 
 
 def test_a_record(printed, tmp_path):

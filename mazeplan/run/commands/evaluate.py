@@ -100,7 +100,7 @@ def evaluate(
     folder = None if output is None else Path(output)
     _check_learning(learn, folder, workers, {"--faults": faults, "--dask": dask, "--store": store})
     work = Work(workers, dask, None if store is None else Path(store), say, bar)
-    with by_name(rig, map, model, alone=(workers or 1) == 1 and dask is None) as named:
+    with by_name(rig, map, model, alone=(workers or 1) == 1 and dask is None and store is None) as named:
         campaign = Campaign(
             runs=runs or (FAULT_RUNS if faults else RUNS), rig=named.rig, map=named.map, model=named.model, start=start,
             behavior="policy" if policy is not None and behavior == "navigate" else behavior,

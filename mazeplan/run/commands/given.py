@@ -27,14 +27,16 @@ class Named:
 
 @contextmanager
 def by_name(
-    rig: str | Path | Rig | type, map: str | Path | Maze, model: str | Path | RigModel | None, *, alone: bool = True
+    rig: str | Path | Rig | type, map: str | Path | Maze, model: str | Path | RigModel | None, *, alone: bool
 ) -> Iterator[Named]:
     """Names for a rig, a map and a model, which hold within this context; maps and models get temporary files.
 
-    alone: whether all work is done in this process. Raises InputError for a rig that other processes cannot make."""
+    alone: whether all work is done in this process, and none is kept. Otherwise a rig that is an object raises
+        InputError: nobody else could make it."""
     with tempfile.TemporaryDirectory(prefix="mazeplan-") as folder, named_rig(rig) as name:
         if not alone and not isinstance(rig, str | Path):
-            raise InputError("got a rig that is an object, expected a name, a file or module:Class", key="--workers")
+            problem = "got a rig that is an object, expected a name, a file or module:Class with workers, dask or store"
+            raise InputError(problem, key="rig")
         if isinstance(map, Maze):
             path = Path(folder) / f"{map.name or 'map'}.yaml"
             path.write_text(dump_map(map), encoding="utf-8")
