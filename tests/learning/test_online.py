@@ -1,189 +1,149 @@
-"""A process told a few rows at a time against the same process made at once, and what it forgets."""
+"""A rig's model that learns: whose friction it finds, what it leaves out, when it trusts itself, what it keeps."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from gaussian_processes import plain
-from scipy.stats import multivariate_normal
 
-from mazeplan.core.errors import ModelError
-from mazeplan.learning import fast_gp
-from mazeplan.learning.gaussian_process import GaussianProcess, kernel
-from mazeplan.learning.online_gp import RULES, OnlineProcess, Walk, novelty
+from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.core.errors import InputError, ModelError
+from mazeplan.core.logs.table import Table
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.learning.online import STATE, WATCHED, OnlineModel, open_online, save_online
+from mazeplan.maze.mapfile import load_map
 
-HYPER = plain(np.linspace(0.8, 2.0, 9), 0.7, 0.4)
-WALK = Walk(0.05, np.array([0.2, 0.05]))
-
-
-def some(n, age, seed):
-    """inputs (n, 9), features (n, 2), y (n,), ages (n,) of rows that look alike in part."""
-    rng = np.random.default_rng(seed)
-    return rng.normal(size=(n, 9)), rng.normal(size=(n, 2)), rng.normal(size=n), np.full(n, float(age))
+MAZE = load_map("cme")
 
 
-def told(*parts):
-    rows = OnlineProcess.begin(HYPER, WALK)
-    for part in parts:
-        rows = rows.added(*part)
-    return rows
+@pytest.fixture(scope="module")
+def toy():
+    """The effects of the packaged model; the ball of these tests obeys them alone."""
+    return replace(load_model("toy"), camera_delay=0.0, kind="pi", processes={})
 
 
-def by_formula(rows):
-    """C entry by entry, as the module's formula stands."""
-    n = len(rows)
-    C = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            m = min(rows.age[i], rows.age[j])
-            k = kernel(rows.inputs[i : i + 1], rows.inputs[j : j + 1], HYPER)[0, 0]
-            weights = np.sum(rows.features[i] * WALK.weights**2 * rows.features[j])
-            C[i, j] = k * (1.0 + WALK.process * m) + weights * m
-    return C + HYPER.noise**2 * np.eye(n)
+def driven(model, seconds=4.0, seed=0, more_dry=0.0) -> Table:
+    """A ball that goes round ring 1 as the effects of the model say, with more dry friction (m/s^2), as a table."""
+    rate, rng, ball = 300, np.random.default_rng(seed), model.ball(1)
+    radius = MAZE.track_radius(1)
+    n = int(seconds * rate)
+    t = np.arange(n) / rate
+    swing = rng.uniform(0.0, 2.0 * math.pi, 6)
+    tilts = [
+        sum(0.025 * np.sin(2.0 * math.pi * (0.25 + 0.2 * i) * t + swing[3 * a + i]) for i in range(3)) for a in (0, 1)
+    ]
+    factor = ball.parameter("rolling_inertia", "factor", 1.0)
+    viscous = ball.parameter("viscous_friction", "coefficient", 0.0)
+    dry = ball.parameter("dry_friction", "coefficient", 0.0) + more_dry / radius
+    offset = [ball.parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")]
+    theta, speed = np.empty(n), 1.5
+    theta[0] = 0.3
+    for i in range(n - 1):
+        b, g = tilts[0][i] + offset[0], tilts[1][i] + offset[1]
+        pull = -factor * 9.81 / radius * (math.sin(b) * math.sin(theta[i]) + math.sin(g) * math.cos(theta[i]))
+        speed += (pull - viscous * speed - dry * math.tanh(speed / 0.1)) / rate
+        theta[i + 1] = theta[i] + speed / rate
+    seen = theta[::10]
+    x, y = radius * np.cos(seen), radius * np.sin(seen)
+    return Table({
+        "t": t[::10], "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y), "beta": tilts[0][::10],
+        "gamma": tilts[1][::10],
+    })  # fmt: skip
 
 
-PARTS = [some(70, 0, 1), some(15, 1, 2), some(1, 2, 3), some(20, 4, 4)]
+def dry_of(model, ring=1):
+    return model.ball(ring).parameter("dry_friction", "coefficient", 0.0) * MAZE.track_radius(ring)
 
 
-def test_rows_added_in_blocks_are_the_same_as_all_at_once():
-    blocks, whole = told(*PARTS), told(tuple(np.concatenate(p) for p in zip(*PARTS, strict=True)))
-    C = by_formula(blocks)
-    np.testing.assert_allclose(blocks.factor, np.linalg.cholesky(C), atol=1e-9)
-    np.testing.assert_allclose(blocks.factor, whole.factor, atol=1e-12)
-    np.testing.assert_allclose(blocks.alpha, np.linalg.solve(C, blocks.y), atol=1e-8)
-    np.testing.assert_allclose(blocks.inverse(), np.linalg.inv(C), atol=1e-8)
+def test_more_friction_is_found_in_a_few_runs_and_kept(toy):
+    online = OnlineModel(toy, MAZE)
+    assert online.model is toy
+    lessons = [online.learn(driven(toy, seed=run, more_dry=0.15 if run > 2 else 0.0)) for run in range(1, 9)]
+    assert [lesson.run for lesson in lessons] == list(range(1, 9))
+    assert all(list(lesson.rows) == [1] and not lesson.why for lesson in lessons)
+    assert dry_of(online.learned) - dry_of(toy) == pytest.approx(0.15, abs=0.04)
+    assert lessons[-1].error < 0.3 * lessons[-1].fixed
+    assert dry_of(online.learned, 3) == dry_of(toy, 3)  # nothing was seen of the other rings
+    assert body_of(online.learned) == body_of(toy)
 
 
-@pytest.mark.parametrize("gone", [[0], [105], [3, 40, 41, 72, 88, 105], list(range(70)), list(range(0, 106, 2)), []])
-def test_rows_removed_leave_what_the_others_make_alone(gone):
-    rows = told(*PARTS)
-    stay = np.setdiff1d(np.arange(len(rows)), gone)
-    alone = OnlineProcess.begin(HYPER, WALK).added(rows.inputs[stay], rows.features[stay], rows.y[stay], rows.age[stay])
-    left = rows.removed(np.array(gone, dtype=np.int64))
-    np.testing.assert_allclose(left.factor, alone.factor, atol=1e-10)
-    np.testing.assert_allclose(left.alpha, alone.alpha, atol=1e-9)
-    np.testing.assert_array_equal(left.y, alone.y)
+def test_a_disc_changes_as_the_nearest_ring_does(toy):
+    online = OnlineModel(toy, MAZE)
+    online.now = 1
+    online.rings[4] = replace(online.rings[4], weights=np.array([0.0, 0.0, 0.05 / MAZE.track_radius(4), 0.0, 0.0]))
+    place = MAZE.ring(5)
+    reach = place.track_radius or 0.5 * place.outer_radius
+    disc = [m.ball(5).parameter("dry_friction", "coefficient", 0.0) * reach for m in (toy, online.learned)]
+    assert disc[1] - disc[0] == pytest.approx(0.05)
 
 
-def test_a_thousand_updates_lose_no_digits():
-    rows = told(some(60, 0, 5))
-    for t in range(1, 300):
-        rows = rows.added(*some(4, t, 100 + t)).within(60, t)
-    fresh = OnlineProcess.begin(HYPER, WALK).added(rows.inputs, rows.features, rows.y, rows.age)
-    np.testing.assert_allclose(rows.alpha, fresh.alpha, rtol=1e-8, atol=1e-9)
+def test_camera_and_tilt_sensor_are_put_right_first(toy):
+    table, camera = driven(toy, seed=4), replace(toy.camera, offset_x=0.004, offset_y=-0.003, angle=0.05)
+    c, s = math.cos(0.05), math.sin(0.05)
+    x = c * table["x"] - s * table["y"] + 0.004
+    y = s * table["x"] + c * table["y"] - 0.003
+    wrong = {"x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y), "beta": 1.1 * table["beta"]}
+    off = replace(toy, camera=camera, tilt_sensor=replace(toy.tilt_sensor, gain_beta=1.1))
+    plain, corrected = OnlineModel(toy, MAZE).learn(table), OnlineModel(off, MAZE)
+    lesson = corrected.learn(Table({**table.columns, **wrong}))
+    assert lesson.error == pytest.approx(plain.error, rel=1e-3)
+    assert lesson.rows == plain.rows
 
 
-def test_without_new_rows_nothing_changes():
-    x, _, y, age = some(50, 0, 6)
-    rows = told((x, np.ones((50, 2)), y, age))
-    plain = GaussianProcess.condition(HYPER, x, np.zeros((50, 0)), y)
-    for now in (0, 3, 1000):
-        np.testing.assert_allclose(rows.process(now).alpha, plain.alpha, atol=1e-10)
-        np.testing.assert_array_equal(rows.weights(now)[0], 0.0)
-    np.testing.assert_allclose(np.diag(rows.weights(7)[1]), 7 * WALK.weights**2)
+def test_impacts_and_a_ball_at_rest_are_left_out(toy):
+    table = driven(toy, seed=5)
+    kicked = table["theta"].copy()
+    kicked[60:] += 0.4
+    hit = {"theta": kicked, "x": table["r"] * np.cos(kicked), "y": table["r"] * np.sin(kicked)}
+    taken = [OnlineModel(toy, MAZE).learn(Table({**table.columns, **more})).rows[1] for more in ({}, hit)]
+    assert taken[1] < taken[0]
+    still = {name: np.full(len(table), table[name][0]) for name in ("x", "y", "theta", "r")}
+    assert OnlineModel(toy, MAZE).learn(Table({**table.columns, **still})).why
 
 
-def test_prediction_is_that_of_process_and_weights_and_of_the_formula():
-    rows, now = told(*PARTS), 6.0
-    at, phi, _, _ = some(30, now, 7)
-    mean, variance = rows.predict(at, phi, now)
-    np.testing.assert_allclose(mean, rows.process(now).mean(at) + phi @ rows.weights(now)[0], atol=1e-10)
-    larger = told(*PARTS, (at, phi, np.zeros(30), np.full(30, now)))
-    C = by_formula(larger)
-    cross, C = C[106:, :106], C[:106, :106]
-    np.testing.assert_allclose(mean, cross @ np.linalg.solve(C, rows.y), atol=1e-9)
-    prior = np.diag(by_formula(larger))[106:] - HYPER.noise**2
-    np.testing.assert_allclose(variance, prior - np.sum(cross.T * np.linalg.solve(C, cross.T), axis=0), atol=1e-9)
+def test_where_it_predicts_worse_than_the_first_model_that_one_is_used_until_it_does_not(toy):
+    online = OnlineModel(toy, MAZE)
+    online.learn(driven(toy, seed=6))
+    for errors, first in (((3.0, 1.0), True), ((1.0, 3.0), False)):
+        online.watched.extend([errors] * WATCHED)
+        assert (online.model is toy) is first
 
 
-def test_evidence_is_the_likelihood_of_rows_given_those_that_are_here():
-    rows, more = told(*PARTS), some(12, 7, 15)
-    whole = rows.added(*more)
-
-    def likelihood(r):
-        return multivariate_normal(np.zeros(len(r)), by_formula(r)).logpdf(r.y)
-
-    assert rows.evidence(*more) == pytest.approx(likelihood(whole) - likelihood(rows), abs=1e-7)
-    assert OnlineProcess.begin(HYPER, WALK).evidence(*PARTS[0]) == pytest.approx(likelihood(told(PARTS[0])), abs=1e-7)
+def test_a_record_that_is_no_number_or_too_short_changes_nothing(toy):
+    online, table = OnlineModel(toy, MAZE), driven(toy, seed=8)
+    broken = Table({**table.columns, "beta": np.full(len(table), np.nan)})
+    short = Table({name: column[:6] for name, column in table.columns.items()})
+    before = dict(online.rings)
+    assert all(online.learn(bad).why for bad in (broken, short))
+    assert (online.rings, online.now) == (before, 2)
 
 
-def test_a_weight_that_changes_is_followed_and_an_old_one_forgotten():
-    rng = np.random.default_rng(8)
-    rows = OnlineProcess.begin(HYPER, WALK)
-    for t in range(1, 31):
-        x, phi, _, age = some(25, t, 200 + t)
-        true = np.array([0.3 if t < 16 else -0.9, 0.0])
-        rows = rows.added(x, phi, phi @ true + 0.2 * rng.normal(size=25), age).within(200, t)
-        if t == 15:
-            assert rows.weights(t)[0] == pytest.approx([0.3, 0.0], abs=0.1)
-    weights, covariance = rows.weights(30)
-    assert weights == pytest.approx([-0.9, 0.0], abs=0.1)
-    assert np.sqrt(covariance[0, 0]) < 0.2
-    assert np.mean(rows.age < 16) < 0.2  # rows of the old weight have left
+def test_models_without_effects_or_delay_cannot_learn(toy):
+    packaged = load_model("toy")
+    for model, advice in ((RigModel.nominal(MAZE), "collect"), (replace(packaged, kind="np"), "kind np")):
+        with pytest.raises(InputError, match=advice):
+            OnlineModel(model, MAZE)
+    known = replace(RigModel.nominal(MAZE), camera_delay=0.02)
+    assert not OnlineModel(known, MAZE).learn(driven(toy, seed=11)).why
 
 
-def test_what_is_removed_is_what_tells_least_of_now():
-    parts = [some(25, 0, 10), some(15, 3, 11)]
-    parts[1][0][7], parts[1][1][7] = parts[1][0][8] + 1e-3, parts[1][1][8]  # the same row twice
-    rows, now, one_by_one = told(*parts), 5.0, []
-    at = rows.inputs, rows.features, now
-    left = np.arange(40)
-    for _ in range(12):
-        unsure = [np.sum(rows.removed(np.array([*one_by_one, i])).predict(*at)[1]) for i in left]
-        one_by_one.append(int(left[int(np.argmin(unsure))]))
-        left = np.delete(left, int(np.argmin(unsure)))
-    assert novelty(rows, 12, now).tolist() == one_by_one
-    assert len({32, 33} & set(one_by_one)) <= 1  # once one of the two is gone the other is news
-
-
-def test_of_two_rows_at_one_place_the_older_goes_first():
-    x, phi, y, _ = some(30, 0, 14)
-    x[20], phi[20] = x[21], phi[21]
-    age = np.full(30, 9.0)
-    for old, new in ((20, 21), (21, 20)):
-        age[old], age[new] = 2.0, 9.0
-        order = novelty(told((x, phi, y, age)), 30, 9.0).tolist()
-        assert order.index(old) < order.index(new)
-
-
-@pytest.mark.parametrize("name", RULES)
-def test_a_budget_is_kept_by_every_rule(name):
-    rows = told(*PARTS).within(50, 4.0, name)
-    assert len(rows) == 50
-    assert len(told(*PARTS).within(106, 4.0, name)) == 106
-    if name == "oldest":
-        assert rows.age.min() == 0.0
-        assert (rows.age > 0.0).sum() == 36
-
-
-def test_the_same_row_a_hundred_times_and_rows_without_noise_stay_positive_definite():
-    x, phi, y, age = some(1, 0, 11)
-    quiet = OnlineProcess.begin(replace(HYPER, noise=1e-9), WALK)
-    rows = quiet.added(*(np.repeat(part, 50, axis=0) for part in (x, phi, y, age)))
-    for _ in range(2):
-        rows = rows.added(*(np.repeat(part, 25, axis=0) for part in (x, phi, y, age)))
-    assert np.isfinite(rows.alpha).all()
-    assert rows.process(1.0).mean(x) == pytest.approx(y, rel=1e-3)
-    assert np.isfinite(rows.within(30, 1.0).alpha).all()
-
-
-@pytest.mark.parametrize("part", range(4))
-def test_a_row_that_is_no_number_never_gets_in(part):
-    row = list(some(3, 1, 12))
-    row[part] = row[part].copy()
-    row[part].flat[1] = np.nan
-    with pytest.raises(ModelError, match="not finite"):
-        told(*PARTS).added(*row)
-
-
-def test_the_compiled_predictor_takes_it():
-    rows = told(*PARTS)
-    rng = np.random.default_rng(13)
-    states = rng.normal(size=(40, 6)) * [3.0, 1.0, 0.05, 0.5, 0.05, 0.5]
-    s, c = np.sin, np.cos
-    theta, rate, beta, beta_dot, gamma, gamma_dot = states.T
-    at = np.stack([rate, beta_dot, gamma_dot, s(theta), c(theta), s(beta), c(beta), s(gamma), c(gamma)], axis=1)
-    process = rows.process(4.0)
-    np.testing.assert_allclose(fast_gp.evaluate(fast_gp.pack(process), states)[0], process.mean(at), atol=1e-6)
+def test_it_is_kept_and_goes_on_as_if_it_had_never_stopped(tmp_path):
+    start = load_model("toy")
+    one = OnlineModel(start, MAZE)
+    for run in range(2):
+        one.learn(driven(start, seed=run, more_dry=0.04))
+    save_online(one, tmp_path, "toy")
+    other = open_online(tmp_path, MAZE, "toy")
+    lessons = [online.learn(driven(start, seed=20, more_dry=0.04)) for online in (one, other)]
+    assert lessons[0].error == pytest.approx(lessons[1].error, rel=1e-3)
+    assert dry_of(other.model) == pytest.approx(dry_of(one.model), rel=1e-3)
+    assert load_model(tmp_path).kind == "sp"
+    for maze, rig in ((load_map("lopsided"), "toy"), (MAZE, "ideal")):
+        with pytest.raises(InputError, match="has learned on"):
+            open_online(tmp_path, maze, rig)
+    for text in ("", "{}", (tmp_path / STATE).read_text().replace('"format": 1', '"format": 9')):
+        (tmp_path / STATE).write_text(text)
+        with pytest.raises(ModelError, match=STATE):
+            open_online(tmp_path, MAZE, "toy")

@@ -14,6 +14,7 @@ from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.online import Lesson
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
@@ -22,15 +23,7 @@ from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 from mazeplan.run.campaign.evaluate import evaluate as run_campaign
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.faults import evaluate_faults, report
-from mazeplan.run.campaign.online_learning import (
-    Learner,
-    Lesson,
-    learn_while,
-    learner_of,
-    learning_alone,
-    lesson_document,
-    lesson_line,
-)
+from mazeplan.run.campaign.online_learning import evaluate_learning, lesson_document, lesson_line
 from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, open_store, open_stores
 from mazeplan.run.commands.given import by_name
@@ -207,22 +200,16 @@ def _learning(campaign: Campaign, output: Path | None, work: Work) -> tuple[list
         if line := lesson_line(lesson):
             work.say(line)
 
-    with learning_alone(output):
-        learner = learner_of(campaign.model, campaign.rig, campaign.maze(), output)
-        try:
-            with work.bar(campaign.runs, 0) as advance:
-                outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=on_lesson)
-        except KeyboardInterrupt:
-            if output is not None:
-                kept, left = f"{len(done)} of {campaign.runs} runs are kept in {output}", campaign.runs - len(done)
-                work.say(f"{kept}; --runs {left} continues with the others")
-            raise
-        work.say(_learned(done, learner, output))
-    kept = None if output is None else str(output)
-    return outcomes, {"runs": [lesson_document(lesson) for lesson in lessons], "model": kept}
-
-
-def _learned(lessons: Sequence[Lesson], learner: Learner, output: Path | None) -> str:
-    rows, used = sum(sum(lesson.rows.values()) for lesson in lessons), sum(not lesson.why for lesson in lessons)
-    where = "not kept (give -o FOLDER)" if output is None else f"{output}, {learner.online.now} runs so far"
-    return f"learned from {rows} samples of {used} of {len(lessons)} runs: {where}"
+    try:
+        with work.bar(campaign.runs, 0) as advance:
+            outcomes, lessons = evaluate_learning(campaign, output, progress=advance, tell=on_lesson)
+    except KeyboardInterrupt:
+        if output is not None:
+            kept, left = f"{len(done)} of {campaign.runs} runs are kept in {output}", campaign.runs - len(done)
+            work.say(f"{kept}; --runs {left} continues with the others")
+        raise
+    rows, used = sum(sum(lesson.rows.values()) for lesson in done), sum(not lesson.why for lesson in done)
+    where = "not kept (give -o FOLDER)" if output is None else f"{output}, {lessons[-1].run} runs so far"
+    work.say(f"learned from {rows} samples of {used} of {len(done)} runs: {where}")
+    entries = [lesson_document(lesson) for lesson in lessons]
+    return outcomes, {"runs": entries, "model": None if output is None else str(output)}
