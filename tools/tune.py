@@ -28,7 +28,7 @@ from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import MazeplanError, SettingsError
 from mazeplan.core.resources import to_install
-from mazeplan.run.campaign.executor import each, open_executor
+from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.settings import load_settings
 
 PENALTY = 10.0  # s
@@ -150,7 +150,7 @@ def main() -> None:
             points = search.ask()
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
             found: dict[int, list[float]] = {}
-            for index, one in each(price, [((c, runs),) for c in candidates], executor):
+            for index, one in executor.each(price, [((c, runs),) for c in candidates]):
                 found[index] = one
                 bar.advance(generation * len(candidates) + len(found), o.generations * len(candidates))
             times = [found[index] for index in range(len(candidates))]

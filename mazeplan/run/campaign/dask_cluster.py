@@ -1,13 +1,12 @@
 """An executor that uses the workers of a Dask scheduler. Only this file imports dask and distributed.
 
-If a worker dies, Dask does its tasks again elsewhere. After too many deaths Dask gives up every task of these workers,
-also tasks that did not cause a death. Each such task is tried once more, alone.
+If a worker dies, Dask does its tasks again elsewhere. After too many deaths the work ends with RigError. Workers read
+the user's files at the same paths as this process: give them a folder that all machines share.
 """
 
 from __future__ import annotations
 
 import logging
-import math
 import os
 import platform
 import threading
@@ -16,28 +15,26 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words
 from mazeplan.core.resources import to_install
-from mazeplan.run.campaign.executor import MOST_DEATHS, Arguments, Executor, Lost, Result, Value, one_thread
-from mazeplan.run.campaign.versions import program, program_mismatch
+from mazeplan.run.campaign.executor import MOST_DEATHS, Arguments, Executor, Result, one_thread, too_many_deaths
+from mazeplan.run.campaign.identity import program, program_mismatch
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 LOOPBACK = "127.0.0.1"
 CONNECT_S = 5.0  # s within which a scheduler must answer
 WORKERS_S = 10.0  # s within which the first worker must come
-ALONE_S = 60.0  # s without any worker before an error
-POLL_S = 1.0  # s between looks for workers while no task ends
+POLL_S = 1.0  # s between looks for the scheduler while no task ends
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
 SETTINGS = {
     "distributed.comm.timeouts.connect": CONNECT_S,
     "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
-    "distributed.admin.large-graph-warning-threshold": 1 << 30,  # bytes; a user's files may be large
+    "distributed.admin.large-graph-warning-threshold": 1 << 30,
     # for workers on this machine: profiling them a hundred times a second takes a tenth of their time
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -56,7 +53,6 @@ def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any]
         from dask import config
     except ImportError:
         raise InputError(f"--dask needs dask and distributed: {to_install('campaign')}") from None
-    elsewhere = address is not None
     with ExitStack() as stack:
         stack.enter_context(_silence())
         stack.enter_context(config.set(SETTINGS))
@@ -70,7 +66,7 @@ def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any]
             cloudpickle.register_pickle_by_value(module)
         _check_workers(client, address)
         say(f"Dask's dashboard: {client.dashboard_link}")
-        yield Dask(client, address, say, elsewhere)
+        yield Dask(client, address)
 
 
 @contextmanager
@@ -147,42 +143,24 @@ class Dask:
 
     apart = True
 
-    def __init__(self, client: Client, address: str, say: Words, elsewhere: bool) -> None:
-        self._client, self._address, self._say, self.elsewhere = client, address, say, elsewhere
+    def __init__(self, client: Client, address: str) -> None:
+        self._client, self._address = client, address
 
-    def share(self, value: Value) -> Value:
-        """The value as the result of a task: if its worker dies, the scheduler does this task again."""
-        shared: Any = self._client.submit(_itself, value, key=f"shared-{uuid.uuid4().hex}", pure=False)
-        return shared
-
-    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
-        """See `Executor`. Raises RigError if the scheduler is lost, or if there have been no workers for ALONE_S."""
-        suspects: list[int] = []
-        for index, result in self._each(work, tasks, range(len(tasks))):
-            if isinstance(result, Lost):
-                suspects.append(index)
-            else:
-                yield index, result
-        for index in suspects:  # alone: another task may have killed its workers
-            yield from self._each(work, tasks, [index])
-
-    def _each(
-        self, work: Callable[..., Result], tasks: Sequence[Arguments], which: Sequence[int]
-    ) -> Iterator[tuple[int, Result | Lost]]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
+        """See `Executor`. Raises RigError also if the scheduler is lost."""
         from distributed import wait
         from distributed.client import FuturesCancelledError
 
         expected, running = dict(program()), dict[Any, int]()
-        seen = monotonic()  # when there was a worker last
         try:
-            for index in which:
+            for index, task in enumerate(tasks):
                 key = f"run-{index}-{uuid.uuid4().hex}"
-                running[self._client.submit(_do, work, expected, tasks[index], key=key, pure=False)] = index
+                running[self._client.submit(_do, work, expected, task, key=key, pure=False)] = index
             while running:
-                # the wait ends with cancelled tasks if the scheduler is lost: the check of the workers says so
                 with suppress(TimeoutError, FuturesCancelledError), self._client.as_current():
                     wait(list(running), timeout=POLL_S, return_when="FIRST_COMPLETED")
-                seen = self._checked_workers(seen)
+                if self._client.status != "running":
+                    raise self._lost()
                 for future in [future for future in running if future.status not in ("pending", "lost")]:
                     yield running.pop(future), self._outcome(future)
         finally:
@@ -190,14 +168,14 @@ class Dask:
                 with suppress(Exception):  # another error is on its way already
                     self._client.cancel(list(running), force=True)
 
-    def _outcome(self, future: Future) -> Any:
+    def _outcome(self, future: Any) -> Any:
         """The result of a task. Raises what the task raised, and RigError when the scheduler does not know it."""
         from distributed import KilledWorker
 
         try:
             return future.result()
-        except KilledWorker as killed:
-            return Lost(killed.allowed_failures + 1)
+        except KilledWorker:
+            raise too_many_deaths() from None
         except CancelledError:
             raise self._lost() from None
         except OSError:  # from the connection, or from the work
@@ -205,25 +183,8 @@ class Dask:
                 raise
             raise self._lost() from None
 
-    def _checked_workers(self, seen: float) -> float:
-        """When there was a worker last. Raises RigError if this was ALONE_S ago, or if the scheduler is lost."""
-        if self._client.status != "running":
-            raise self._lost()
-        now = monotonic()
-        if self._client.scheduler_info()["workers"]:
-            return now
-        if math.isclose(seen, now, abs_tol=POLL_S):
-            self._say(f"the scheduler at {self._address} has no workers; waiting up to {ALONE_S:g} s for one")
-        if now - seen > ALONE_S:
-            raise RigError(f"the scheduler at {self._address} had no workers for {ALONE_S:g} s")
-        return seen
-
     def _lost(self) -> RigError:
         return RigError(f"the scheduler at {self._address} does not answer any more")
-
-
-def _itself(value: Any) -> Any:
-    return value
 
 
 def _do(work: Callable[..., Any], expected: Mapping[str, str], task: Arguments) -> Any:

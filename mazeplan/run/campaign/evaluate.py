@@ -15,11 +15,9 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.display import NullDisplay
-from mazeplan.core.errors import RigError
 from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
-from mazeplan.rigs.registry import rig_label
-from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
+from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.one_run import (
     FIXED_STARTS,
     Campaign,
@@ -33,7 +31,6 @@ from mazeplan.run.campaign.one_run import (
     start_angle,
 )
 from mazeplan.run.campaign.store import Store
-from mazeplan.run.campaign.user_files import Parcel, packed, unpack, user_files
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import log_header
 
@@ -65,9 +62,8 @@ def evaluate(
     missing = [index for index in range(campaign.runs) if index not in done]
     if missing and (executor.apart or store is not None):
         check(campaign)
-    shared, there = shared_files(campaign, executor)
-    tasks = [(shared, there, index) for index in missing]
-    for k, ran in each(do_run, tasks, executor, lambda k, lost: Ran(process_ended(campaign, missing[k], lost))):
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
+    for k, ran in executor.each(do_run, [(campaign, index) for index in missing]):
         done[missing[k]] = ran.result
         if store is not None:
             store.keep(missing[k], ran)
@@ -76,18 +72,8 @@ def evaluate(
     return [done[index] for index in range(campaign.runs)]
 
 
-def shared_files(campaign: Campaign, executor: Executor) -> tuple[Parcel, Campaign]:
-    """The files of a campaign for tasks of this executor, and the campaign as a worker can use it."""
-    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
-    if not executor.elsewhere:
-        return Parcel(), campaign
-    parcel, campaign = packed(campaign, user_files(campaign).values())
-    return executor.share(parcel), campaign
-
-
-def do_run(parcel: Parcel, campaign: Campaign, index: int) -> Ran:
-    """Run number `index` of a campaign, on a worker that may lack the files in the parcel."""
-    unpack(parcel)
+def do_run(campaign: Campaign, index: int) -> Ran:
+    """Run number `index` of a campaign, with its times."""
     return Ran(*measured(lambda: run_one(campaign, index)))
 
 
@@ -96,13 +82,6 @@ def check(campaign: Campaign) -> None:
     maze = campaign.maze()
     rig = rig_of_run(campaign, 0, maze)
     Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
-
-
-def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResult:
-    """The result of a run whose worker process ended during the run, for whatever reason."""
-    job = job_of(campaign, index, campaign.maze())
-    problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
-    return rig_failed(problem, job, rig_label(campaign.rig))
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:

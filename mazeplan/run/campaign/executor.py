@@ -1,8 +1,8 @@
 """Does independent pieces of work: in this process, in processes of this machine (loky), or on other machines (Dask).
 
 `executor.each(work, tasks)` calls work(*task) for every task and yields (index, result) as the tasks end, in any order.
-An exception of `work` ends it. If a process dies, another process does its task again. After MOST_DEATHS deaths the
-task is given up; its result is `Lost`.
+An exception of `work` ends it. If a process dies, another process does its task again; after MOST_DEATHS deaths without
+a finished task it ends with RigError.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from __future__ import annotations
 import signal
 import sys
 import warnings
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -24,37 +23,20 @@ from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words, no_words
 
 LOCAL = "local"  # in place of the address of a scheduler: start a cluster on this machine
-MOST_DEATHS = 3  # maximum number of processes that may die during one task
+MOST_DEATHS = 3  # maximum number of processes that may die before a task ends
 WAKE_S = 1.0  # s, longest wait without a break: on some systems signals do not interrupt a wait
 
 Result = TypeVar("Result")
-Value = TypeVar("Value")
 Arguments = tuple[Any, ...]  # arguments of `work` for one task
 _found: list[tuple[int, ThreadpoolController]] = []  # number of modules, and the controller of their libraries
 
 
-@dataclass(frozen=True)
-class Lost:
-    """In place of the result of a task that was given up. deaths: how often a process died during it."""
-
-    deaths: int
-
-
 class Executor(Protocol):
-    """Does independent tasks.
-
-    apart: whether in other processes
-    elsewhere: whether perhaps on other machines, which lack the user's files
-    """
+    """Does independent tasks. apart: whether in other processes"""
 
     apart: bool
-    elsewhere: bool
 
-    def share(self, value: Value) -> Value:
-        """Prepare a large value that many tasks share. Put the returned value into the tasks: it then travels once."""
-        ...
-
-    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
         """(index, work(*task)) of all tasks as they end."""
         ...
 
@@ -92,24 +74,6 @@ def _here(workers: int) -> Iterator[Executor]:
         processes.close()
 
 
-def each(
-    work: Callable[..., Result],
-    tasks: Sequence[Arguments],
-    executor: Executor,
-    lost: Callable[[int, Lost], Result] | None = None,
-) -> Iterator[tuple[int, Result]]:
-    """(index, work(*task)) of all tasks as they end.
-
-    lost: makes the result of a task whose process died too often; None: such a task raises RigError"""
-    for index, result in executor.each(work, tasks):
-        if not isinstance(result, Lost):
-            yield index, result
-        elif lost is not None:
-            yield index, lost(index, result)
-        else:
-            raise RigError(f"task {index}: its worker process ended {result.deaths} times in the midst of it")
-
-
 @contextmanager
 def one_thread() -> Iterator[None]:
     """A context in which linear algebra uses one thread. The threads of many workers would compete for the cores, and a
@@ -121,58 +85,53 @@ def one_thread() -> Iterator[None]:
         yield
 
 
+def too_many_deaths() -> RigError:
+    """The error for work that ends its processes."""
+    return RigError(f"worker processes ended {MOST_DEATHS} times in the midst of their work")
+
+
 class InProcess:
     """Does one task after the other, in this process."""
 
-    apart = elsewhere = False
+    apart = False
 
-    def share(self, value: Value) -> Value:
-        """Returns the value itself: it does not travel."""
-        return value
-
-    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
         """See `Executor`."""
         for index, task in enumerate(tasks):
             yield index, _alone(work, task)
 
 
 class Processes:
-    """See `Executor`. Each worker has one task at a time, so it is known which tasks a death may be due to."""
+    """See `Executor`. Each worker has one task at a time."""
 
-    apart, elsewhere = True, False
+    apart = True
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
         self._pool: Any = None  # of loky; None: no process has begun
 
-    def share(self, value: Value) -> Value:
-        """Returns the value itself: through a pipe it travels fast enough."""
-        return value
-
-    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result | Lost]]:
-        """See `Executor`. After a death, the tasks that were under way are done last, one by one."""
-        waiting, suspects = deque(range(len(tasks))), deque[int]()
-        deaths = Counter[int]()
+    def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
+        """See `Executor`. After a death, the tasks that were under way are done again."""
+        waiting, deaths = deque(range(len(tasks))), 0
         running: dict[Future[Result], int] = {}
         try:
-            while waiting or suspects or running:
+            while waiting or running:
                 while waiting and len(running) < self._workers:
                     index = waiting.popleft()
                     running[self._submit(work, tasks[index])] = index
-                if not running:
-                    index = suspects.popleft()
-                    running[self._submit(work, tasks[index])] = index
-                for future in wait(running, WAKE_S, FIRST_COMPLETED).done:
+                done = wait(running, WAKE_S, FIRST_COMPLETED).done
+                if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
+                    done = wait(running).done  # a broken pool ends them all
+                    deaths, self._pool = deaths + 1, None
+                for future in done:
                     index = running.pop(future)
-                    if not isinstance(future.exception(), BrokenProcessPool):
-                        yield index, future.result()
-                        continue
-                    self._pool = None
-                    deaths[index] += 1
-                    if deaths[index] < MOST_DEATHS:
-                        suspects.append(index)
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        waiting.appendleft(index)
                     else:
-                        yield index, Lost(deaths[index])
+                        deaths = 0
+                        yield index, future.result()
+                if deaths == MOST_DEATHS:
+                    raise too_many_deaths()
         finally:
             if running:
                 self.close()

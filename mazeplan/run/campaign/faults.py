@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Any
 
@@ -23,11 +23,10 @@ from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
-from mazeplan.run.campaign.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of, shared_files
-from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
+from mazeplan.run.campaign.evaluate import Campaign, check, job_of, rig_failed, setup_of
+from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.one_run import Ran, collect_garbage, measured, rig_of_run
 from mazeplan.run.campaign.store import Store
-from mazeplan.run.campaign.user_files import Parcel, unpack
 from mazeplan.run.execution import attempt_job
 from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
@@ -112,18 +111,10 @@ def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
         collect_garbage()
 
 
-def do_trial(parcel: Parcel, campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
-    """As `run_trial`, on a worker that may lack the files in the parcel."""
-    unpack(parcel)
+def do_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
+    """As `run_trial`, with the times of the run."""
     outcome, wall_s, cpu_s, host = measured(lambda: run_trial(campaign, trial, index))
     return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, host))
-
-
-def _lost(campaign: Campaign, trial: FaultTrial, index: int, lost: Lost) -> Tried:
-    """The outcome of a run that ended its process."""
-    result = process_ended(campaign, index, lost)
-    outcome = Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].words}",))
-    return Tried(outcome, Ran(result))
 
 
 def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
@@ -184,14 +175,8 @@ def evaluate_faults(
     missing = [place for place in every if place not in done]
     if missing and executor.apart:
         check(campaign)
-    shared, there = shared_files(campaign, executor)
-    tasks = [(shared, there, trials[t], k) for t, k in missing]
-
-    def lost_run(number: int, lost: Lost) -> Tried:
-        t, k = missing[number]
-        return _lost(campaign, trials[t], k, lost)
-
-    for number, tried in each(do_trial, tasks, executor, lost_run):
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
+    for number, tried in executor.each(do_trial, [(campaign, trials[t], k) for t, k in missing]):
         t, k = missing[number]
         done[t, k] = tried.outcome
         if stores:

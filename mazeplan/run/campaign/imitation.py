@@ -29,7 +29,7 @@ from mazeplan.learning.policy_training import fit_network
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.assembly import plate_of
-from mazeplan.run.campaign.executor import each, open_executor
+from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.campaign.one_run import Campaign, collect_garbage, rig_of_run, setup_of
 from mazeplan.run.execution import attempt_job
 from mazeplan.run.specification import Job
@@ -163,7 +163,7 @@ def train(
             show(f"round {number + 1}: {'the planner' if policy is None else 'the policy'} drives")
             runs = replace(campaign, seed=first + number * options.runs)
             new = dict[int, Demonstration]()
-            for index, found in each(demonstrate, [(runs, i, policy) for i in range(options.runs)], executor):
+            for index, found in executor.each(demonstrate, [(runs, i, policy) for i in range(options.runs)]):
                 new[index] = found
                 part(len(new), options.runs)
             lessons += [new[index] for index in sorted(new)]  # in one order for any number of workers

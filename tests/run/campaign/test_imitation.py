@@ -14,7 +14,6 @@ from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.evaluate import Campaign, evaluate
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
-from mazeplan.run.campaign.user_files import user_files
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
 
@@ -103,13 +102,6 @@ def test_workers_get_the_policy_and_do_what_one_process_does(folder):
     alone, apart = (evaluate(campaign, workers=workers) for workers in (1, 2))
     assert [r.time_s for r in alone] == [r.time_s for r in apart]
     assert all(r.success and not r.planner_ms["max"] for r in apart)
-
-
-def test_other_machines_get_the_policy(folder):
-    files = user_files(Campaign(1, "ideal", policy=str(folder), behavior="policy"))
-    assert files == {
-        name: folder / name.removeprefix("policy/") for name in ("policy/policy.yaml", "policy/policy.npz")
-    }
 
 
 def test_via_goes_by_the_policy_too(folder):
