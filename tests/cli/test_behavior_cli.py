@@ -23,17 +23,6 @@ def test_check_names_every_bad_file(call, tmp_path):
     assert "did you mean Align?" in err.splitlines()[0]
 
 
-def test_check_says_that_rings_were_not_looked_up(call, tmp_path):
-    own = tmp_path / "own.xml"
-    own.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><InRing ring="7"/></BehaviorTree></root>')
-    code, out, err = call("behavior", "check", own)
-    assert (code, out) == (0, f"{own}: ok, 1 nodes\n")
-    assert "were not looked up: give --map MAP" in err
-    code, _, err = call("behavior", "check", own, "--map", "cme")
-    assert (code, "ring: got '7', expected one of 1, 2, 3, 4, 5" in err) == (2, True)
-    assert "looked up" not in call("behavior", "check", "navigate")[2]
-
-
 def test_check_and_list_for_programs(call, tmp_path):
     (tmp_path / "bad.xml").write_text("<root/>")
     code, out, err = call("behavior", "check", "navigate", str(tmp_path / "bad.xml"), "--json")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 
 import cv2
 import numpy as np
 import pytest
 from chessboards import board_poses, draw_board
 
-from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.camera.markers import corner_markers
@@ -83,48 +81,6 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     assert (tmp_path / "rig.yaml").read_text() == before
 
 
-@pytest.mark.parametrize(
-    ("words", "status", "message"),
-    [
-        (["--plate", "plate.png"], 2, "rig.yaml: camera: has no lens yet"),
-        (["--boards", "nix", "--plate", "plate.png"], 2, "nix: no such file, expected a folder of pictures"),
-        (["--boards", "boards", "--corners", "7", "--plate", "plate.png"], 2, "--corners: got '7', expected"),
-        (
-            ["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"],
-            2,
-            "--boards: boards: chessboard: got 0 pictures with a whole board of 9 x 6 inner corners among ",
-        ),
-        (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),
-        (["--boards", "boards", "--corners", "7x5", "--plate", "boards/0.png"], 2, "expected at least two of"),
-        (["--boards", "boards", "--corners", "7x5", "--plate", "97"], 3, "camera 97 cannot be opened"),
-        (["--sheet", "markers.doc"], 2, "expected a file that ends in .pdf"),
-    ],
-)
-def test_bad_input(calibrate, shots, tmp_path, words, status, message):
-    for name in ("boards", "plate.png"):
-        (tmp_path / name).symlink_to(shots / name)
-    code, out, err = calibrate(*words)
-    assert (code, out, err.count("\n")) == (status, "", 1)
-    assert message in err
-    assert (tmp_path / "rig.yaml").read_text() == RIG
-
-
-@pytest.mark.parametrize(
-    ("more", "size"), [("", None), ("\n  size: [800, 600]", (800, 600)), ("\n  focal_px: [600, 600]", (640, 480))]
-)
-def test_a_device_is_asked_for_the_size_in_the_rigs_file(calibrate, monkeypatch, tmp_path, more, size):
-    asked = []
-
-    def opened(source, size=None):
-        asked.append((source, size))
-        raise RigError("camera 0 cannot be opened")
-
-    monkeypatch.setattr("mazeplan.rigs.camera.source.VideoSource", opened)
-    (tmp_path / "rig.yaml").write_text(RIG.replace("   # the grey one", more))
-    assert calibrate("--boards", "0")[0] == 3
-    assert asked == [(0, size)]
-
-
 def test_marker_sheets_to_scale_with_a_ruler(calibrate, tmp_path):
     status, _, err = calibrate("--sheet", "markers.png")
     assert status == 0, err
@@ -151,20 +107,3 @@ def test_marker_sheets_to_scale_with_a_ruler(calibrate, tmp_path):
     assert where[0][1] < where[3][1]
     assert where[3][1] - where[0][1] == pytest.approx(far, abs=0.2)
     assert where[2][1] - where[1][1] == pytest.approx(far, abs=0.2)
-
-
-def test_a_pdf_has_all_pages(calibrate, tmp_path):
-    status, _, err = calibrate("--sheet", "markers.pdf")
-    assert status == 0, err
-    data = (tmp_path / "markers.pdf").read_bytes()
-    assert data.count(b"/Type /Page ") == 2
-    width, height = (float(v) for v in re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", data)[0])
-    assert width * 25.4 / 72.0 == pytest.approx(210.0, abs=0.1)
-    assert height * 25.4 / 72.0 == pytest.approx(279.4, abs=0.1)
-
-
-def test_a_bad_hue_is_refused_before_the_calibration(calibrate, tmp_path):
-    (tmp_path / "rig.yaml").write_text(RIG.replace("  source: 0", "  ball_hue_deg: [4, 400]\n  source: 0"))
-    status, _, err = calibrate("--boards", "nosuch")
-    assert status == 2
-    assert "rig.yaml:4: camera.ball_hue_deg[1]: got 400, expected less than or equal to 360" in err

@@ -10,13 +10,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import typer
 from emulator.truth import Diode
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.hardware import tiltreadings
-from mazeplan.rigs.hardware.tiltcalibration import read_readings
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
 
 RIG = """\
@@ -91,56 +89,6 @@ def test_a_dry_run_and_a_bad_fit_leave_the_rigs_file_alone(desk, call):
     assert code == 1
     assert "expected at most 0.1: take more readings, over the whole range" in err
     assert Path("hardware.yaml").read_text() == RIG
-
-
-def test_a_read_only_file_of_a_rig_is_refused_before_any_work(desk, call, refused):
-    Path("hardware.yaml").chmod(0o444)
-    said = "mazeplan: hardware.yaml: is read-only; expected a file that may be written to\n"
-    for words in (("calibrate", "tilt"), ("calibrate", "camera"), ("rig", "check", "hardware", "--yes")):
-        assert refused(*words) == said
-    assert Path("hardware.yaml").read_text() == RIG
-    assert call(*write(rows()), "--dry-run")[0] == 0
-
-
-@pytest.mark.parametrize(
-    ("column", "factor", "message"),
-    [
-        (4, 1e-3, "r.csv:2: pulse_beta_us: got 1.3"),
-        (0, 1000.0, "r.csv:2: v0: got "),
-        (2, 60.0, "r.csv:2: beta_deg: got "),
-        (2, 0.0174, "beta_deg: got -0.1 to 0.1 deg"),
-    ],
-)
-def test_readings_in_other_units(desk, refused, column, factor, message):
-    table = rows()
-    for cells in table:
-        cells[column] = f"{factor * float(cells[column]):.1f}"
-    assert message in refused(*write(table), "--dry-run")
-    assert message in refused(*write(table))
-    assert Path("hardware.yaml").read_text() == RIG
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--readings", "none.csv"], "none.csv: no such file, expected a table (CSV) with v0"),
-        (["--rig", "toy"], "got rig 'toy'"),
-        (["--rig", "none.yaml"], "none.yaml: no such file"),
-        (["--readings", "few.csv"], "few.csv: got 1 readings"),
-        (["--readings", "still.csv"], "still.csv: v1: got 2.500 to 2.500 V"),
-        (["--readings", "few.csv", "--map", "nosuch"], "nosuch"),
-        (["--keep", "few.csv/kept.csv"], "--keep: got "),
-        (["--rig", "bare.yaml"], "bare.yaml:1: servo.beta.min_us: is missing: no servo moves without limits"),
-    ],
-)
-def test_bad_input_is_refused_before_a_question(desk, board, refused, monkeypatch, arguments, message):
-    monkeypatch.setattr("typer.prompt", lambda text, **more: pytest.fail("it asked"))
-    header = "v0,v1,beta_deg,gamma_deg\n"
-    (desk / "bare.yaml").write_text("class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n")
-    (desk / "few.csv").write_text(f"{header}2.5,2.5,0,0\n")
-    (desk / "still.csv").write_text(header + "".join(f"{2.0 + 0.1 * k},2.5,{k},{-k}\n" for k in range(12)))
-    assert message in refused("calibrate", "tilt", *arguments)
-    assert board.closed == 0
 
 
 class Board:
@@ -220,32 +168,3 @@ def test_a_lost_board_and_ctrl_c_leave_a_level_plate(call, desk, board, monkeypa
     assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG
-
-
-@pytest.mark.parametrize("last", [3, 12])
-def test_ctrl_d_ends_the_readings_and_keeps_them(call, desk, board, monkeypatch, last):
-    """Enough readings are fitted; otherwise the message names the missing ones and the file of the others."""
-
-    def prompt(text, default, **more):
-        if text.startswith(f"{last + 1} "):
-            try:
-                raise EOFError
-            except EOFError:
-                raise typer.Abort from None  # as click does
-        beta, gamma = ((pulse - 1500.0) / 40.0 for pulse in board.pulses)
-        return f"{beta:.2f} {gamma:.2f}"
-
-    monkeypatch.setattr("typer.prompt", prompt)
-    (desk / "hardware-readings.csv").write_text("of last year\n")
-    code, _, err = call("calibrate", "tilt", "--grid", "4")
-    assert len(read_readings(desk / "hardware-readings-2.csv")) == last
-    assert (desk / "hardware-readings.csv").read_text() == "of last year\n"
-    assert (board.levelled >= 1, board.closed) == (True, 1)
-    if last == 3:
-        assert code == 2
-        wanted = "mazeplan: hardware-readings-2.csv: got 3 readings, expected at least 8: 5 are missing"
-        assert err.splitlines()[-1] == wanted
-        assert Path("hardware.yaml").read_text() == RIG
-    else:
-        assert code == 0, err
-        assert read_yaml(Path("hardware.yaml")).data["tilt"]["readings"] == 12

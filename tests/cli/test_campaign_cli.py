@@ -13,8 +13,7 @@ import pytest
 from commands import start
 from soon import soon
 
-from mazeplan.core.resources import to_install
-from mazeplan.run.campaign import one_run, store
+from mazeplan.run.campaign import store
 from mazeplan.run.campaign.store import runs_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,40 +77,3 @@ def test_ctrl_c_keeps_runs_and_names_the_way_to_continue(tmp_path, monkeypatch, 
     assert (code, out) == (130, "")
     assert f"1 of 2 runs are kept in {tmp_path}; the same command continues with the others" in err
     assert "Traceback" not in err
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--dask", "nowhere"), "--dask: got 'nowhere', expected local or an address such as tcp://scheduler:8786"),
-        (("--dask", "tcp://h:1", "--workers", "2"), "--workers: got 2 with --dask tcp://h:1"),
-        (("--store", "file"), "is a file; expected a folder that can be made"),
-        (("--behavior", "mine.xml", "--workers", "2"), "mazeplan: mine.xml:3:"),
-    ],
-)
-def test_bad_input(words, message, tmp_path, monkeypatch, call):
-    monkeypatch.chdir(tmp_path)
-    Path("file").touch()
-    Path("mine.xml").write_text("<root BTCPP_format='4'>\n<BehaviorTree ID='a'>\n<Fly/></BehaviorTree></root>")
-    code, out, err = call(*FAST, *words)
-    assert (code, out) == (2, "")
-    assert message in err.splitlines()[-1]
-
-
-@pytest.mark.parametrize(("package", "option"), [("distributed", "--dask")])
-def test_a_missing_extra_is_named(package, option, monkeypatch, call):
-    monkeypatch.setitem(sys.modules, package, None)
-    code, _, err = call(*FAST, option, "local")
-    assert code == 2
-    assert err.splitlines()[-1].endswith(to_install("campaign"))
-
-
-def test_no_deadline_lets_plans_take_any_time(monkeypatch, call):
-    seen, attempt = [], one_run.attempt_job
-    monkeypatch.setattr(
-        one_run, "attempt_job", lambda rig, setup, job, **more: seen.append(setup) or attempt(rig, setup, job)
-    )
-    call(*LIGHT, "--runs", "1", "--no-deadline")
-    call(*LIGHT, "--runs", "1")
-    without, usual = (setup.settings.leaves.travel.deadline_ms for setup in seen)
-    assert without == 1e6 > usual

@@ -6,19 +6,13 @@ import json
 import math
 import re
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from commands import plain
-from report_documents import comparison
 from ring_record import ring_table, write_csv
-from standalone_page import alone
 
-from mazeplan.apps.report.words import HARD
-from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
 
 QUICK = ("--most", "60")
@@ -122,18 +116,6 @@ def test_a_long_record_has_intervals_and_a_verdict(compare):
 
 
 @pytest.mark.slow
-def test_one_ring_of_a_table_is_compared_as_if_alone_and_other_logs_are_left_out(compare):
-    given = (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"])
-    (single, _), (filtered, silent), (third, err) = (compare(*words, *QUICK, "--json") for words in given)
-    assert list(filtered) == ["ring2"]
-    assert filtered["ring2"]["n_test"] == single["ring2"]["n_test"]
-    assert filtered["ring2"]["nrmse_test"]["p"] == pytest.approx(single["ring2"]["nrmse_test"]["p"], abs=1e-3)
-    assert "left out" not in silent
-    assert list(third) == ["ring3"]
-    assert "left out: one.csv has no row of ring 3, but of 2" in err
-
-
-@pytest.mark.slow
 def test_the_test_log_is_scored(compare):
     rows = Path("one.csv").read_text().splitlines(keepends=True)
     Path("shorter.csv").write_text("".join(rows[:-1]))
@@ -145,65 +127,3 @@ def test_the_test_log_is_scored(compare):
     for kind in ("np", "sp"):
         assert good["nrmse_test"][kind] < 0.5
         assert bad["nrmse_test"][kind] > 0.9
-
-
-@pytest.mark.slow
-def test_the_page_has_the_tables_and_the_roll_outs(compare, tmp_path):
-    document, _ = compare("one.csv", *QUICK, "--report", tmp_path / "page.html", "--json")
-    ring = document["ring2"]
-    page = alone(tmp_path / "page.html")
-    assert f"{ring['nrmse_train']['sp']:.3f} / {ring['nrmse_test']['sp']:.3f}" in page.replace(HARD, " ")
-    assert page.count("<figure") == 1
-    for kind, bands in ring["bands"].items():
-        assert bands["mean"][20] == pytest.approx(ring["rollout"][kind]["20"], abs=1e-4)
-
-
-@pytest.fixture
-def compared(monkeypatch):
-    """`compare` finds these scores, of ring 7, at once."""
-    monkeypatch.setattr("mazeplan.apps.cli.compare.report", lambda scores: print("the tables"))
-    scores = [SimpleNamespace(ring=7, document=lambda: comparison((7,))["ring7"])]
-    monkeypatch.setattr("mazeplan.learning.comparison.compare", lambda *a, **more: scores)
-    return scores
-
-
-def test_a_file_that_cannot_be_written_loses_no_result(call, compared, folder, tmp_path, monkeypatch):
-    def full(*arguments):
-        raise InputError("cannot be written: No space left on device", file="a.html")
-
-    import_module("mazeplan.apps.report.diagnosis")  # else it would keep the function below
-    monkeypatch.setattr("mazeplan.apps.report.write.write_page", full)
-    given = ("compare", folder / "one.csv", "--map", "seven", "--report", tmp_path / "a.html")
-    assert call(*given)[:2] == (2, "the tables\n")
-    code, out, err = call(*given, "--json")
-    assert (code, list(json.loads(out))) == (2, ["ring7"])
-    assert err == "mazeplan: a.html: cannot be written: No space left on device\n"
-
-
-@pytest.mark.slow
-def test_a_table_without_ring_needs_options(compare, refused):
-    message = "bare.csv: the ring of a row is unknown: expected a column ring, or r (or x, y)\n"
-    assert message in refused("compare", "bare.csv", *QUICK)
-    assert "--ring: got 8, expected 1 to 5" in refused("compare", "bare.csv", *QUICK, "--ring", "8")
-    found = []
-    for more in (("--ring", "2"), ("--ring", "8", "--radius", "0.068915")):
-        [ring] = compare("bare.csv", *QUICK, *more, "--json")[0].values()
-        found.append(ring["nrmse_test"]["p"])
-    assert found[0] == pytest.approx(found[1], abs=2e-4)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["one.csv", "--kinds", "pi,dnn"], "--kinds: got 'dnn', expected one or more of rf,p,pi,np,sp"),
-        (["one.csv", "--ring", "0"], "--ring"),
-        (["both.csv", "--ring", "1"], "both.csv has no row of ring 1, but of 2, 3"),
-        (["both.csv", "--ring", "3", "--test", "one.csv"], "one.csv has no row of ring 3, but of 2"),
-        (["one.csv", "--map", "none.yaml"], "none.yaml"),
-        (["none.csv"], "none.csv: no such file"),
-        ([], "Missing argument 'LOG'"),
-    ],
-)
-def test_bad_input(refused, monkeypatch, folder, arguments, said):
-    monkeypatch.chdir(folder)
-    assert said in refused("compare", *arguments)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from functools import partial
 
 import pytest
 from cme_models import ENDING, record, train
-from commands import plain
 
 
 @pytest.fixture
@@ -43,28 +41,6 @@ def test_the_document_describes_each_ring(run, models, tmp_path):
         assert got["noise"] > got["noise_variance"] > 0.0
         assert list(got["checks"]) == ["weights", "noise", "input_scales", "rate_filter", "acceleration"]
         assert all(0.0 <= value < 1e-5 for value in got["checks"].values())
-
-
-def test_as_text_there_is_a_line_per_ring(run, models, tmp_path):
-    code, out, err = run(models, "-o", tmp_path, terminal=True)
-    first, second = out.splitlines()
-    assert code == 0
-    assert re.search(r"importing .*100% +0:00:00 +ring 4", plain(err))
-    assert plain(err).endswith(f"wrote ring1.csv, ring4.csv to {tmp_path}\n")
-    assert first.startswith("ring 1: ")
-    for part in ("rows published (1 sample in 2)", "recovered, 3 segments; noise", "rate filter", "acceleration"):
-        assert part in first
-    assert "(1 sample in 3)" in second
-
-
-def test_tables_are_overwritten_only_with_force(run, refused, models, tmp_path):
-    (tmp_path / "ring4.csv").write_text("precious")
-    error = refused("data", "import-cme", models, "-o", tmp_path)
-    assert f"-o: {tmp_path} exists; expected a new name, or --force" in error
-    assert [path.name for path in tmp_path.iterdir()] == ["ring4.csv"]
-    assert (tmp_path / "ring4.csv").read_text() == "precious"
-    assert run(models, "-o", tmp_path, "--force")[0] == 0
-    assert (tmp_path / "ring4.csv").read_text().startswith("ring,segment,t,")
 
 
 def test_nothing_is_written_if_one_ring_cannot_be_read(refused, models, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import replace
 from functools import partial
@@ -15,18 +14,16 @@ import numpy as np
 import pytest
 from commands import plain
 from plant import play
-from report_documents import diagnosis, evidence
 from ring_record import write_csv
 from standalone_page import alone
 
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.run.commands import diagnose_ring
-from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, write_reports
+from mazeplan.run.commands.diagnosis_request import DiagnosisRequest
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -124,17 +121,6 @@ def test_a_test_record_is_seen_by_the_same_cameras_as_the_record(asked_of_ring, 
     assert not np.allclose(asked["record"].theta, asked["as_model"].theta)
 
 
-def test_a_folder_with_missing_numbers_can_be_reported(call, tmp_path):
-    """NaN is no JSON: a short record has no error of roll-outs, and a bin without samples no mean."""
-    document, shown = diagnosis(), evidence()
-    document["before"]["rollout40"] = shown["before"]["time"]["mean"][0] = math.nan
-    write_reports(document, shown, tmp_path)
-    for name in ("report.json", "evidence.json"):
-        assert "NaN" not in (tmp_path / name).read_text()
-    code, _, err = call("report", tmp_path, "-o", tmp_path / "again.html")
-    assert code == 0, err
-
-
 @pytest.mark.slow
 def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagnose, log, tmp_path):
     further = tmp_path / "further.csv"
@@ -166,17 +152,6 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     assert "dry_friction<wbr>.coefficient" in page  # where a name may be broken
 
 
-@pytest.mark.parametrize(
-    ("radius", "words"),
-    [(0.0985, "in no ring of the map; expected"), (0.0928, "% of the samples that show it; expected")],
-)
-def test_a_table_of_another_map_is_refused(refused, tmp_path, radius, words):
-    columns = play(seed=3, seconds=20.0, radius=radius)  # between the channel of ring 1 and its rim, mostly or always
-    noise = 3e-4 * np.random.default_rng(0).standard_normal(len(columns["t"]))
-    write_csv(Table({**columns, "r": radius + noise}), tmp_path / "odd.csv")
-    assert words in refused("diagnose", tmp_path / "odd.csv")
-
-
 @pytest.mark.slow
 def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
     code, out, err = diagnose(log, *KNOWN)
@@ -188,48 +163,3 @@ def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
     assert code == 0, err
     assert json.loads(out)["ring"] == 2
     assert "dry_friction" in [e["name"] for e in json.loads(out)["effects"]]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda c: c.pop("u_beta"), "the record has no u_beta"),
-        (
-            lambda c: c["x"].__setitem__(slice(100, None), np.nan),
-            "the ball is seen in 100 pictures; all rings together",
-        ),
-        (lambda c: None, "the ball has no play between the walls"),
-    ],
-)
-def test_what_keeps_the_rings_from_being_diagnosed_together(change, words):
-    columns = play(seed=3, seconds=40.0)
-    off = 0.004  # m, of the camera; a bead all the same
-    columns["x"] = 0.0925 * np.cos(columns["theta"]) + off
-    columns["y"] = 0.0925 * np.sin(columns["theta"])
-    change(columns)
-    assert words in why_not_whole([Table(columns)])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--declare", "viscous_friction"), "got 'viscous_friction', expected EFFECT.PARAM=VALUE, such as"),
-        (("--declare", "magic.size=1"), "--declare: got effect 'magic', expected one of rolling_inertia"),
-        (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),
-        (("--declare", "viscous_friction.coefficient=0,35"), "with a number, as 0.35"),
-        (("--radius", "0.3"), "--radius: got 0.3 m, expected where the ball is: 0.092 to 0.093 m from the centre"),
-        (("--radius", "-1"), "--radius"),
-        (("--ring", "5"), "--ring: got 5, a disc"),
-        ((*KNOWN, "-o", "file/report"), "is a file; expected a folder that can be made or written to"),
-        (("--system", "pendulum"), "--system: got 'pendulum', expected ring, emps or MODULE:CLASS"),
-    ],
-)
-def test_bad_input(refused, log, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
-    assert message in refused("diagnose", log, *arguments)
-
-
-def test_a_record_without_motion(refused, tmp_path):
-    write_csv(Table(play(seed=1, seconds=30.0, u=np.zeros((900, 2)), sensor=1e-5)), tmp_path / "still.csv")
-    assert "nothing can be learned" in refused("diagnose", tmp_path / "still.csv", *KNOWN)

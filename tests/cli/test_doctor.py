@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from email.message import Message
 
 import pytest
 
@@ -58,34 +57,6 @@ def test_every_package_of_pyproject_is_checked_and_every_extra_is_described(docu
     assert found["features"]["core"]["ready"]
 
 
-def test_an_old_package_is_named_with_the_needed_version(line, document, installed):
-    installed(viser="0.2.1", torch="2.13.0+cpu")
-    begin = "view      viser is 0.2.1, needed <2,>=1.1: the live page in the browser; to install it: pip install"
-    assert line("view").startswith(begin)
-    assert "'.[view]'" in line("view")
-    assert line("learn").startswith("learn     ready: "), "the part after + does not count"
-    features = document()["features"]
-    view = features["view"]
-    assert (view["ready"], view["missing"], view["too_old"]) == (False, [], ["viser"])
-    assert features["learn"]["get"] is None
-
-
 def test_a_missing_core_package_is_status_1(line, installed):
     installed(mujoco=None)
     assert line("core", status=1).startswith("core      mujoco is missing: ")
-
-
-def test_without_a_checkout_the_installed_metadata_count(monkeypatch, tmp_path, project):
-    expected = {extra: [str(r) for r in group] for extra, group in doctor.requirements().items()}
-    package = Message()
-    for text in [*project["dependencies"], "winonly>=1; sys_platform == 'no such system'"]:
-        package["Requires-Dist"] = text
-    for extra, texts in project["optional-dependencies"].items():
-        package["Provides-Extra"] = extra
-        for text in texts:
-            package["Requires-Dist"] = f'{text}; extra == "{extra}"'
-    monkeypatch.setattr(doctor, "metadata", lambda name: package)
-    monkeypatch.setattr(doctor.resources, "CHECKOUT", tmp_path / "pyproject.toml")
-    found = {extra: [str(r).split(";")[0] for r in group] for extra, group in doctor.requirements().items()}
-    assert found == expected
-    assert doctor.advice("view") == "pip install --upgrade 'mazeplan[view]'"

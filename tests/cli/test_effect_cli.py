@@ -31,13 +31,6 @@ def test_the_document_has_the_keys_of_the_contract(call):
     assert effects["table_rocking"]["planned"] is False
 
 
-def test_the_list_has_a_line_per_effect_and_names_unplanned_ones(call):
-    lines = {line.split()[0]: line for line in call("effect", "list")[1].splitlines()}
-    assert set(lines) >= set(NAMED)
-    assert "not planned with: " in lines["table_rocking"]
-    assert "not planned with" not in lines["dry_friction"]
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -52,10 +45,6 @@ def test_an_effect_is_shown_with_formula_bounds_and_model_entry(call, name, word
     code, out, err = call("effect", "show", name)
     assert code == 0, err
     assert all(word in out for word in words)
-
-
-def test_an_unknown_effect(refused):
-    assert "got effect 'magic', expected one of rolling_inertia" in refused("effect", "show", "magic")
 
 
 def test_your_own_effect_is_shown(call, monkeypatch, tmp_path):

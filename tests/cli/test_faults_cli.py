@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pandas as pd
 import pytest
 
 FEW = """faults:
@@ -53,27 +52,6 @@ def test_a_run_without_recovery_is_status_1(call, few):
     assert "out_of_time 1" in out.splitlines()[1]
 
 
-@pytest.mark.parametrize(
-    ("text", "more", "message"),
-    [
-        ("faults:\n  - {kind: smoke}\n", (), ":2: faults[0].kind: got 'smoke', expected one of frames_lost"),
-        (None, (), "no such file"),
-        (
-            "faults:\n  - {kind: ball_stuck}\n",
-            ("--rig", "planar_rig:PlanarRig"),
-            "ball_stuck: this rig has no `inject`",
-        ),
-    ],
-)
-def test_bad_input(call, tmp_path, text, more, message):
-    path = tmp_path / "bad.yaml"
-    if text is not None:
-        path.write_text(text)
-    code, out, err = call("evaluate", *more, "--faults", path)
-    assert (code, out) == (2, "")
-    assert message in err.splitlines()[-1]
-
-
 @pytest.mark.slow
 def test_kept_runs_are_not_repeated(call, monkeypatch, few, tmp_path):
     arguments = (*EVALUATE, "--faults", few, "--json", "--no-deadline", "--store", tmp_path / "kept", "--runs")
@@ -94,17 +72,3 @@ def test_kept_runs_are_not_repeated(call, monkeypatch, few, tmp_path):
     assert [more["results"][k] for k in (0, 2)] == first["results"]
     runs = {row["fault"]: row["runs"] for row in more["faults"]}
     assert runs == {"opening_closed": 2, "cable out": 2, "ball_pushed": 2}
-
-
-@pytest.mark.slow
-def test_each_fault_is_its_own_campaign_in_the_folder(call, few, tmp_path):
-    folder = tmp_path / "kept"
-    plain = (*EVALUATE, "--runs", "1", "--store", folder)
-    assert call(*plain)[0] == 0
-    assert call(*plain, "--faults", few)[0] == 0
-    table = pd.read_parquet(folder / "runs.parquet")
-    assert sorted(table["fault"].fillna("-")) == ["-", "cable out", "opening_closed"]
-    assert table["campaign"].nunique() == 3
-    by = table.set_index("fault")
-    assert by.loc["cable out", "reason"] == "rig_failed"
-    assert json.loads(by.loc["opening_closed", "result"])["noticed_as"] == "opening_closed"

@@ -47,44 +47,6 @@ def test_json_prints_one_document(call, asked, tmp_path):
         assert re.search(words, plain(err))
 
 
-def test_as_text_without_a_path_to_a_model_that_is_not_kept(call, asked):
-    code, out, err = call("improve", "--rig", "toy", "--runs", "3")
-    assert (code, err) == (1, ""), "two of three arrived"
-    assert "round 1: The model lacks x." in out
-    assert "before  2 of 2 arrived, mean 3.00 s" in out
-    assert "here/model" not in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--rig", "nowhere"), "got rig 'nowhere', expected one of"),
-        (("--rig", "toy", "--model", "nowhere"), "no such model"),
-        (("--rig", "toy", "--seconds", "0"), "--seconds: got '0', expected a finite number > 0"),
-        (("--rig", "toy", "--seconds", "0.1"), "--seconds: got 0.1, expected at least 1 s"),
-        (
-            ("--rig", "toy", "--seconds", "5"),
-            "--seconds: got 5, expected at least 33: the diagnosis needs 900 pictures",
-        ),
-        (("--rig", "toy", "--reference", "nowhere.mcap"), "nowhere.mcap"),
-    ],
-)
-def test_bad_input(refused, arguments, message):
-    assert message in refused("improve", *arguments)
-
-
-def test_a_round_that_fails_leaves_nothing(refused, monkeypatch, tmp_path):
-    monkeypatch.setattr("mazeplan.run.campaign.improve.check_seconds", lambda seconds, rate_hz: None)
-    words = ("improve", "--rig", "ideal", "--seconds", "2", "-o", tmp_path / "there" / "out")
-    assert "got 60 samples" in refused(*words)
-    assert not list(tmp_path.iterdir())
-    kept = tmp_path / "there" / "out" / "round1" / "mine.txt"
-    kept.parent.mkdir(parents=True)
-    kept.touch()
-    assert "got 60 samples" in refused(*words, "--force")
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [kept]
-
-
 @pytest.mark.parametrize(("error", "kept"), [(InputError, []), (RigError, ["a.mcap"]), (KeyboardInterrupt, ["a.mcap"])])
 def test_what_was_measured_is_kept_where_the_rig_fails(tmp_path, error, kept):
     folder = tmp_path / "out" / "round1"

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from commands import plain
 from planar_rig import PlanarRig
-from ring_record import write_csv
 
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.rig.reference_file import load_reference
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
@@ -112,47 +110,3 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypat
     # the written model predicts, and not the same everywhere
     assert all(np.ptp(process.mean(inputs(STATES))) > 0.01 for process in model.processes.values())
     assert model.processes
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_reference")
-def test_several_logs_are_learned_from_together(learn, log, tmp_path):
-    other = tmp_path / "other.mcap"
-    run_collection(PlanarRig(MAZE), MAZE, Collection(30.0, (3,), seed=5), other)
-    code, out, _ = learn(log, other, "--kind", "pi", "--json")
-    assert code == 0
-    document = json.loads(out)
-    assert [source["file"] for source in document["data"]] == ["log.mcap", "other.mcap"]
-    assert (len(read_table(log)), len(read_table(other))) == (1800, 900)
-    assert {"2", "3"} <= {str(ring) for ring in document["windows"]}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["log.mcap", "--smoothing", "none"], "--smoothing: 'none' is not one of"),
-        (["log.mcap", "--most", "10"], "--most"),
-        (["log.mcap", "--map", "none.yaml"], "none.yaml"),
-        (["exchanged.csv"], "exchanged.csv: beta follows u_gamma and gamma follows u_beta"),
-        (["short.csv"], "short.csv: got 20 samples, expected at least 60: record for longer"),
-        (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
-        (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig: got t, x, y"),
-        ([], "Missing argument 'LOG'"),
-    ],
-)
-def test_bad_input(refused, monkeypatch, log, arguments, said):
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.chdir(log.parent)
-    bare = "t,x,y,beta,gamma\n0,.07,0,0,0\n.033,.07,0,0,0\n.067,.07,0,0,0\n"
-    (log.parent / "bare.csv").write_text(bare)
-    (log.parent / "named.csv").write_text(bare.replace("gamma", "gamma,ubeta,ugamma").replace(",0\n", ",0,0,0\n"))
-    given = read_table(log)
-    swapped = {"x": given["y"], "y": given["x"], **{name: given[name] for name in ("t", "beta", "gamma", *COMMANDS)}}
-    write_csv(Table(swapped), log.parent / "swapped.csv")
-    exchanged = {name: given[name] for name in ("t", "x", "y", *COMMANDS)}
-    write_csv(Table(exchanged | {"beta": given["gamma"], "gamma": given["beta"]}), log.parent / "exchanged.csv")
-    write_csv(Table({name: column[:20] for name, column in swapped.items()}), log.parent / "short.csv")
-    assert said in refused("learn", *arguments, "-o", "model")
-    assert not (log.parent / "model").exists()

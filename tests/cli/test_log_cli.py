@@ -7,7 +7,6 @@ import io
 import json
 import math
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -79,17 +78,6 @@ def test_info_json_describes_the_run(run, log):
     assert got["result"]["reason"] == "arrived"
 
 
-def test_info_as_text(run, log, cut):
-    text = run("info", log)[1]
-    assert text.startswith(f"{log}: complete\n")
-    for part in ("91 over 3.00 s at 30.00 Hz, ball seen in 89.0 %", "2 from 1.00 s for 2.00 s", "1-2@45 at 1.00 s",
-                 "1.00 s stuck, Track, 0.6 s", "arrived after 3.0 s"):  # fmt: skip
-        assert part in text
-    got = json.loads(run("info", cut, "--json")[1])
-    assert (got["complete"], got["ticks"], got["result"]) == (False, 54, None)
-    assert "cut off" in run("info", cut)[1]
-
-
 KILLED = """
 import os, signal, sys
 from mazeplan.core.logs.run_log import RunLogWriter
@@ -143,22 +131,3 @@ def test_export_writes_the_known_columns_first(run, log, cut, tmp_path):
     _, text, err = run("export", cut, "-o", "-")
     assert len(rows_of(text)) == 54
     assert re.fullmatch(r"mazeplan: .*: the log is cut off, .*; used are its 54 ticks up to t = 1.77 s\n", err)
-
-
-def test_export_overwrites_only_with_force_and_never_the_log(run, refused, log, tmp_path):
-    table, before = tmp_path / "run.csv", log.read_bytes()
-    table.write_text("precious")
-    assert "--force" in refused("log", "export", log, "-o", table)
-    assert table.read_text() == "precious"
-    run("export", log, "-o", table, "--force")
-    assert table.read_text().startswith("t,theta")
-    assert "ends in .csv" in refused("log", "export", log, "-o", log, "--force")
-    assert log.read_bytes() == before
-    assert "is a file; expected a folder" in refused("log", "export", log, "-o", log / "run.csv")
-
-
-def test_missing_logs_and_other_files(refused, tmp_path):
-    for command in (("info",), ("export", "-o", "-")):
-        error = refused("log", command[0], tmp_path / "none.mcap", *command[1:])
-        assert "no such file, expected a run log" in error
-    refused("log", "info", shutil.copy(__file__, tmp_path / "text.mcap"))

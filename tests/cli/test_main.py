@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 import mazeplan.apps.cli
-from mazeplan.apps.cli import TolerantStream, keep_compiled, with_option
-from mazeplan.core.errors import InputError, MapError, ModelError
+from mazeplan.apps.cli import keep_compiled
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 SHORT = ["navigate", "--rig", "ideal", "--from", "ring4"]
@@ -58,85 +57,6 @@ def test_a_reader_that_left_is_silence_and_status_1(words):
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (1, "")
-
-
-def test_a_tolerant_stream_drops_what_it_cannot_write():
-    class Full:
-        encoding = "utf-8"
-
-        def write(self, text=""):
-            raise OSError(28, "No space left on device")
-
-        flush = write
-
-    stream = TolerantStream(Full())
-    assert stream.write("abc") == 3
-    stream.flush()
-    assert stream.encoding == "utf-8"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["navigate", "--from", "ring9"], "--from: ring: got 'ring9'"),
-        (["navigate", "--to=ring9"], "--to: ring: got 'ring9'"),
-        (["navigate", "--start-angle", "nan"], "--start-angle: got 'nan'"),
-        (["navigate", "--settings", "nowhere"], "--settings: nowhere: "),
-        (["navigate", "--rig", "zz"], "--rig: got rig 'zz'"),
-        (["navigate", "--rig", "no.such.module:Rig"], "rig 'no.such.module:Rig'"),
-        (["navigate", "--rig", "os:getcwd"], "'os:getcwd' is no rig"),
-        (["navigate", "--via", "ring3-ring2"], "--via: got 'ring3-ring2'"),
-        (["navigate", "--model", "zz"], "--model: zz: "),
-        (["navigate", "--map", "zz"], "--map: zz: "),
-        (["navigate", "--map", "cmee"], "did you mean cme?"),
-        (["navigate", "--behavior", "zz"], "--behavior: zz: "),
-        (["navigate", "--seed", "-1"], "--seed: "),
-        (["navigate", "--time-limit", "nan"], "--time-limit: got 'nan'"),
-        (["navigate", "--log", "/proc/none/x.mcap"], "--log: /proc/none/x.mcap"),
-        (["navigate", "--colour"], "--colour"),
-        (["evaluate", "--faults", "camera_dead"], "--faults: got 'camera_dead'"),
-        (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: got '9'"),
-        (["learn", "a.csv", "-o", "m", "--kind", "magic"], "--kind: 'magic' is not one of"),
-        (["navigat"], "'navigate'"),
-        (["log", "summary"], "info, export, replay"),
-        (["learn"], "mazeplan learn runs/toy.mcap -o runs/model"),
-    ],
-)
-def test_an_error_names_the_option_and_its_value(refused, words, message):
-    assert message in refused(*words)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("learn", "nosuch.mcap", "-o", "out"),
-        ("compare", "nosuch.mcap"),
-        ("policy", "train", "--rig", "nosuch", "-o", "out"),
-        ("policy", "train", "--model", "nosuch", "-o", "out"),
-    ],
-)
-def test_a_name_that_is_not_there_is_told_before_torch_loads(tmp_path, words):
-    check = (
-        "import sys; sys.argv[0] = 'mazeplan'; from mazeplan.apps.cli import main\n"
-        "try: main()\nfinally: print('torch' in sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", check, *words], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
-    assert (done.returncode, done.stdout) == (2, "False\n"), done.stderr
-    assert "nosuch" in done.stderr
-
-
-def test_a_place_in_a_file_needs_no_option():
-    assert with_option(InputError("bad", file="a.yaml", line=3), ["navigate", "--map", "a.yaml"]) == "a.yaml:3: bad"
-    assert with_option(InputError("bad", file="a.yaml"), ["map", "check", "a.yaml"]) == "a.yaml: bad"
-
-
-def test_of_options_with_the_same_value_the_likely_one_is_named():
-    for error, option in ((ModelError, "--model"), (MapError, "--map")):
-        words = ["diagnose", "c.mcap", "--map", "m", "--test", "m", "--model", "m"]
-        assert with_option(error("bad", file="m"), words) == f"{option}: m: bad"
 
 
 def test_help_and_version(call):

@@ -14,7 +14,7 @@ from commands import plain
 
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.records import Command, Observation
-from mazeplan.maze.mapfile import check_map, dump_map, load_map
+from mazeplan.maze.mapfile import dump_map, load_map
 
 TRUTH = load_map("lopsided")
 BALL = TRUTH.ball.radius
@@ -125,47 +125,3 @@ def test_a_run_log_supplies_its_own_map(learn, tmp_path):
     assert load_map(tmp_path / "map.yaml").ball.mass == pytest.approx(0.0095)
     learn(path, "--map", "cme")
     assert load_map(tmp_path / "map.yaml").ball.mass == pytest.approx(0.0084)
-
-
-def test_min_count(learn, refused, table, tmp_path):
-    code, out, err = learn(table, "--min-count", "1000")
-    assert (code, (tmp_path / "map.yaml").exists()) == (1, False)
-    assert "no opening between ring 1 and 2: 3 were passed, too seldom (see min-count)" in err
-    assert out.count("left out: ") == 5
-    got = json.loads(learn(table, "--min-count", "1000", "--json")[1])
-    assert (got["map"], len(got["problems"])) == (None, 2)
-    refused("map", "learn", table, "--min-count", "0")
-
-
-def test_a_wall_without_passages_is_taken_from_the_given_map(learn, tmp_path):
-    x, y = places()
-    alone = np.hypot(x, y) < 0.0198  # the disc is seen, but not the way into it
-    wall = (np.hypot(x, y) < 0.036) & ~alone
-    table = write_csv(tmp_path / "run.csv", np.where(wall, math.nan, x), np.where(wall, math.nan, y))
-    code, out, _ = learn(table, "--map", "lopsided", "--min-count", "9")
-    assert code == 0
-    assert out.count("never passed, from map lopsided") == 2
-    assert not check_map(tmp_path / "map.yaml").errors
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"scale": 1000.0}, r"run.csv:[0-9]+: x: got .* are these millimetres or centimetres\?"),
-        ({"columns": ("t", "theta", "y", "beta", "gamma")}, "run.csv: needs x and y, or theta and r"),
-        ({"columns": ("t", "x", "y", "beta")}, "run.csv: missing columns: gamma"),
-    ],
-)
-def test_bad_tables(refused, change, message, tmp_path):
-    table = write_csv(tmp_path / "run.csv", *places(times=1), **change)
-    assert re.search(message, refused("map", "learn", table))
-
-
-def test_other_bad_input(refused, table, tmp_path):
-    short = write_csv(tmp_path / "short.csv", [0.06] * 50, [0.0] * 50)
-    for words, message in (
-        ((short,), "short.csv: the ball was seen in 50 samples, expected at least 200"),
-        ((tmp_path / "none.mcap",), "none.mcap: no such file"),
-        ((table, "--map", "nope"), "not a packaged map"),
-    ):
-        assert message in refused("map", "learn", *words)

@@ -36,15 +36,6 @@ def test_a_run_that_does_not_arrive_is_status_1_and_names_the_reason(call):
     assert json.loads(out)["reason"] == "out_of_time"
 
 
-def test_a_tree_that_ends_by_itself_is_worth_a_check(call, tmp_path):
-    tree = tmp_path / "own.xml"
-    never = '<RetryUntilSuccessful num_attempts="0"><InRing ring="1"/></RetryUntilSuccessful>'
-    tree.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="M">{never}</BehaviorTree></root>')
-    code, _, err = call("navigate", "--rig", "ideal", "--behavior", tree)
-    assert code == 1
-    assert f"the tree ended by itself, and nothing went wrong with the ball: mazeplan behavior check {tree}" in err
-
-
 def test_a_rig_that_fails_is_status_3(call, monkeypatch, tmp_path):
     (tmp_path / "broken_rig.py").write_text(BROKEN)
     monkeypatch.chdir(tmp_path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import json
 import os
-import stat
 import subprocess
 import sys
 import typing
@@ -19,7 +18,7 @@ from typer.main import get_command
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
 from mazeplan.control.policy_file import save_policy
-from mazeplan.core.whole_file import is_stream, whole_file
+from mazeplan.core.whole_file import whole_file
 from mazeplan.rigs.hardware.tiltcalibration import Reading, write_readings
 
 MINE = b"mine\n"
@@ -115,23 +114,6 @@ def test_what_exists_stays_byte_for_byte(refused, command, option):
     assert {file: file.stat().st_mtime_ns for file in Path().rglob("*")} == before, "no work begins"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("command", "option"), list(NEW))
-def test_force_replaces_it(call, command, option):
-    words, name = NEW[command, option]
-    path, named = there(name)
-    other = named / "other.txt"
-    if named.is_dir():
-        other.write_bytes(MINE)
-    code, _, err = call(*command.split(), *words, option, named, "--force")
-    assert code == 0, err
-    assert named.is_dir() or path.read_bytes() != MINE
-    if named.is_dir():
-        assert other.read_bytes() == MINE, "only files that the command writes are replaced"
-        assert len([file for file in named.rglob("*") if file.is_file()]) > 2
-    assert not list(Path().rglob(".*")), "nothing is left beside the files"
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -150,26 +132,7 @@ def test_an_output_is_never_another_file_of_the_command(refused, line):
     assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
 
 
-def test_a_file_in_the_place_of_a_folder_and_a_folder_of_a_file(refused):
-    there("folder/file")
-    assert "--log: got 'folder', a folder, expected a file" in refused("navigate", "--log", "folder", "--force")
-    assert "folder/file is a file; expected a folder" in refused("learn", "a.csv", "-o", "folder/file", "--force")
-
-
-def test_a_default_name_that_exists_is_refused(refused):
-    there("maze.png")
-    assert "maze.png exists" in refused("map", "show")
-
-
 # -- whole files ----------------------------------------------------------------------------------------------------
-
-
-def test_a_file_appears_when_it_is_whole():
-    with whole_file("a.txt") as beside:
-        beside.write_text("half")
-        assert beside.suffix == ".txt"
-        assert not Path("a.txt").exists()
-    assert Path("a.txt").read_text() == "half"
 
 
 def test_a_failure_leaves_the_old_file_and_nothing_else():
@@ -187,34 +150,6 @@ def test_a_failure_leaves_the_old_file_and_nothing_else():
     assert sorted(os.listdir()) == before
 
 
-def test_rights_and_links_stay():
-    path, _ = there("a.txt")
-    path.chmod(0o600)
-    Path("link.txt").symlink_to(path)
-    with whole_file("link.txt") as beside:
-        beside.write_text("new")
-    assert Path("link.txt").is_symlink()
-    assert path.read_text() == "new"
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
-
-
-def test_a_link_to_nothing_is_a_file_of_the_users(refused):
-    Path("link.xml").symlink_to("gone.xml")
-    assert "-o: link.xml exists" in refused("behavior", "palette", "-o", "link.xml")
-
-
-def test_devices_are_written_as_they_are(call):
-    assert call("behavior", "palette", "-o", "/dev/null")[0] == 0
-    assert is_stream("/dev/null")
-
-
 def test_stdout_may_be_a_pipe():
     words = [sys.executable, "-m", "mazeplan", "behavior", "palette", "-o", "/dev/stdout"]
     assert b"TreeNodesModel" in subprocess.run(words, capture_output=True, check=False, timeout=60).stdout
-
-
-def test_stdout_may_be_a_file():
-    with open("there.xml", "wb") as stream:
-        words = [sys.executable, "-m", "mazeplan", "behavior", "palette", "-o", "/dev/stdout"]
-        assert subprocess.run(words, stdout=stream, check=False, timeout=60).returncode == 0
-    assert "TreeNodesModel" in Path("there.xml").read_text()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,60 +76,3 @@ def test_a_model_with_it_navigates_replays_and_evaluates(call, folder, windy):
     code, out, err = call("evaluate", *run, *own, "--runs", "2", "--workers", "2", "--json")
     assert code in (0, 1), err
     assert json.loads(out)["setup"]["effects"] == "mine:effects"
-
-
-def test_a_model_with_it_needs_it(refused, windy, monkeypatch):
-    monkeypatch.delitem(EFFECTS, "wind")
-    error = refused("navigate", "--rig", "ideal", "--model", windy)
-    assert "got effect 'wind'" in error
-    assert "an effect of your own needs --effects MODULE:FUNCTION" in error
-
-
-@pytest.mark.parametrize("command", [("diagnose",), ("navigate",), ("evaluate",)])
-@pytest.mark.parametrize(
-    ("spec", "words"),
-    [("mine", "expected MODULE:FUNCTION"), ("mine.py", "expected MODULE:FUNCTION, without .py"),
-     ("mine.py:x", "expected the module's name without .py: mine"), ("nowhere:x", "'nowhere' cannot be imported"),
-     ("mine:nothing", "gives no effects"),
-     ("bad:nothing", "got 1, expected an Effect with a formula that acts on the ball")],
-)  # fmt: skip
-def test_modules_without_effects(refused, folder, log, command, spec, words):
-    given = (log, *KNOWN) if command == ("diagnose",) else ()
-    assert words in refused(*command, *given, "--effects", spec)
-
-
-HEAD = """
-from mazeplan.physics import Effect, Parameter, exp, sin, sqrt
-
-def one(f, name="mine", **parameters):
-    return Effect(name, parameters or {"c": Parameter("1/s", 0.0, -5.0, 5.0, 0.05)}, formula=f)
-
-def fine(s, p):
-    return p.c * s.theta_dot
-"""
-
-
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [
-        ("effects = one(lambda s, p: p.c * sqrt(s.theta_dot))", "formula of mine gives .*math domain error at theta"),
-        ("effects = one(lambda s, p: p.c * s.theta_dot / s.t)", "the formula of mine gives .* t 0.0"),
-        ("effects = one(lambda s, p: p.c * s.windspeed)", "formula of mine cannot be compiled: .*windspeed"),
-        ("effects = one(lambda s: s.theta_dot)", "formula of mine cannot be compiled: .*TypeError"),
-        ("effects = Effect('mine', {'c': 3.0}, formula=fine)", "got parameters .* of mine, expected a dictionary"),
-        ("def effects():\n    raise RuntimeError('no fan')", r"effects: .*strange\.py:\d+: RuntimeError: no fan"),
-        ("effects = one(fine, 'quadratic_drag')", "which the library has"),
-        ("effects = Effect('mine', {'c': Parameter('', 0.0, -1.0, 1.0, 0.1)}, 'camera', fine)", "acts on the ball"),
-    ],
-)
-def test_bad_effects_are_refused_before_the_search(refused, folder, log, monkeypatch, code, said):
-    (folder / "strange.py").write_text(HEAD + code)
-    monkeypatch.delitem(sys.modules, "strange", raising=False)
-    monkeypatch.syspath_prepend(str(folder))
-    assert re.search(said, refused("diagnose", log, *KNOWN, "--effects", "strange:effects"))
-
-
-def test_one_effect_without_a_list_is_enough(folder, monkeypatch):
-    (folder / "single.py").write_text(HEAD + "effects = one(fine)")
-    monkeypatch.syspath_prepend(str(folder))
-    assert [effect.name for effect in own_effects("single:effects")] == ["mine"]

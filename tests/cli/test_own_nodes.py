@@ -15,8 +15,6 @@ from mazeplan.core.logs.run_log import read_log
 ROOT = Path(__file__).resolve().parents[2]
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n{}\n</BehaviorTree></root>'
 MODULE = ("--behavior-module", "nodes")
-OWN = ("--rig", "ideal", "--behavior", "tree.xml", *MODULE)
-IMPORT = "from mazeplan import SKIPPED, Control, Decorator, Port, Status\n"
 
 
 @pytest.fixture(autouse=True)
@@ -75,47 +73,3 @@ def test_a_run_uses_them(call, place):
     assert run.statuses("done") == ["SUCCESS"]
     assert run.statuses("AtMost")[-3:] == ["SUCCESS", "SUCCESS", "FAILURE"]
     assert read_log(place / "run.mcap").header["behavior_modules"] == ["nodes"]
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ("return {}['nothing']", "KeyError: 'nothing', raised by the node at "),
-        ("return None", "tree.xml:2: Main/Mine: Mine.run returned None, expected RUNNING, SUCCESS, FAILURE or SKIPPED"),
-        (
-            "return self.tick_child(1)",
-            "tree.xml:2: Main/Mine: tick_child of Mine: got 1, expected 0: it has one child",
-        ),
-        ("return self.get('none')", "tree.xml:2: Main/Mine: get: got 'none', expected one of its ports: it has none"),
-    ],
-)
-def test_one_that_goes_wrong_is_one_line_with_its_place(call, place, body, message):
-    (place / "nodes.py").write_text(f"{IMPORT}class Mine(Control):\n    def run(self):\n        {body}\n")
-    (place / "tree.xml").write_text(TREE.format("<Mine><AlwaysSuccess/></Mine>"))
-    code, out, err = call("navigate", *OWN)
-    assert (code, out) == (2, "")
-    assert "Traceback" not in err
-    last = err.splitlines()[-1]
-    assert last.startswith(f"mazeplan: {message}")
-    assert "tree.xml:2: Main/Mine" in last
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("class Mine(Control):\n    pass", "there is no node in module 'nodes'; expected a class derived from"),
-        (
-            "class Mine(Control):\n    least = 0\n    def run(self): ...",
-            "nodes.Mine: least: got 0, expected a number of",
-        ),
-        ("class Mine(Decorator):\n    most = 'x'\n    def run(self): ...", "nodes.Mine: most: got 'x', expected a"),
-        (
-            "from enum import IntEnum\nclass A(IntEnum):\n    RED = 1\nclass B(IntEnum):\n    RED = 2",
-            "nodes: got RED = 2, which is 1 elsewhere",
-        ),
-    ],
-)
-def test_one_that_nobody_could_use_is_refused(refused, place, source, message):
-    (place / "nodes.py").write_text(IMPORT + source + "\n")
-    (place / "tree.xml").write_text(TREE.format("<AlwaysSuccess/>"))
-    assert message in refused("behavior", "check", "tree.xml", *MODULE)

@@ -17,22 +17,6 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "made"
 
 
-@pytest.mark.parametrize(
-    ("device", "said"),
-    [
-        ("cuda", "got cuda, but torch sees no such device; expected cpu"),
-        ("tpu", "got 'tpu', expected one of cpu, cuda"),
-    ],
-)
-def test_a_device_that_is_not_there_is_refused_before_a_run(refused, folder, monkeypatch, device, said):
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    error = refused("policy", "train", "--rig", "ideal", "--device", device, "-o", "mine")
-    assert error == f"mazeplan: --device: {said}\n"
-    assert not (folder.parent / "mine").exists()
-
-
 @pytest.mark.slow
 def test_a_policy_is_trained(call, folder):
     options = ("--rig", "ideal", "--rounds", "2", "--runs", "2", "--epochs", "1", "--seed", "3")
@@ -54,16 +38,3 @@ def test_a_run_follows_the_policy_with_the_tree_of_that_name(call, folder):
     document = json.loads(out)
     assert (code, document["success"]) == (0, 2)
     assert (document["setup"]["behavior"], document["setup"]["policy"]) == ("policy", "made")
-
-
-def test_what_is_no_policy_is_refused_with_its_option(refused, folder):
-    error = refused("navigate", "--policy", "nowhere")
-    assert error == "mazeplan: --policy: nowhere: got no such file, expected a folder with policy.yaml\n"
-    assert "policy.yaml" in refused("evaluate", "--policy", "nowhere", "--runs", "1")
-    (folder / "policy.npz").write_bytes(b"other")
-    assert "policy.npz is not the file that was saved here" in refused("navigate", "--policy", "made")
-
-
-def test_tree_and_policy_must_fit(refused, folder):
-    assert "give --policy DIR" in refused("navigate", "--behavior", "policy")
-    assert "the tree has no FollowPolicy" in refused("navigate", "--behavior", "waypoints", "--policy", "made")

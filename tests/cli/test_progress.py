@@ -13,9 +13,7 @@ import threading
 
 import pytest
 from commands import plain
-from replayed import planar
 
-from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.progress import NavigationProgress, ProgressBar, campaign_progress
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
 
@@ -107,29 +105,6 @@ def test_a_bar_shows_step_and_share_on_a_terminal_only(work, pattern):
     assert elsewhere.getvalue() == ""
 
 
-COMPILING = """
-import time
-from numba import njit
-from mazeplan.apps.cli import progress
-with progress.ProgressBar("work") as bar:
-    for limit in (60.0, 0.001, 0.001):
-        progress.COMPILING_S = limit
-        njit(lambda x: x + 1)(2)
-        time.sleep(0.1)
-        bar.note(f"limit {limit}")
-"""
-
-
-@pytest.mark.slow
-def test_long_compiling_is_reported_once_with_and_without_a_terminal():
-    drawn = on_terminal(COMPILING)[1]
-    assert drawn.count("compiling, once for this machine") == 1
-    assert drawn.index("limit 60.0") < drawn.index("compiling, once") < drawn.index("limit 0.001")
-    script = COMPILING.replace("60.0", "9.0")
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stderr == "compiling, once for this machine: up to two minutes\n"
-
-
 def on_terminal(script):
     """What a script prints, and what it draws on the terminal that its stderr is."""
     keyboard, screen = pty.openpty()
@@ -172,19 +147,3 @@ def test_rich_and_numpy_are_imported_only_when_used():
     unwanted = "[name for name in ('rich', 'numpy') if name in sys.modules]"
     code = f"import sys, mazeplan.apps.cli.progress, mazeplan.apps.cli.log; sys.exit(bool({unwanted}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "words", [("log", "info"), ("report", "-o", "page.html", "--force"), ("map", "show", "--force", "--log")]
-)
-def test_reading_a_log_is_shown_on_a_terminal_only(words, tmp_path, monkeypatch):
-    log = tmp_path / "of_half_an_hour.mcap"
-    planar(log, start=4)
-    monkeypatch.chdir(tmp_path)
-    for stream, seen in ((io.StringIO(), False), (Terminal(), True)):
-        monkeypatch.setattr(sys, "stderr", stream)
-        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-            app([*words, str(log)], standalone_mode=False)
-        bars = [line for line in stream.getvalue().split("\r") if "of_half_an_hour" in line and "━" in line]
-        assert bool(bars) is seen

@@ -67,16 +67,6 @@ def test_the_board_can_be_checked_without_calibrations(check):
     assert board.pulses == (15000, 15000)
 
 
-@pytest.mark.slow
-def test_a_servo_that_does_not_move_fails_its_check(check):
-    with Moving() as board:
-        board.current = False
-        _, rows, out, _ = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
-    assert rows[2] == ["FAILED", "beta", "servo"]
-    assert "nothing moved; is the servo at pin 11, has it current" in out
-    assert rows[3] == ["FAILED", "gamma", "servo"]
-
-
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_json):
     monkeypatch.setattr(handshake.Timeouts, "__init__", _hasty(handshake.Timeouts.__init__))
@@ -97,21 +87,6 @@ def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_
 
 def _hasty(real):
     return lambda self, **more: real(self, **{"answer_s": 0.6, "listen_s": 0.2, "reconnect_s": 0.5} | more)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (TEMPLATE.replace("rate_hz: 30.0", "rate_hz: fast"), "mine.yaml:7: rate_hz: got 'fast'"),
-        (TEMPLATE.replace("min_us: 1250.0, ", ""), "servo.beta.min_us: is missing: no servo moves without limits"),
-        (TEMPLATE.replace("class: mazeplan", "# class: mazeplan"), "mine.yaml:1: class: is missing"),
-    ],
-)
-def test_a_file_that_is_wrong_is_status_2_and_nothing_is_opened(check, monkeypatch, text, said):
-    monkeypatch.setattr("mazeplan.rigs.hardware.rig.open_board", lambda settings: pytest.fail("it was opened"))
-    status, _, _, err = check(text)
-    assert status == 2
-    assert said in err.splitlines()[-1]
 
 
 def test_a_board_that_falls_silent_later_is_status_3(check, monkeypatch):

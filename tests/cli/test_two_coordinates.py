@@ -51,27 +51,3 @@ def test_the_effect_is_found_on_its_coordinate(call, desk, log, system, name, on
     assert number["value"] == pytest.approx(true, rel=0.02)
     assert document["after"]["nrmse"] < 0.1 * document["before"]["nrmse"]
     assert document["remaining"] < 1.5
-
-
-@pytest.mark.slow
-def test_columns_of_other_names_and_units(call, desk):
-    table = np.loadtxt("ball.csv", delimiter=",", skiprows=1) * [1e3, 1e3, 1e3, 1.0, 1.0]
-    np.savetxt("mm.csv", table, delimiter=",", header="clock,x_mm,place,alpha,beta", comments="")
-    words = ("--columns", "t=clock:ms", "--columns", "y=place:mm")
-    code, out, err = call("diagnose", "mm.csv", "--system", "machines:BallOnPlate", *words, "--json")
-    assert code == 0, err
-    (effect,) = json.loads(out)["effects"]
-    assert effect["parameters"]["force"]["value"] == pytest.approx(0.028, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ("t=clock:days", "--columns: got unit 'days', expected one of s, ms"),
-        ("clock", "--columns: got 'clock', expected NAME=COLUMN[:UNIT]"),
-        ("t=clock", "column clock is missing; there are t, x, y"),
-        ("x=x:deg", "--columns x: got a unit of rad, expected one of m"),
-    ],
-)
-def test_bad_columns(refused, desk, given, message):
-    assert message in refused("diagnose", "ball.csv", "--system", "machines:BallOnPlate", "--columns", given)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 import textwrap
 import time
@@ -179,65 +178,3 @@ def test_a_failing_rig_leaves_one_document_with_json(place, bad, call):
     assert document["time_s"] > 0.0
     assert "OSError" in err.splitlines()[-1]
     assert err.count("OSError") == 1
-
-
-def test_the_result_is_printed_if_only_closing_failed(place, bad, call):
-    (place / "shut_rig.py").write_text((place / "bad_rig.py").read_text().replace("    realtime = True\n", ""))
-    bad("close", "raise")
-    words = ("navigate", "--rig", "shut_rig:Bad", "--model", "ideal", "--from", "ring4", "--memory", "doors.json")
-    code, out, err = call(*words, "--json")
-    document = json.loads(out.removeprefix("now\n"))
-    assert (code, document["success"], document["reason"]) == (3, True, "arrived")
-    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError: [Errno 5] no answer (")
-    assert (place / "doors.json").exists()
-    code, out, err = call(*words)
-    assert code == 3
-    assert "arrived (rig " in err + out
-    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError")
-
-
-WRONG = """
-from mazeplan import Observation
-
-class Shut:
-    rate_hz = 30.0
-    def __init__(self, maze, settings):
-        raise OSError("no port /dev/ttyUSB0")
-    def reset(self, *, ring, theta, rng): pass
-    def observe(self): return (0.0, 1.0)
-    def command(self, u_beta, u_gamma): pass
-    def level(self): pass
-    def close(self): pass
-
-class Pair(Shut):
-    def __init__(self, maze, settings): pass
-
-class Words(Pair):
-    def observe(self): return Observation(0.0, "0.05", 0.0, 0.0, 0.0)
-
-class Nothing(Pair):
-    def observe(self): return Observation(0.0, 0.05, 0.0, None, 0.0)
-class Fast(Pair):
-    rate_hz = "fast"
-class Alone(Pair):
-    def __init__(self, settings): pass
-"""
-
-
-@pytest.mark.parametrize(
-    ("kind", "status", "said"),
-    [
-        ("Shut", 3, r"'wrong_rig:Shut' could not be made: OSError: no port /dev/ttyUSB0 \(.*wrong_rig.py:\d+\)"),
-        ("Pair", 3, r"observe\(\) of the rig returned tuple, expected Observation\(t, x, y, beta, gamma\)"),
-        ("Words", 3, r"observe\(\) of the rig: x: got '0.05', expected a number or None"),
-        ("Nothing", 3, r"observe\(\) of the rig: beta: got None, expected a number"),
-        ("Fast", 2, r"'wrong_rig:Fast' is no rig: rate_hz: got 'fast', expected a number > 0"),
-        ("Alone", 2, r"'wrong_rig:Alone': .*__init__\(\) takes 2 .*; expected __init__\(self, maze, settings\)"),
-    ],
-)
-def test_a_wrong_rig_class_is_one_line(place, call, kind, status, said):
-    (place / "wrong_rig.py").write_text(WRONG)
-    code, _, err = call("navigate", "--rig", f"wrong_rig:{kind}", "--model", "ideal")
-    assert code == status
-    assert re.fullmatch(f"mazeplan: {said}", err.splitlines()[-1])
-    assert "Traceback" not in err

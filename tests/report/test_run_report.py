@@ -11,7 +11,6 @@ from report_documents import EVIL, MAZE, STEP, a_log, drawn
 
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.run import lead, logged_failures, run_section, visits
-from mazeplan.apps.report.words import setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
 
@@ -64,11 +63,6 @@ def test_a_log_of_nothing_is_refused(tmp_path):
         pass
     with pytest.raises(LogError, match="without a single tick"):
         run_section(read_log(tmp_path / "empty.mcap"))
-
-
-def test_the_rings_on_the_way_are_named():
-    facts = dict(setup_facts({"start_ring": 1, "via_rings": [3, 2, 3], "goal_ring": 5}))
-    assert facts == {"from ring": "1", "by way of rings": "3, 2, 3", "to ring": "5"}
 
 
 def test_the_picture_over_time_has_the_numbers_of_the_log(log):

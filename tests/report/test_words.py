@@ -17,11 +17,6 @@ def test_an_angle_is_in_degrees_with_its_error_and_a_speed_is_not():
     assert words.measured(123.4, 20.0, "s") == "123\u00a0±\u00a020\u00a0s"
 
 
-@pytest.mark.parametrize("error", [None, math.nan, math.inf, 0.0])
-def test_a_size_whose_error_nobody_knows(error):
-    assert words.measured(0.5, error, "s") == "0.5\u00a0s"
-
-
 def test_a_label_and_its_value_change_unit_together():
     for label, shown in (("error after 40 samples, rad", "error after 40 samples, degrees"),
                          ("theta, rad", "angle of the ball, degrees")):  # fmt: skip
@@ -36,7 +31,3 @@ def test_every_effect_and_parameter_of_the_library_has_words():
     for effect in ring_library():
         told = [words.spoken(effect.name), *(words.parameter(effect.name, name) for name in effect.parameters)]
         assert not [text for text in told if "_" in text]
-
-
-def test_what_is_missing_has_one_sign():
-    assert {words.number(math.nan, 3), words.seconds(math.inf)} == {words.MISSING}

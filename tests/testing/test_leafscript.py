@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.apps.testing import Player, script, tick_tree
-from mazeplan.btree.blackboard import Blackboard
-from mazeplan.btree.leaf import Leaf
+from mazeplan.apps.testing import script, tick_tree
 from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import FailureKind
@@ -84,13 +82,6 @@ def test_leaves_are_replaced_by_path_before_name_before_kind():
     assert {name: players[0].ticks for name, players in record.players.items()} == {"Replan": 1, "b": 2, "row/in/b": 3}
 
 
-def test_a_script_for_a_leaf_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="got 'Dithr', expected a leaf of the tree: Replan"):
-        tick_tree(tree("<Replan/>"), {"Dithr": "S"})
-    with pytest.raises(InputError, match="got 'row', expected a leaf"):  # a node with children plays no script
-        tick_tree(tree('<Sequence name="row"><Replan/></Sequence>'), {"row": "S"})
-
-
 def test_what_stands_on_the_blackboard_and_what_failed_before_may_be_given():
     body = tree('<Sequence><FailureIs kinds="stuck" at_most="2"/><Replan _skipIf="mood == \'calm\'"/></Sequence>')
     record = tick_tree(body, failures=["stuck", "stuck"], keys={"mood": "calm"})
@@ -99,14 +90,3 @@ def test_what_stands_on_the_blackboard_and_what_failed_before_may_be_given():
     assert tick_tree(body, failures=["stuck"] * 3, keys={"mood": "bad"}).reason == "FAILURE"
     with pytest.raises(InputError, match="failures: got 'stck', expected one of stuck"):
         tick_tree(body, failures=["stck"])
-
-
-def test_a_leaf_with_a_script_winds_nothing_down():
-    class Slow(Leaf):
-        """Would go on for a while."""
-
-        def wind_down(self):
-            return RUNNING
-
-    player = Player(Slow("slow", None, Blackboard(), {}), script("R"))
-    assert player.leaf.wind_down() is SUCCESS

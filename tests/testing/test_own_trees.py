@@ -12,7 +12,6 @@ import pytest
 
 from mazeplan.apps.testing import LightRig, run_tree, tick_tree
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.core import resources
 from mazeplan.core.records import LEVEL
 from mazeplan.maze.mapfile import load_map
 
@@ -195,11 +194,6 @@ def test_every_leaf_succeeds_and_those_that_can_fail_do():
     assert {(name, "SUCCESS") for name in REGISTRY.keys() - ELSEWHERE} <= ends
     failing = {"BallSeen", "InRing", "FailureIs", "PlanRoute", "Track", "PassOpening", "LevelPlate", "Settle"}
     assert {(name, "FAILURE") for name in failing} <= ends
-
-
-def test_there_is_no_packaged_tree_without_such_runs():
-    trees = {path.stem for path in resources.share("behaviors").glob("*.xml")}
-    assert trees == {"navigate", "policy", "two_balls", "waypoints"}
 
 
 def test_the_tree_of_waypoints_ends_in_the_goal_ring():

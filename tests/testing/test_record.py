@@ -7,8 +7,7 @@ import re
 import pytest
 
 from mazeplan.apps.testing import LightRig, run_tree, tick_tree
-from mazeplan.core.errors import InputError, RigError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.errors import InputError
 from mazeplan.run.settings import load_settings
 
 
@@ -71,11 +70,6 @@ def test_what_does_not_hold_is_said_with_what_happened_instead(held, claim, said
     assert len(text.splitlines()) <= 18
 
 
-def test_order_is_looked_at(stuck):
-    with pytest.raises(AssertionError, match="expected Dither to be ticked after Settle, it never was"):
-        stuck.visits("Settle", "Dither")
-
-
 def test_a_name_that_is_nothing_is_refused_or_the_claim_would_hold_for_ever(smooth):
     for claim in (smooth.never, smooth.visits, smooth.halts, smooth.statuses):
         with pytest.raises(InputError, match="got 'Dithr', expected a leaf"):
@@ -125,28 +119,3 @@ def test_commands_beyond_the_limits_are_seen(tmp_path, monkeypatch, smooth):
     ticked = tick_tree(tree, behavior_modules=["beyond_leaves"], ticks=2)
     with pytest.raises(AssertionError, match=r"by Beyond at 0\.000 s"):
         ticked.never("outside limits")
-
-
-def test_a_run_may_leave_a_log(tmp_path):
-    path = tmp_path / "run.mcap"
-    record = run_tree(start=4, log=path).reaches()
-    assert len(read_log(path).ticks["t"]) == len(record.ticks)
-    with pytest.raises(InputError, match=r"^log: a log names the file of its tree"):
-        run_tree('<root BTCPP_format="4"/>', log=path)
-
-
-def test_a_leaf_that_raises_is_a_bug_and_comes_out(monkeypatch):
-    monkeypatch.setattr("mazeplan.behavior.recovery.Replan.step", lambda self: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        tick_tree('<root BTCPP_format="4"><BehaviorTree ID="Main"><Replan/></BehaviorTree></root>')
-
-
-def test_a_rig_that_fails_at_once_leaves_a_record():
-    class Dead(LightRig):
-        def observe(self):
-            raise RigError("no camera")
-
-    record = run_tree(rig=Dead(run_tree(time_limit=0.0).maze)).ends_with("rig_failed")
-    assert record.time_s == 0.0
-    with pytest.raises(AssertionError, match="rig_failed no camera"):
-        record.reaches()

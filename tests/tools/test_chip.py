@@ -15,11 +15,10 @@ import time
 import numpy as np
 import pytest
 from emulated_chip import chip, hostile
-from emulator.chip import EmulatedChip, built
 
 from mazeplan.core.errors import RigError
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.link.frames import FrameReader, encode
+from mazeplan.rigs.link.frames import encode
 from mazeplan.rigs.link.handshake import Timeouts
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 
@@ -98,18 +97,6 @@ def test_the_slew_rate_is_kept_and_levelling_does_not_wait_for_it(chip):
         board.level()
         assert chip.wait_for(*LEVEL, 1.0) is not None
         assert len([pulse for pulse in chip.history[before:] if pulse.axis == 0]) <= 3
-
-
-@pytest.mark.parametrize("away_us", [(128, 0), (0, 128), (-128, 256)])
-def test_a_step_of_whole_high_bytes_of_the_timer_is_a_step(chip, away_us):
-    """Its registers count half microseconds: 128 us change the high byte alone."""
-    with Board(chip.port, LIMITS, QUICK) as board:
-        assert chip.wait_for(*LEVEL, 2.0) is not None
-        away = [level + more for level, more in zip(LEVEL, away_us, strict=True)]
-        reach(chip, board, *away)
-        board.level()
-        assert chip.wait_for(*LEVEL, 1.0) is not None
-        reach(chip, board, *away)  # the slew rate takes it there at once
 
 
 def test_volts_become_counts_with_a_stamp(chip):
@@ -197,41 +184,6 @@ def test_any_bytes_may_come_and_it_still_answers(chip):
     assert chip.resets == 0
 
 
-def test_a_flood_of_questions_does_not_hold_up_reports_and_commands(chip):
-    chip.pulses()
-    raw = os.open(chip.port, os.O_RDWR | os.O_NOCTTY)
-    for axis in (0, 1):
-        os.write(raw, encode("L", 1, axis, 12000, 18000, 15000, 20000))
-    chip.order("fast 1")
-    reader, frames = FrameReader(), []
-    for number in range(1, 41):
-        os.write(raw, encode("C", number, 16000, 14000) + encode("I", 7) * 60)  # 50 ms of the line
-        frames += reader.feed(os.read(raw, 65536))
-    end = time.monotonic() + 10
-    while not any(frame.kind == "T" and frame.fields[0] == "40" for frame in frames):  # the last one is obeyed, too
-        assert time.monotonic() < end
-        frames += reader.feed(os.read(raw, 65536))
-    os.close(raw)
-    reports = [frame.numbers(9) for frame in frames if frame.kind == "T"]
-    lasted = (reports[-1][1] - reports[0][1]) / 1e4
-    assert len(reports) / lasted > 50  # of 100 a second
-    assert not any(report[7] for report in reports)  # no strike of the watchdog
-    assert sum(frame.kind == "I" for frame in frames) > 100
-    assert chip.resets == 0
-
-
-def test_a_line_with_errors_still_carries_commands(chip):
-    with Board(chip.port, LIMITS, QUICK) as board:
-        chip.order("errors 0.002")
-        reach(chip, board, 1700, 1300)
-        hold(board, 1700, 1300, 1.0)
-        chip.order("errors 0")
-        report = hold(board, 1700, 1300, 0.1)
-        assert board.counts.bad_frames + report.bad_frames > 0
-        assert board.connected
-        assert chip.pulses()[:2] == pytest.approx((1700, 1300), abs=1)
-
-
 def test_unplugged_and_plugged_in_again(chip):
     with Board(chip.port, LIMITS, QUICK) as board:
         reach(chip, board, 1700, 1300)
@@ -240,27 +192,6 @@ def test_unplugged_and_plugged_in_again(chip):
         chip.order("plug")
         reach(chip, board, 1650, 1350)
         assert board.counts.lost >= 1
-
-
-def test_unplugged_for_good_is_a_rig_error_with_the_port(chip):
-    board = Board(chip.port, LIMITS, Timeouts(silence_s=0.3, reconnect_s=0.5))
-    board.open()
-    chip.order("unplug")
-    with pytest.raises(RigError, match=f"^{chip.port}: was lost .*no such port; plug the board in"):
-        board.wait_confirmed(1, 5.0)
-    board.close()
-
-
-def test_a_port_that_is_there_but_dead_is_a_rig_error(chip):
-    board = Board(chip.port, LIMITS, Timeouts(silence_s=0.3, reconnect_s=0.5))
-    board.open()
-    chip.order("hold")
-    with pytest.raises(RigError, match=r"gave no report for 0.3 s and did not come back in 0.5 s"):
-        board.wait_confirmed(1, 5.0)
-    board.close()
-    chip.order("release")
-    with Board(chip.port, LIMITS, QUICK) as again:
-        assert again.connected
 
 
 def test_a_board_that_restarts_gets_its_limits_and_obeys_again(chip):
@@ -273,22 +204,6 @@ def test_a_board_that_restarts_gets_its_limits_and_obeys_again(chip):
         assert board.latest().time_s > early
 
 
-def test_a_board_that_restarts_into_its_boot_loader_is_left_alone_until_it_is_back(chip):
-    with Board(chip.port, LIMITS, QUICK) as board:
-        reach(chip, board, 1700, 1300)
-        chip.order("reset 300")
-        command_until(board, lambda: board.counts.lost)
-        reach(chip, board, 1650, 1350)
-        assert board.connected
-
-
-def test_a_boot_loader_that_stays_while_it_is_spoken_to_is_left_alone(chip):
-    chip.order("reset 700")
-    with Board(chip.port, LIMITS, Timeouts(again_s=0.1)) as board:
-        reach(chip, board, 1650, 1350)
-        assert board.connected
-
-
 def test_a_chip_that_hangs_is_restarted_by_its_own_watchdog_with_the_plate_level(chip):
     with Board(chip.port, LIMITS, QUICK) as board:
         reach(chip, board, 1700, 1300)
@@ -298,23 +213,3 @@ def test_a_chip_that_hangs_is_restarted_by_its_own_watchdog_with_the_plate_level
         assert board.events[-1].value & 8  # that is why it began anew
         first = [pulse for pulse in chip.history[before:] if pulse.width_us > 0][:2]
         assert [pulse.width_us for pulse in first] == pytest.approx(LEVEL, abs=1)  # the host's level, not the middle
-
-
-def test_nothing_to_start(tmp_path):
-    with pytest.raises(RigError, match="make emulator"):
-        built(tmp_path)
-    with pytest.raises(RigError, match="the emulator does not start: No such file"):
-        EmulatedChip(tmp_path / "none", tmp_path / "none")
-    with pytest.raises(RigError, match="the emulator does not start: it says nothing"):
-        EmulatedChip("/bin/true", tmp_path / "none")
-
-
-def test_ctrl_c_in_the_terminal_leaves_the_board_to_the_program(chip):
-    assert os.getpgid(chip.process_id) != os.getpgid(0)
-
-
-def test_an_emulator_that_ended_is_a_rig_error(chip):
-    chip.close()
-    with pytest.raises(RigError, match="the emulated board ended with exit status 0"):
-        chip.set_volts(1.0, 1.0)
-    chip.close()

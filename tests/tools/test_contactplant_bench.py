@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from bench_contactplant import jobs_of
-from contact_outcomes import NULL, Job, Outcome, totals
-from contacteffects import EFFECTS
+from contact_outcomes import NULL, Job, Outcome
 
 
 def outcome(effect, names=(), verdict="effect_found", alike=(), sizes=None, size=1):
@@ -45,21 +43,3 @@ def test_sizes_are_right_within_a_share_of_the_change_or_standard_errors():
     unsure = {"dry_friction.coefficient": [0.9, 1.1, 0.11, 0.3]}
     assert outcome("dry_friction", sizes=unsure).size_right is True
     assert outcome("dry_friction", sizes=unsure).inside == [True]
-
-
-def test_the_table_has_every_size_of_every_effect_on_different_rigs():
-    jobs = jobs_of(4, 2, 3)
-    assert len(jobs) == len(set(jobs)) == 4 * 3 + 2 * 3 * len(EFFECTS)
-    for name in EFFECTS:
-        assert len({job.rig for job in jobs if job.effect == name}) >= 3
-    assert {job.effect for job in jobs_of(2, 1, 1, ["backlash"])} == {NULL, "backlash"}
-
-
-def test_totals_count_alarms_and_right_names():
-    done = [
-        outcome(NULL, verdict="nothing_missing"), outcome(NULL, ["deadband"]),
-        outcome("dry_friction", ["dry_friction"]), outcome("dry_friction", ["viscous_friction"]),
-    ]  # fmt: skip
-    figures = dict(totals(done).rows)
-    assert figures["alarms where nothing changed"] == "1 of 2 (50 %)"
-    assert figures["effects named rightly"] == "1 of 2 (50 %)"

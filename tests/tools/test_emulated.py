@@ -9,7 +9,6 @@ import contextlib
 import csv
 import itertools
 import json
-import math
 import os
 import signal
 import subprocess
@@ -146,23 +145,6 @@ def test_a_program_that_is_killed_leaves_a_level_plate(tmp_path):
     assert tilted[rows[:, 0] > killed + 0.8].max() < 0.3
 
 
-def test_what_tilt_the_servos_got_is_what_was_commanded(tmp_path):
-    """To a tenth of a degree by the calibrations, which know nothing of the true servos."""
-    rig = make_rig(str(rig_file(tmp_path, trace=str(tmp_path / "trace.csv"))), MAZE)
-    wanted = math.radians(3.0), math.radians(-2.0)
-    try:
-        for _ in range(45):
-            last = rig.observe()
-            rig.command(*wanted)
-    finally:
-        rig.close()
-    rows = trace(tmp_path)
-    held = rows[np.abs(rows[:, 3:5] - wanted).max(axis=1) < math.radians(0.1)]
-    assert len(held) > 100
-    assert np.degrees(np.abs(held[-40, 5:7] - wanted)).max() < 0.1
-    assert np.degrees(np.abs(np.array([last.beta, last.gamma]) - wanted)).max() < 0.15
-
-
 def group(rig) -> dict[str, int]:
     """Processes of a rig's table by what they are: world, emulator."""
     found = {}
@@ -203,44 +185,3 @@ def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
         time.sleep(0.2)
         assert group(leader) == {}, (who, how)
         assert not folder.exists(), (who, how)
-
-
-def test_a_program_that_ends_without_closing_leaves_nothing(tmp_path):
-    """Also where the table hangs: whatever keeps the program from closing its rig."""
-    script = """
-import os, signal, sys
-from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import make_rig
-rig = make_rig(sys.argv[1], load_map("cme"))
-rig.observe()
-print(rig.table.process_id, rig.table.port, flush=True)
-os.kill(rig.table.process_id, signal.SIGSTOP)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(EMULATED)], capture_output=True, text=True, check=True, timeout=60
-    )
-    leader, port = done.stdout.split()
-    time.sleep(0.2)
-    assert group(int(leader)) == {}
-    assert not Path(port).parent.exists()
-
-
-def test_what_ended_a_check_is_its_last_line(tmp_path):
-    """The table is killed in the midst of it: one line with the cause, exit status 3."""
-    rig_file(tmp_path)
-    with subprocess.Popen(
-        [sys.executable, "-m", "mazeplan", "rig", "check", "mine.yaml", "--yes"], cwd=tmp_path, text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    ) as process:  # fmt: skip
-        assert process.stdout is not None
-        line = next(line for line in process.stdout if "firmware" in line or not line)
-        assert line.startswith("ok")
-        worlds = [p for p in Path("/proc").glob("[0-9]*/stat") if f" {process.pid} " in p.read_text()[:60]]
-        os.kill(int(worlds[0].parent.name), signal.SIGKILL)
-        began = time.monotonic()
-        out, err = process.communicate(timeout=30)
-    assert time.monotonic() - began < 10.0
-    assert process.returncode == 3, (out, err)
-    assert err.splitlines()[-1] == "mazeplan: the emulated table ended by SIGKILL"
-    assert "Traceback" not in err

@@ -189,15 +189,6 @@ def test_a_click_on_a_goal_changes_the_run(page):
     picture(page, "another-goal")
 
 
-def test_it_may_be_loaded_again_while_the_run_goes_on(page):
-    page.reload()
-    phase(page, "running")
-    at_rest_in(page, 4)
-    before = fact(page, "time")
-    page.wait_for_function("before => document.querySelector('[data-fact=\"time\"]').innerText != before", arg=before)
-    assert page.locator("[data-tree]").inner_text().count("\n") > 30
-
-
 @pytest.mark.parametrize("way", ["bar", "key"])
 def test_the_emergency_stop_levels_within_a_tenth_of_a_second(page, program, way):
     """Of the click or the key, by the wall. The machine is shared: it counts if one of three is served so soon."""

@@ -9,10 +9,9 @@ import pytest
 from commands import call
 from matplotlib.figure import Figure
 
-from mazeplan.apps.view.film import END_S, HZ, PIXELS, Plate, at_even_times, check_film, tree_rows, write_film
-from mazeplan.apps.view.moment import BallShown, Moment, NodeShown, TreeShown
+from mazeplan.apps.view.film import END_S, HZ, PIXELS, Plate, at_even_times, write_film
+from mazeplan.apps.view.moment import BallShown, Moment
 from mazeplan.apps.view.story import moments
-from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.navigate import navigate
 
@@ -77,41 +76,12 @@ def test_a_rendered_ball_is_where_lines_over_the_picture_take_it_to_be():
     assert np.abs(np.diff(expected, axis=0)).max() > 0.45 * radius  # the tilt is seen
 
 
-def test_a_ball_that_is_not_seen_is_not_in_the_rendered_picture():
-    pytest.importorskip("cv2")
-    plate = Plate(Figure().add_subplot(), MAZE)
-    plate.show(Moment(ball=BallShown(0.05, 0.03, False), second=BallShown(-0.05, 0.03, True)))
-    x, _, count = blue(plate.moving[0].get_array())
-    assert count > 50
-    assert x < 0.5 * PIXELS  # the second one, with its circle
-    assert plate.moving[1].get_xdata()[0] == pytest.approx(x, abs=5.0)
-    plate.show(Moment(ball=BallShown(0.05, 0.03, False)))
-    assert blue(plate.moving[0].get_array())[2] == 0
-    assert len(plate.moving[1].get_xdata()) == 0
-
-
-def test_the_tree_has_what_was_reached_with_its_sign_and_the_active_leaf_stays_in_sight():
-    nodes = tuple(NodeShown(f"/{k}", "Action", f"leaf {k}", -1, 0) for k in range(100))
-    rows = tree_rows(Moment(tree=TreeShown(1, nodes, "S" * 60 + "R" + "-" * 39, (60,))))
-    assert rows[-1] == ("▶ leaf 60", "running", True)
-    assert len(rows) == 30
-    assert all(words.startswith("✓") for words, _, _ in rows[:-1])
-
-
 def test_frames_come_at_even_times_and_the_last_one_stays():
     shown = [Moment(tick=k + 1, t=t) for k, t in enumerate((0.0, 0.1, 0.5, 0.6))]
     told = [moment.t for moment in at_even_times(shown, 10.0)]
     assert told[:7] == [0.0, 0.1, 0.1, 0.1, 0.1, 0.5, 0.6]
     assert set(told[7:]) == {0.6}
     assert len(told) == 6 + round(10.0 * END_S)
-
-
-def test_what_cannot_be_filmed_is_refused(messages, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="nothing to film"):
-        write_film(messages[:1], tmp_path / "run.gif")
-    monkeypatch.setattr("mazeplan.apps.view.film.find_spec", lambda name: None)
-    with pytest.raises(InputError, match="OpenCV"):
-        check_film(tmp_path / "run.gif")
 
 
 @pytest.mark.slow

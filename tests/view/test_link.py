@@ -15,7 +15,7 @@ from mazeplan.apps.view.server import listen, port_of
 from mazeplan.maze.mapfile import dump_map, load_map
 
 pytest.importorskip("viser")
-from page_client import HungClient, Viewer
+from page_client import Viewer
 
 MAZE = load_map("cme")
 HEADER = {"map": dump_map(MAZE), "goal_ring": 5, "replay": {"rate_hz": 30.0}}
@@ -73,36 +73,6 @@ def test_what_a_run_tells_is_shown_and_what_is_pressed_arrives(page):
     )  # fmt: skip
     viewer.close()
     assert soon(lambda: link.viewers == 0)
-
-
-def test_three_tabs_see_a_new_tree_and_a_new_run_and_one_may_leave(page):
-    link, port, _ = page
-    tabs = [Viewer(port) for _ in range(3)]
-    assert soon(lambda: link.viewers == 3)
-    link.take("/tree", 0.2, {**TREE, "names": ["another tree"]})
-    assert all(shown(tab, "another tree") for tab in tabs)
-    tabs.pop().close()
-    assert soon(lambda: link.viewers == 2)
-    link.take("/header", 0.0, HEADER)
-    link.take("/tree", 0.0, {**TREE, "names": ["the tree of a new run"]})
-    assert all(shown(tab, "the tree of a new run") for tab in tabs)
-    late = Viewer(port)  # who comes later, or loads the page again, sees how it stands
-    assert shown(late, "the tree of a new run")
-    for tab in (*tabs, late):
-        tab.close()
-
-
-def test_a_client_that_does_not_read_holds_up_nobody(page):
-    link, port, _ = page
-    hung, viewer = HungClient(port), Viewer(port)
-    assert soon(lambda: BALL in viewer.moved)
-    for k in range(300):
-        link.take("/tick", k / 30, tick(1000 + k))
-        if k % 30 == 0:
-            before = moves(viewer)
-            assert soon(lambda before=before: moves(viewer) > before)
-    viewer.close()
-    hung.close()
 
 
 def test_a_page_that_hangs_costs_the_run_no_time_and_no_memory(page):

@@ -10,7 +10,7 @@ from mazeplan.apps.view.replay import Mark, Playback, head_html, open_recording
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log import RunLogWriter
-from mazeplan.core.logs.run_log_reader import read_log, read_messages
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -27,16 +27,6 @@ def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     run_job(PlanarRig(MAZE), Setup(MAZE, RigModel.nominal(MAZE)), Job(4, 5, 0.3), log=path)
     return path
-
-
-def rewritten(source, target, change) -> None:
-    """The messages of a log, each changed, as a log again; None leaves one out."""
-    header, messages, _ = read_messages(source)
-    with RunLogWriter(target, header) as log:
-        for topic, document in messages:
-            told = None if topic == "/header" else change(topic, dict(document))
-            if told is not None:
-                log.write(topic, 0.0, told)
 
 
 def sampled(path, times, **header) -> None:
@@ -67,16 +57,6 @@ def test_a_log_that_was_cut_is_shown_as_far_as_it_goes(run, tmp_path):
     recording = open_recording(cut)
     assert 5 < len(recording.times) < len(open_recording(run).times)
     assert "cut off" in head_html(recording, 0.0)
-
-
-def test_a_log_of_an_older_version_has_neither_tree_nor_map(run, tmp_path):
-    rewritten(run, tmp_path / "old.mcap", lambda topic, told: None if topic in ("/tree", "/status") else told)
-    recording = open_recording(tmp_path / "old.mcap")
-    assert recording.moments[10].tree.nodes == ()
-    sampled(tmp_path / "bare.mcap", [0.0, 0.1])
-    recording = open_recording(tmp_path / "bare.mcap")
-    assert recording.maze is None
-    assert recording.moments[1].ball.y == pytest.approx(0.001)
 
 
 def test_failures_are_marked_with_what_was_done_and_how_it_ended(tmp_path):
@@ -111,22 +91,6 @@ def test_a_damaged_log_is_refused_in_one_line(run, tmp_path, spoil, problem):
         open_recording(path)
     assert str(told.value).startswith(str(path))
     assert "\n" not in str(told.value)
-
-
-@pytest.mark.parametrize(
-    ("topic", "change"),
-    [
-        ("/tree", {"parents": None}),
-        ("/event", {"detail": None}),
-        ("/plan", {"theta": ["a"]}),
-        ("/tick", {"t": "soon"}),
-    ],
-)
-def test_a_field_that_is_no_such_thing_is_damage(run, tmp_path, topic, change):
-    path = tmp_path / "odd.mcap"
-    rewritten(run, path, lambda name, told: {**told, **change} if name == topic else told)
-    with pytest.raises(LogError, match="damaged"):
-        open_recording(path)
 
 
 def test_a_log_without_ticks_has_nothing_to_show(tmp_path):

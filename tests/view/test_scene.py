@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.view.meshes import gap_box, ring_floor, wall_mesh
+from mazeplan.apps.view.meshes import wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
-from mazeplan.apps.view.scene import FLOORS, GOAL_FLOOR, UNIT, Scene, attitude, resampled
+from mazeplan.apps.view.scene import UNIT, Scene, attitude
 from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
@@ -82,13 +82,6 @@ def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
     assert {name: handle.sets for name, handle in nodes.items()} == before
 
 
-def test_tilt_is_drawn_larger_by_a_factor(drawn):
-    scene, nodes = drawn
-    scene.tilt_shown = 2.0
-    scene.show(moment(tilt=(0.05, -0.02)))
-    assert nodes["/plate"].wxyz == pytest.approx(attitude(0.1, -0.04))
-
-
 def test_openings_show_what_is_known_of_them(drawn):
     scene, nodes = drawn
     name = MAZE.openings[0].name
@@ -114,28 +107,6 @@ def test_walls_are_where_the_map_has_them(wall):
         assert np.abs(radii * np.sin(turned))[near].min() == pytest.approx(0.5 * opening.width, abs=1e-9)
 
 
-def test_floors_and_marks_fill_their_places():
-    vertices, _ = ring_floor(MAZE, 5)
-    assert np.hypot(*vertices[:, :2].T).min() == 0.0
-    opening = MAZE.openings[0]
-    vertices, _ = gap_box(MAZE, opening, 0.0, 0.001)
-    middle = vertices[:, :2].mean(axis=0)
-    assert math.atan2(middle[1], middle[0]) == pytest.approx(opening.angle)
-
-
-def test_the_floor_of_the_goal_is_green(drawn):
-    scene, nodes = drawn
-    for ring, before, floor in ((5, 4, FLOORS[0]), (4, 5, FLOORS[1])):
-        scene.show(moment(task=TaskShown(goal=ring)))
-        assert tuple(node(nodes, f"ring{ring}").color) == GOAL_FLOOR
-        assert tuple(node(nodes, f"ring{before}").color) == floor
-
-
-def test_resampled_keeps_the_ends():
-    rows = np.array([[0.0, 5.0], [1.0, 6.0], [4.0, 7.0]])
-    np.testing.assert_allclose(resampled(rows, 5), [[0, 5], [0.5, 5.5], [1, 6], [2.5, 6.5], [4, 7]])
-
-
 def test_names_out_of_files_are_no_html():
     text = facts_html(
         moment(
@@ -148,16 +119,6 @@ def test_names_out_of_files_are_no_html():
     assert "<b>&" not in text
     assert "<i>" not in text
     assert "no tree yet" in tree_html(Moment())
-
-
-def test_a_record_without_tree_and_goal_says_what_it_is():
-    rows = np.full((1, len(COLUMNS)), np.nan)
-    told = facts_html(Moment(tick=1, task=TaskShown(ring=1), rows=rows, header={"excitation": "multisine"}))
-    assert '<td data-fact="ring">1</td>' in told
-    assert '<td data-fact="doing">excitation: multisine</td>' in told
-    assert "planner" not in told
-    assert "no tree<" in tree_html(Moment(tick=1))
-    assert "no tree yet<" in tree_html(Moment())
 
 
 def test_radial_walls_are_solid_and_in_their_places():

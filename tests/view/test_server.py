@@ -9,15 +9,13 @@ import urllib.request
 from types import SimpleNamespace
 
 import pytest
-from soon import soon
 
 from mazeplan.apps.view import server as server_module
 from mazeplan.apps.view.server import HOST, STOP_BAR, listen, port_of, refusal, url_of
 from mazeplan.core.errors import InputError
-from mazeplan.core.resources import to_install
 
 pytest.importorskip("viser")
-from page_client import Viewer, joined
+from page_client import joined
 
 HERE = ("Host", "127.0.0.1:8080")
 SOCKET = ("Upgrade", "websocket")
@@ -56,13 +54,6 @@ def test_a_taken_port_is_an_error():
         listen(70000)
 
 
-def test_without_viser_one_line_tells_how_to_have_it(monkeypatch):
-    monkeypatch.setattr(server_module, "find_spec", lambda name: None)
-    with pytest.raises(InputError) as refused:
-        server_module.check_installed()
-    assert to_install("view") in str(refused.value)
-
-
 @pytest.fixture(scope="module")
 def served():
     """viser behind the check, in this process."""
@@ -90,15 +81,6 @@ def test_a_forged_origin_presses_no_button(served, origin):
     with pytest.raises(InvalidStatus) as caught:
         joined(served.port, origin)
     assert caught.value.response.status_code == 403
-
-
-def test_the_page_itself_presses(served):
-    """So that the refusals above are of the origin, and of nothing else."""
-    viewer = Viewer(served.port)
-    assert soon(lambda: "Press" in viewer.buttons and served.server.get_clients())
-    viewer.press("Press")
-    assert soon(lambda: served.pressed)
-    viewer.close()
 
 
 def test_the_page_is_for_no_frame_and_loads_from_nowhere_else(served):

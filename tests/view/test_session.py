@@ -15,8 +15,7 @@ from soon import soon
 from mazeplan.apps.cli import live
 from mazeplan.apps.cli.live import LOADING, READING, LiveSession, exit_status, navigate_live
 from mazeplan.apps.view.livetab import Offer, head_html
-from mazeplan.apps.view.server import listen, port_of
-from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.errors import RigError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, StopRequested
 from mazeplan.core.records import NavigationResult
 from mazeplan.maze.mapfile import load_map
@@ -134,14 +133,6 @@ def test_level_levels_first_and_then_stops(running):
     assert after(page, run) == [StopRequested()]
 
 
-def test_wrong_orders_are_told_and_do_nothing(running):
-    page, run = running
-    for do, more in (("goal", {"ring": 9}), ("close", {"opening": "x"}), ("fault", {"kind": "observe_hangs"})):
-        assert page.press(do, **more)[1]
-    page.press("nonsense")
-    assert not after(page, run)
-
-
 def test_a_fault_begins_between_two_samples_and_knows_the_next_opening(running, capsys):
     page, run = running
     machine = run.rig
@@ -194,16 +185,6 @@ def test_orders_before_a_run_wait_for_it(monkeypatch):
     assert run.orders == [GoalChanged(2)]
 
 
-def test_orders_while_a_run_gets_ready_are_for_that_run(monkeypatch):
-    run = HeldRun(tick=False)
-    with served(run, monkeypatch) as (_, page):
-        page.press("start")
-        assert run.ready.wait(60.0)
-        assert page.press("goal", ring=3) == ("starting", f"it goes to ring 3; {LOADING}")
-        page.press("stop")
-        assert after(page, run) == [GoalChanged(3), StopRequested()]
-
-
 def test_a_script_ends_when_nobody_looks(monkeypatch):
     monkeypatch.setattr(live, "GRACE_S", 0.1)
     run = HeldRun()
@@ -237,15 +218,6 @@ def test_a_run_that_fails_leaves_the_page_and_its_status(monkeypatch):
     assert "no picture" in shown
 
 
-def test_bad_input_ends_it_at_its_first_run(monkeypatch):
-    def wrong(number, **more):
-        raise InputError("no such tree")
-
-    monkeypatch.setattr("mazeplan.apps.view.link.PageLink", FakePage)
-    with pytest.raises(InputError, match="no such tree"):
-        LiveSession(MAZE, "toy", wrong, begin=True, stay=True).serve(0)
-
-
 @pytest.mark.realtime
 def test_a_run_with_a_page_and_nobody_there_ends_by_itself(monkeypatch, tmp_path, capsys):
     """As in a script: the run begins though nobody looks, goes by the wall clock, and ends with its page."""
@@ -260,14 +232,6 @@ def test_a_run_with_a_page_and_nobody_there_ends_by_itself(monkeypatch, tmp_path
     assert "page: http://127.0.0.1:" in said.err
     assert (tmp_path / "a.mcap").exists()
     assert soon(lambda: not any(t.name == "mazeplan page _receive" for t in threading.enumerate()))
-
-
-def test_a_taken_port_is_told_before_anything_begins():
-    with listen(0) as taken:
-        session = LiveSession(MAZE, "toy", lambda number, **more: outcome(), begin=True, stay=False)
-        with pytest.raises(InputError, match="cannot be listened at"):
-            session.serve(port_of(taken))
-    assert session.result is None
 
 
 @pytest.mark.parametrize(

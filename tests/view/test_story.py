@@ -72,17 +72,6 @@ def test_each_moment_has_the_tick_it_is_of(told):
     assert shown[-2].result is None
 
 
-def test_active_nodes_lead_from_the_root_to_the_leaf_that_commands(told):
-    followed = [m for m in moments(told[1]) if m.task.leaf == "Track"]
-    assert followed
-    for moment in followed:
-        assert moment.tree.nodes[moment.tree.active[0]].parent == -1
-        assert moment.tree.nodes[moment.tree.active[-1]].name == "Track"
-        for above, below in zip(moment.tree.active, moment.tree.active[1:], strict=False):
-            assert moment.tree.nodes[below].parent == above
-            assert moment.tree.nodes[below].depth == moment.tree.nodes[above].depth + 1
-
-
 def test_of_several_plans_the_one_that_is_followed_is_shown():
     east, north = plan(0.1, 0.0, 0.1), plan(0.1, 0.0, math.pi / 2)
     moment = after(east, north, tick(0, planned_theta=0.0, goal_theta=0.1, opening="1-2@45"))
@@ -112,14 +101,6 @@ def test_openings_are_told_with_what_is_known_of_them():
     assert set(gates) == {o.name for o in MAZE.openings}
     assert [name for name, gate in gates.items() if gate.next] == ["2-3@0"]
     assert gates["1-2@45"].closed  # by the command that began the run
-
-
-def test_what_is_said_to_a_run_shows():
-    events = [("closed", {"opening": "2-3@0"}), ("opened", {"opening": "1-2@45"}), ("goal", {"ring": 3, "closed": []})]
-    moment = after(*(("/event", {"t": 0.5, "kind": kind, "detail": detail}) for kind, detail in events), tick(15))
-    assert {gate.name for gate in moment.openings if gate.closed} == {"2-3@0"}
-    assert moment.task.goal == 3
-    assert [event.text for event in moment.events] == ["2-3@0 closed", "1-2@45 open again", "new goal: ring 3"]
 
 
 def test_the_last_failure_has_its_reason_and_its_recovery():
@@ -159,27 +140,3 @@ def test_a_long_run_keeps_its_last_seconds_and_moments_stay_as_they_were():
     assert len(story.moment().rows) == kept
     np.testing.assert_array_equal(early.rows, copy)
     assert story.moment().trail(1.0)[-1, 0] == pytest.approx(0.08 + 1e-6 * (5 * kept - 1))
-
-
-def test_gaps_are_gaps():
-    moment = after(tick(0), ("/tick", {"t": 1 / 30, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}))
-    assert moment.ball is None
-    assert np.isnan(moment.column("theta")[-1])
-    moment = after(("/tick", {"t": 0.0, "x": math.nan, "y": 0.1, "estimate_x": None}))
-    assert moment.ball is None
-
-
-def test_a_log_without_a_map_can_be_shown():
-    story = Story()
-    story.take("/header", {"map": "no: map"})
-    story.take(*tick(0, planned_theta=0.0))
-    assert story.moment().openings == ()
-    assert story.moment().plan is None
-
-
-def test_where_nobody_followed_the_ball_its_place_tells_the_ring():
-    """As in a log of `collect`."""
-    told = {"t": 0.0, "x": 0.0, "y": -0.05, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}
-    assert after(("/tick", told)).task.ring == 3
-    assert after(("/tick", {**told, "x": None, "y": None})).task.ring is None
-    assert after(("/tick", {**told, "ring": 2})).task.ring == 2

@@ -17,7 +17,6 @@ from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import moments
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.palette import COLOURS, rgb
-from mazeplan.maze.drawing import draw_second, save_drawing
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
@@ -63,18 +62,3 @@ def test_the_report_draws_its_path(told):
     (line,) = [line for axes in figure.axes for line in axes.lines if line.get_label() == "second ball"]
     assert to_hex(line.get_color()).upper() == COLOURS["second"]
     np.testing.assert_allclose(np.array(line.get_data()).T, 1e3 * second_trail(log))
-
-
-def test_a_drawing_of_a_map_has_it(told, tmp_path):
-    trail = second_trail(told[1])
-    axes = Figure().add_subplot()
-    draw_second(axes, trail)
-    np.testing.assert_allclose(np.array(axes.lines[0].get_data()).T, 1e3 * trail)
-    save_drawing(MAZE, tmp_path / "two.png", second=trail)
-    assert (tmp_path / "two.png").stat().st_size > 10_000
-
-
-def test_a_run_with_one_ball_has_no_second(tmp_path):
-    path = tmp_path / "one.mcap"
-    mazeplan.navigate(rig="ideal", seed=1, time_limit=0.3, log=path)
-    assert second_trail(read_log(path)) is None
