@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
+
+LONGEST = 60  # maximum number of characters of a formula in a table
 
 
 def pages(folder: Path) -> None:
@@ -76,10 +77,24 @@ def figures(path: Path) -> Iterator[str]:
 
 
 def effects() -> Iterator[str]:
-    """The table of `effect list --markdown`."""
-    words = [sys.executable, "-m", "mazeplan", "effect", "list", "--markdown"]
+    """The table of all effects; parameters with the same unit stand together: `cos1 .. sin3 (rad/s^2)`."""
+    from mazeplan.physics.effect import BALL
+    from mazeplan.physics.formulas.equation import text
+    from mazeplan.physics.registry import EFFECTS
+
     yield from ("# All effects", "", "How a model uses them: [physical effects](../effects.md).", "")
-    yield from subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
+    rows = []
+    for effect in (effect for effect in EFFECTS.values() if effect.named):
+        units = []
+        for unit, items in groupby(effect.parameters.items(), key=lambda item: item[1].unit):
+            names = [name for name, _ in items]
+            units.append(f"{', '.join(names) if len(names) < 5 else f'{names[0]} .. {names[-1]}'} ({unit})")
+        formula = text(effect)
+        shown = f" `{formula}`" if formula and len(formula) <= LONGEST else ""
+        planned = "yes" if effect.planned else f"no: {effect.why_not}"
+        acts = "ball" if effect.acts in BALL else effect.acts
+        rows.append((effect.name, acts, ", ".join(units), f"{effect.text}{shown} ({effect.source})", planned))
+    yield from table(("name", "acts on", "parameters (unit)", "what, where from", "planned"), rows)
 
 
 def faults() -> Iterator[str]:

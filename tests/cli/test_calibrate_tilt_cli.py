@@ -139,12 +139,12 @@ def test_at_a_board_each_tilt_is_asked_for_and_a_slip_again(call, desk, board, m
         return f"{beta:.1f}, {gamma:.1f}"
 
     monkeypatch.setattr("typer.prompt", prompt)
-    code, _, err = call("calibrate", "tilt", "--grid", "5", "--keep", "kept.csv")
+    code, _, err = call("calibrate", "tilt", "--grid", "5")
     assert code == 0, err
     assert asked[0] == "1 of 25: beta gamma"
     assert asked[1] == asked[2] == "2 of 25: beta gamma"
     assert "expected two finite numbers, such as: -2.3 0.4" in err
-    assert len(Path("kept.csv").read_text().splitlines()) == 25  # a header, and 24 readings
+    assert len(Path("hardware-readings.csv").read_text().splitlines()) == 25  # a header, and 24 readings
     assert (board.levelled >= 1, board.closed) == (True, 1)
     assert "tilt" in read_yaml(Path("hardware.yaml")).data
 
@@ -163,8 +163,8 @@ def test_a_lost_board_and_ctrl_c_leave_a_level_plate(call, desk, board, monkeypa
         return "0.5 0.5"
 
     monkeypatch.setattr("typer.prompt", interrupted)
-    code, _, _ = call("calibrate", "tilt", "--keep", "kept/r.csv")
+    code, _, _ = call("calibrate", "tilt")
     assert code == 130
-    assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
+    assert len(Path("hardware-readings.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG

@@ -54,9 +54,3 @@ def test_your_own_effect_is_shown(call, monkeypatch, tmp_path):
     status, out, err = call("effect", "show", "wind", "--effects", "fans:effects", "--json")
     assert status == 0, err
     assert json.loads(out)["formula"] == "-force*sin(theta)"
-
-
-def test_markdown_has_a_row_for_each_effect(call):
-    rows = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith("| ")]
-    assert [row.split("|")[1].strip() for row in rows[1:]] == NAMED
-    assert all(row.count("|") == 6 for row in rows), "no formula with a bar in it"

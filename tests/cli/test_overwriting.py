@@ -19,7 +19,6 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
 from mazeplan.control.policy_file import save_policy
 from mazeplan.core.whole_file import whole_file
-from mazeplan.rigs.hardware.tiltcalibration import Reading, write_readings
 
 MINE = b"mine\n"
 RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n"
@@ -36,7 +35,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("log export", "-o"): (("recorded.mcap",), "run.csv"),
     ("behavior palette", "-o"): ((), "palette.xml"),
     ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
-    ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),
     ("new rig", "-o"): (("cart",), "there/cart.py"),
     ("new map", "-o"): (("detour",), "mine.yaml"),
     ("new tree", "-o"): ((), "mine.xml"),
@@ -65,8 +63,6 @@ def desk(tmp_path, monkeypatch):
     Path("evaluation.json").write_text(json.dumps(evaluation("some")))
     Path("hardware.yaml").write_text(RIG)
     save_policy(hand_made(), Path("policy"))
-    tilts = [(float(beta), float(gamma)) for beta in range(-5, 6, 2) for gamma in range(-5, 6, 2)]
-    write_readings(Path("readings.csv"), [Reading((2.5 + 0.2 * b, 2.5 + 0.2 * g), b, g, 0, None) for b, g in tilts])
     return tmp_path
 
 
@@ -88,7 +84,7 @@ def commands(group, path=()):
 
 def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
     outputs, new = set(), set()
-    names = ("-o", "--log", "--video", "--report", "--memory", "--store", "--keep")
+    names = ("-o", "--log", "--video", "--report", "--memory", "--store")
     for name, command in commands(get_command(app)):
         hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
         for param in command.params:

@@ -83,18 +83,12 @@ def shares(stream):
         bar.advance(0.5, 2.5)
 
 
-def items(stream):
-    bar = ProgressBar("checking", stream, compiles=False)
-    assert list(bar.iterate(["clock", "signs"], lambda name: f"after {name}")) == ["clock", "signs"]
-
-
 @pytest.mark.parametrize(
     ("work", "pattern"),
     [
         (campaign, r"runs .*100% +0:00:00"),
         (unknown_length, r"(?s)\nfound \[c\]\n.*searching .*trying \[c\]"),
         (shares, r"training .*20%"),
-        (items, r"(?s)checking.*after clock"),
     ],
 )
 def test_a_bar_shows_step_and_share_on_a_terminal_only(work, pattern):

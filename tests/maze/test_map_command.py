@@ -10,9 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mazeplan.apps.cli.map import app
-from mazeplan.apps.cli.map_watch import watch
 from mazeplan.core.errors import InputError
-from mazeplan.maze.drawing import save_drawing
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.commands.log_context import parse_opening
@@ -127,27 +125,25 @@ def test_show(tmp_path):
     assert plain.read_bytes() != routed.read_bytes()
 
 
-def test_a_watched_map_is_drawn_again_at_each_save(tmp_path, capsys):
+def test_a_watched_map_is_drawn_again_at_each_save(tmp_path, monkeypatch):
     path, picture = tmp_path / "mine.yaml", tmp_path / "mine.png"
     good = dump_map(CME)
     path.write_text(good)
-    saves = iter(
-        [good.replace("angle_deg: 45", "angle_deg: 400"), None, good.replace("angle_deg: 45", "angle_deg: 50")]
-    )
+    saves = iter([good.replace("angle_deg: 45", "angle_deg: 400"), good.replace("angle_deg: 45", "angle_deg: 50")])
     pictures = []
 
-    def save_next():
+    def save_next(seconds):
         pictures.append(picture.read_bytes())
-        text = next(saves, "end")
-        if text not in (None, "end"):
-            path.write_text(text)
-        return text != "end"
+        text = next(saves, None)
+        if text is None:
+            raise KeyboardInterrupt
+        path.write_text(text)
 
-    watch(path, lambda output: save_drawing(load_map(path), output), picture, save_next)
-    first, mistake, unchanged, last = pictures
-    assert len({first, mistake, last}) == 3
-    assert mistake == unchanged
-    assert "openings[0].angle_deg: got 400" in capsys.readouterr().err
+    monkeypatch.setattr("time.sleep", save_next)
+    ran = run("show", str(path), "-o", str(picture), "--watch")
+    first, mistake, last = pictures
+    assert first == mistake != last
+    assert "openings[0].angle_deg: got 400" in ran.output
 
 
 def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, tmp_path):

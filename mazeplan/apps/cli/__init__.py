@@ -140,8 +140,6 @@ def _usage_message(error: Any) -> str:
     if text.startswith("No such command") and error.ctx is not None and "?" not in text:
         names = ", ".join(error.ctx.command.list_commands(error.ctx))
         return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
-    if text.startswith("Missing argument") and error.ctx is not None and error.ctx.command.epilog:
-        return f"{text.rstrip('.')}; for example: {error.ctx.command.epilog}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Value error, )?(.*)", text)
     return text if found is None else f"{found[1]}: {found[2]}"
 

@@ -1,10 +1,14 @@
-"""The tree of commands."""
+"""The tree of commands, and the class of each command."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import re
+import shutil
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from mazeplan import __version__
 from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, policy, rig
@@ -13,17 +17,47 @@ from mazeplan.apps.cli.compare import compare
 from mazeplan.apps.cli.diagnose import diagnose
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.evaluate import evaluate
-from mazeplan.apps.cli.help import context_settings, with_help
 from mazeplan.apps.cli.improve import improve
 from mazeplan.apps.cli.learn import learn
 from mazeplan.apps.cli.navigate import navigate
+from mazeplan.apps.cli.option_checks import check_outputs
 from mazeplan.apps.cli.report import report
 from mazeplan.apps.cli.view import view
 
+WIDEST = 120  # columns of a help text; longer lines are hard to read
+NAMED = re.compile(r"[a-z]\w*=[^=]+")  # a value of --columns; a log has no such name
 app = typer.Typer(
     name="mazeplan", no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-    context_settings=context_settings(),
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": min(shutil.get_terminal_size((80, 24)).columns, WIDEST),
+    },
 )  # fmt: skip
+
+
+class Command(TyperCommand):
+    """A command. Before it begins, it checks that no output is an input."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        check_outputs(ctx)
+        return super().invoke(ctx)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take several values after one `--columns`, as if each had the option."""
+        spread: list[str] = []
+        for word in args:
+            if NAMED.fullmatch(word) and spread[-2:-1] == ["--columns"]:
+                spread.append("--columns")
+            spread.append(word)
+        return super().parse_args(ctx, spread)
+
+
+def _commands(group: typer.Typer) -> Iterator[Any]:
+    yield from group.registered_commands
+    for inner in group.registered_groups:
+        if inner.typer_instance is not None:
+            yield from _commands(inner.typer_instance)
 
 
 def _print_version(wanted: bool) -> None:
@@ -44,4 +78,5 @@ for command in (navigate, evaluate, collect, learn, model.score, compare, diagno
     app.command()(command)
 for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
-with_help(app)
+for command in _commands(app):
+    command.cls = Command

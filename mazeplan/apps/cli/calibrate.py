@@ -12,7 +12,6 @@ from typer import Option
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.calibrate_camera import camera
-from mazeplan.apps.cli.option_checks import file, new_file
 from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
@@ -26,16 +25,6 @@ Readings = Annotated[
     Path | None,
     Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
 ]
-Keep = Annotated[
-    Path | None,
-    Option(
-        "--keep",
-        parser=file(".csv"),
-        callback=new_file,
-        metavar="FILE",
-        help="CSV for the typed readings. Default: a new one.",
-    ),
-]
 Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
 
 app.command("camera")(camera)
@@ -45,7 +34,6 @@ app.command("camera")(camera)
 def tilt(
     rig: opt.RigFileName = "hardware",
     readings: Readings = None,
-    keep: Keep = None,
     grid: Grid = 7,
     map_: opt.Map = "cme",
     dry_run: opt.DryRun = False,
@@ -59,20 +47,16 @@ def tilt(
 
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.hardware.files import hardware_file
-    from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
+    from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
     if not dry_run:
         file.check_writable()
     if readings is None:
-        if keep is not None:
-            write_readings(keep, [])  # fails before anything is asked
-        place = keep or free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
+        place = free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
         taken = _ask_at_board(file, limit, grid, place)
     else:
         place, taken = readings, read_readings(readings)
-        if keep is not None:
-            write_readings(keep, taken)
     try:
         fit = fit_tilt(taken)
     except InputError as problem:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,22 +15,18 @@ if TYPE_CHECKING:
     from mazeplan.physics.effect import Effect
 
 app = typer.Typer(help="List and show physical effects of models and diagnoses.", no_args_is_help=True)
-LONGEST = 60  # maximum number of characters of a formula in a table
 
 EffectName = Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect (see `effect list`).")]
-Markdown = Annotated[bool, typer.Option("--markdown", help="Print the table of the documentation.")]
 
 
 @app.command("list")
-def list_effects(effects: opt.EffectModule = None, markdown: Markdown = False, as_json: opt.AsJson = False) -> None:
+def list_effects(effects: opt.EffectModule = None, as_json: opt.AsJson = False) -> None:
     """List all effects: what each acts on, its meaning, and whether plans use it."""
     from mazeplan.physics.registry import document
 
     found = _known(effects)
     if as_json:
         print_json([document(effect) for effect in found.values()])
-    elif markdown:
-        print("\n".join(table(list(found.values()))))
     else:
         width = max(map(len, found))
         for effect in found.values():
@@ -64,20 +59,6 @@ def show(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson
     print("in model.yaml" + "".join(f"\n  {line}" for line in _entry(effect)))
 
 
-def table(effects: list[Effect]) -> list[str]:
-    """The table of docs/effects.md."""
-    from mazeplan.physics.formulas.equation import text
-
-    rows = ["| name | acts on | parameters (unit) | what, where from | planned |", "|---|---|---|---|---|"]
-    for effect in effects:
-        formula = text(effect)
-        shown = f" `{formula}`" if formula and len(formula) <= LONGEST else ""
-        planned = "yes" if effect.planned else f"no: {effect.why_not}"
-        cells = (effect.name, _acts_on(effect), _units(effect), f"{effect.text}{shown} ({effect.source})", planned)
-        rows.append(f"| {' | '.join(cells)} |")
-    return rows
-
-
 def _known(spec: str | None) -> dict[str, Effect]:
     """Effects by name: of mazeplan, and of a user's module."""
     from mazeplan.physics.registry import EFFECTS, own_effects
@@ -90,15 +71,6 @@ def _acts_on(effect: Effect) -> str:
     from mazeplan.physics.effect import BALL
 
     return "ball" if effect.acts in BALL else effect.acts
-
-
-def _units(effect: Effect) -> str:
-    """The parameters of an effect, those with the same unit together: `cos1 .. sin3 (rad/s^2)`."""
-    groups = []
-    for unit, items in groupby(effect.parameters.items(), key=lambda item: item[1].unit):
-        names = [name for name, _ in items]
-        groups.append(f"{', '.join(names) if len(names) < 5 else f'{names[0]} .. {names[-1]}'} ({unit})")
-    return ", ".join(groups)
 
 
 def _entry(effect: Effect) -> list[str]:

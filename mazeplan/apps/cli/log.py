@@ -44,9 +44,9 @@ HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "se
 @app.command("info")
 def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
     """Summarise a run log; read an incomplete one as far as it goes."""
-    from mazeplan.apps.cli.progress import log_read
+    from mazeplan.core.logs.run_log import read_log
 
-    document = summary(log_read(log))
+    document = summary(read_log(log))
     if as_json:
         print_json(document)
     else:
@@ -56,10 +56,10 @@ def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
 @app.command("export")
 def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> None:
     """Write the ticks of a run log as CSV, in SI units and radians."""
-    from mazeplan.apps.cli.progress import log_read
+    from mazeplan.core.logs.run_log import read_log
     from mazeplan.core.logs.run_log_reader import warn_if_cut
 
-    read = log_read(log)
+    read = read_log(log)
     warn_if_cut(read)
     if output == "-":
         sys.stdout.write(csv_text(read))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.map_learn import learn
 from mazeplan.apps.cli.option_checks import listed
 from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.core.errors import InputError
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.run.commands.log_context import parse_opening
 
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
 app.command()(learn)
 
+LOOK_S = 0.25  # s between two looks at a watched file
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
 MapFiles = Annotated[list[str], typer.Argument(metavar="MAP", help="Map files, or names of packaged maps.")]
 Picture = Annotated[
@@ -81,13 +85,28 @@ def show(
     """Draw a map to scale, with --route the route of `map route`, with --log the trail of a run."""
     draw = partial(_draw, map_, with_route=with_route, labels=labels, log=log)
     if watch:
-        from mazeplan.apps.cli.map_watch import watch as watch_file
         from mazeplan.maze.mapfile import find_map
 
-        watch_file(find_map(map_), draw, output)
+        _watch(find_map(map_), draw, output)
         return
     draw(output)
     say(f"wrote {output}")
+
+
+def _watch(source: Path, draw: Callable[[Path], None], output: Path) -> None:
+    """Draw whenever the file changes, until Ctrl-C. A mistake in the map is a message, and the old picture stays."""
+    say(f"watching {source}, drawing {output}; Ctrl-C ends")
+    seen: object = None
+    with suppress(KeyboardInterrupt):
+        while True:
+            now = source.stat().st_mtime_ns if source.exists() else None  # an editor may be replacing it
+            if now not in (seen, None):
+                seen = now
+                try:
+                    draw(output)
+                except InputError as problem:
+                    say(f"mazeplan: {problem}")
+            time.sleep(LOOK_S)
 
 
 def _draw(map_: str, output: Path, *, with_route: bool, labels: bool, log: Path | None) -> None:
@@ -138,11 +157,11 @@ def route(
 
 def _log_of(log: Path, maze: Maze) -> RunLog:
     """Read the log of a run. Prints a line if the log is of another map."""
-    from mazeplan.apps.cli.progress import log_read
+    from mazeplan.core.logs.run_log import read_log
     from mazeplan.maze.mapfile import dump_map
     from mazeplan.maze.mapschema import MAX_BALLS
 
-    read = log_read(log)
+    read = read_log(log)
     same = [dump_map(replace(maze, balls=balls)) for balls in range(1, MAX_BALLS + 1)]
     if read.header.get("map", same[0]) not in same:
         say(f"{log} is of another map ({read.header.get('map_name')}); drawing its trail on {maze.name}")

@@ -6,15 +6,13 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from mazeplan.apps.cli.output import plural, say
 
 if TYPE_CHECKING:
-    from mazeplan.core.logs.run_log import RunLog
     from mazeplan.core.records import NavigationResult
 
 COMPILING_S = 2.0
@@ -121,19 +119,6 @@ class ProgressBar:
             self._bar.update(self._task, completed=done)
         self._done, self._total = done, total
 
-    def iterate(self, found: Iterable[Any], step: Callable[[Any], str]) -> Iterator[Any]:
-        """Yield the items, and show the bar only while waiting for the next item. step: text to show after an item"""
-        items, text = iter(found), ""
-        while True:
-            with self:
-                self.show(text)
-                try:
-                    item = next(items)
-                except StopIteration:
-                    return
-            text = step(item)
-            yield item
-
 
 @contextmanager
 def campaign_progress(
@@ -143,15 +128,6 @@ def campaign_progress(
     with ProgressBar(label, stream, transient=False) as bar:
         bar.advance(begin, total)
         yield lambda finished: bar.advance(finished, total)
-
-
-def log_read(path: Path) -> RunLog:
-    """Read a log and show a bar meanwhile: half an hour of log takes seconds. Raises LogError."""
-    from mazeplan.core.logs.run_log import read_log
-
-    with ProgressBar("reading", compiles=False) as bar:
-        bar.show(path.name)
-        return read_log(path)
 
 
 def _rich_bar(stream: TextIO, transient: bool) -> Any:

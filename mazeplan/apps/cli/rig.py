@@ -53,7 +53,6 @@ def check(
 
     Of a real rig, first check each part, the board first, and measure its latencies. Exit status: 1 a check failed,
     2 a file is wrong or not calibrated, 3 a part is silent."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.hardware.files import is_hardware
@@ -62,12 +61,12 @@ def check(
 
     maze, results, more = load_map(map_), [], {}
     problem: MazeplanError | None = None
-    if is_hardware(rig):  # without a bar, because a person answers questions
+    if is_hardware(rig):
         found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes, output=output)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
         checks = check_rig(machine, maze, seed=seed, repeatable=not hardware)
-        found = ProgressBar("checking").iterate(checks, lambda result: f"after {result.name}")
+        found = iter(checks)
     try:
         for result in found:
             if isinstance(result, dict):
