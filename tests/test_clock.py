@@ -27,7 +27,6 @@ ALLOWED = {  # who may look at it, and for what
     "rigs/faults/faulty.py": {"from time import monotonic"},  # when a call was made to hang ...
     "run/campaign/faults.py": {"from time import monotonic"},  # ... and how long it did, for the report
     "rigs/paced.py": {"from time import monotonic"},  # holds a simulation to it, where somebody looks
-    "run/campaign/dask_cluster.py": {"from time import monotonic"},  # how long there are no workers
     "run/campaign/one_run.py": {"from time import perf_counter", "from time import process_time"},  # what a run cost
     "run/campaign/store.py": {"from datetime import UTC", "from datetime import datetime"},  # when it ended
     "core/logs/run_log.py": {"from datetime import UTC", "from datetime import datetime"},  # when it began, told

@@ -132,7 +132,7 @@ def scene_box(page):
 
 
 OVERLAPPING = """() => {
-  const found = [], boxes = ['#stop-bar', '[data-dock-region="left"]', '[data-dock-region="right"]']
+  const found = [], boxes = ['#stop-bar', '[data-dock-region="right"]']
     .map(name => [name, document.querySelector(name).getBoundingClientRect()]);
   boxes.push(['canvas', document.querySelector('canvas').getBoundingClientRect()]);
   for (const [a, p] of boxes) for (const [b, q] of boxes)

@@ -59,5 +59,4 @@ def test_a_recorded_run_is_looked_at(chromium, failed):
         at = time_shown(shown)
         shown.get_by_role("button", name="Play", exact=True).click()
         shown.wait_for_function(f"document.querySelector('[data-t]').dataset.t > {at + 0.1}")
-        assert shown.locator("canvas").count() >= 4  # the scene, and curves
     assert complaints == []

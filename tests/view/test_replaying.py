@@ -43,7 +43,7 @@ def test_a_log_gives_a_moment_for_each_tick(run):
     for k in (0, 7, len(log.ticks["t"]) - 1):
         moment = recording.moments[recording.tick_at(log.ticks["t"][k])]
         assert (moment.t, moment.tick) == (log.ticks["t"][k], k + 1)
-        assert moment.column("u_gamma")[-1] == log.ticks["u_gamma"][k]
+        assert moment.tilt == (log.ticks["beta"][k], log.ticks["gamma"][k])
         statuses = [nodes for t, nodes in log.trees[-1].statuses if t <= moment.t + 1e-9]
         assert moment.tree.statuses == statuses[-1]
     last = len(recording.moments) - 1

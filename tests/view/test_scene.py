@@ -9,7 +9,7 @@ import pytest
 from fake_scene import FakeServer
 
 from mazeplan.apps.view.meshes import wall_mesh
-from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
+from mazeplan.apps.view.moment import BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.scene import UNIT, Scene, attitude
 from mazeplan.core.palette import rgb
@@ -19,10 +19,8 @@ MAZE = load_map("cme")
 
 
 def moment(**more):
-    rows = np.full((3, len(COLUMNS)), 0.0)
-    rows[:, 0] = (0.0, 0.1, 0.2)
-    rows[:, 1] = (0.08, 0.085, 0.09)
-    given = {"run": 1, "tick": 3, "t": 0.2, "ball": BallShown(0.09, 0.0, True), "rows": rows, "tilt": (0.05, 0.0)}
+    trail = np.array([[0.08, 0.0], [0.085, 0.0], [0.09, 0.0]])
+    given = {"run": 1, "tick": 3, "t": 0.2, "ball": BallShown(0.09, 0.0, True), "trail": trail, "tilt": (0.05, 0.0)}
     return Moment(**{**given, **more})
 
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.view.moment import BallShown, TreeShown
-from mazeplan.apps.view.story import SHOWN_S, Story, moments
+from mazeplan.apps.view.moment import TRAIL_S, BallShown, TreeShown
+from mazeplan.apps.view.story import Story, moments
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.navigate import navigate
@@ -50,7 +50,7 @@ def test_live_and_recorded_a_run_shows_the_same(told):
         assert (a.t, a.task, a.tree.statuses, a.tree.active, a.openings) == (
             b.t, b.task, b.tree.statuses, b.tree.active, b.openings
         )  # fmt: skip
-        np.testing.assert_allclose(a.rows, b.rows, atol=1e-9)
+        np.testing.assert_allclose(a.trail, b.trail, atol=1e-9)
         assert (a.plan is None) == (b.plan is None)
 
 
@@ -59,8 +59,7 @@ def test_each_moment_has_the_tick_it_is_of(told):
     assert [m.t for m in shown] == [document["t"] for document in ticks]
     for moment, document in zip(shown, ticks, strict=True):
         assert moment.ball == BallShown(document["estimate_x"], document["estimate_y"], "x" in document)
-        for name in ("u_beta", "u_gamma", "beta"):
-            assert moment.column(name)[-1] == document[name]
+        assert moment.tilt == (document["beta"], document["gamma"])
         # a plan is shown where one is followed, and it is the one: here and now it wants what the tick says
         assert (moment.plan is not None) == ("planned_theta" in document)
         if moment.plan is not None:
@@ -82,18 +81,6 @@ def test_of_several_plans_the_one_that_is_followed_is_shown():
     moment = after(east, north, tick(0, planned_theta=0.0, goal_theta=math.pi / 2, opening="1-2@45"))
     assert moment.plan.theta[-1] == pytest.approx(math.pi / 2)
     assert after(east, tick(0)).plan is None  # nothing is followed
-
-
-def test_theta_goes_on_beyond_half_a_turn_and_the_plan_with_it():
-    radius, messages = MAZE.track_radius(1), []
-    for k in range(20):
-        theta = 3.0 + 0.05 * k
-        place = (radius * math.cos(theta), radius * math.sin(theta))
-        messages += [plan(k / 30 + 0.1, math.remainder(theta, math.tau), theta + 0.1)]
-        messages += [tick(k, *place, planned_theta=math.remainder(theta, math.tau), opening="1-2@45")]
-    moment = after(*messages)
-    np.testing.assert_allclose(np.diff(moment.column("theta")), 0.05, atol=1e-9)
-    np.testing.assert_allclose(moment.column("planned_theta"), moment.column("theta"), atol=1e-9)
 
 
 def test_openings_are_told_with_what_is_known_of_them():
@@ -125,18 +112,11 @@ def test_a_new_tree_and_a_new_run_begin_anew():
     assert len(second.tree.nodes) == 1
     story.take("/header", HEADER)
     third = story.moment()
-    assert (third.run, third.tick, len(third.rows), third.ball, third.tree) == (2, 0, 0, None, TreeShown())
+    assert (third.run, third.tick, len(third.trail), third.ball, third.tree) == (2, 0, 0, None, TreeShown())
 
 
-def test_a_long_run_keeps_its_last_seconds_and_moments_stay_as_they_were():
-    story = Story()
-    story.take("/header", HEADER)
-    kept = round(SHOWN_S * 30)
-    for k in range(5 * kept):
-        story.take(*tick(k, x=0.08 + 1e-6 * k))
-        if k == kept:
-            early = story.moment()
-            copy = early.rows.copy()
-    assert len(story.moment().rows) == kept
-    np.testing.assert_array_equal(early.rows, copy)
-    assert story.moment().trail(1.0)[-1, 0] == pytest.approx(0.08 + 1e-6 * (5 * kept - 1))
+def test_a_long_run_keeps_its_last_seconds():
+    moment = after(*(tick(k, x=0.08 + 1e-6 * k) for k in range(400)))
+    kept = round(TRAIL_S * 30)
+    assert kept <= len(moment.trail) <= kept + 1
+    assert moment.trail[-1, 0] == pytest.approx(0.08 + 1e-6 * 399)

@@ -1,12 +1,12 @@
 """The page in the browser, on which a person looks at a run and operates it. Only this package imports viser.
 
-    messages of a run -> story -> Moment -> scene, panel, plots -> viser -> browsers
+    messages of a run -> story -> Moment -> scene, panel -> viser -> browsers
                                                                  orders <-
 
 moment.py, story.py     a run at one time, made from its messages; for live page and replay
 page.py                 a page: a server, and tabs that are drawn 30 times a second
 scene.py, meshes.py     maze, ball, trail, plan and openings in 3D
-plots.py, panel.py      curves; facts and behaviour tree
+panel.py                facts and behaviour tree
 film.py                 a film of a run, of the same moments
 livetab.py, link.py     the tab of a live run; the page's process and its line to the run, which never waits for it
 replay.py               the page of a recorded run

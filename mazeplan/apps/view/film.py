@@ -34,7 +34,6 @@ MARGIN = 1.12  # half the side of this picture, in radii of the rim
 END_S = 1.5  # s that the last frame stays
 COLOURS_GIF = 64
 ROWS = 30  # of the tree
-TRAIL_S = 3.0
 CORNER, LONG = np.array([0.07, 0.07]), 0.06  # start and length of the line downhill, in shares of the plate's axes
 STEEP = np.radians(5.0)  # tilt of a line of full length
 Frame = NDArray[np.uint8]  # (height, width, 3), RGB
@@ -179,7 +178,7 @@ class _Picture:
         angles = np.array([opening.angle for opening in ahead])
         radii = np.array([self._maze.threshold_radius(opening) for opening in ahead])
         for line, points in (
-            (self._trail, moment.trail(TRAIL_S)),
+            (self._trail, moment.trail),
             (self._planned, np.empty((0, 2)) if moment.plan is None else moment.plan.places),
             (self._next, np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])),
         ):

@@ -1,4 +1,4 @@
-"""The tab of a live run: the scene, curves on its left, buttons and tree on its right."""
+"""The tab of a live run: the scene, buttons and tree on its right."""
 
 from __future__ import annotations
 
@@ -48,13 +48,12 @@ class LiveTab:
         self._state_shown: dict[str, Any] = {}
 
     def build(self, page: Page) -> None:
-        """Add scene, curves, buttons, facts and tree to the page."""
+        """Add scene, buttons, facts and tree to the page."""
         gui = page.server.gui
         with page.tabs.add_tab("Run"):
             self._head = gui.add_html("")
             self._build_buttons(gui)
             self._view = RunView(page, self._offer.maze)
-        self._view.add_curves(page)
 
     def _build_buttons(self, gui: Any) -> None:
         offer = self._offer

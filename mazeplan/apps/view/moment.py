@@ -12,10 +12,7 @@ import numpy as np
 
 from mazeplan.core.records import Array, Failure
 
-COLUMNS = (
-    "t", "x", "y", "u_beta", "u_gamma", "beta", "gamma", "theta", "planned_theta", "planner_ms", "tick_ms",
-)  # fmt: skip
-COLUMN = {name: i for i, name in enumerate(COLUMNS)}
+TRAIL_S = 3.0  # s of the ball's path in a moment
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,8 @@ class Moment:
     ball: None while its place is unknown
     second: the second ball; None without one
     tilt: beta, gamma as measured
-    rows: the last seconds, (N, len(COLUMNS)), the newest last; NaN for unknown values, theta continuous
+    trail: path of the ball in the last seconds, (N, 2); NaN where its place is unknown
+    ms: computing time of the planner and of the whole tick; NaN if unknown
     failure: the last failure
     events: the last events
     result: None until the run ends"""
@@ -137,18 +135,11 @@ class Moment:
     ball: BallShown | None = None
     second: BallShown | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
-    rows: Array = field(default_factory=lambda: np.empty((0, len(COLUMNS))))
+    trail: Array = field(default_factory=lambda: np.empty((0, 2)))
+    ms: tuple[float, float] = (float("nan"), float("nan"))
     plan: PlanShown | None = None
     openings: tuple[OpeningShown, ...] = ()
     tree: TreeShown = TreeShown()
     failure: Failure | None = None
     events: tuple[EventShown, ...] = ()
     result: dict[str, Any] | None = None
-
-    def column(self, name: str) -> Array:
-        """One column of `rows`, (N,)."""
-        return self.rows[:, COLUMN[name]]
-
-    def trail(self, seconds: float) -> Array:
-        """Path of the ball, (N, 2), within the last seconds; NaN where its place is unknown."""
-        return self.rows[self.column("t") >= self.t - seconds][:, [COLUMN["x"], COLUMN["y"]]]

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Protocol
 
 from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import HtmlPanel, facts_html, tree_html
-from mazeplan.apps.view.plots import Plots
 from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
 from mazeplan.apps.view.server import open_server
 from mazeplan.core.errors import InputError
@@ -92,7 +91,7 @@ class Page:
 
 
 class RunView:
-    """A run on a page: the scene, curves on its left; facts, tree and a slider for the tilt in the current container.
+    """A run on a page: the scene; facts, tree and a slider for the tilt in the current container.
 
     maze: None for a run without a map that can be read"""
 
@@ -106,18 +105,10 @@ class RunView:
             self._tree = HtmlPanel(server, tree_html)
         self._tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
 
-    def add_curves(self, page: Page) -> None:
-        """Add the curves, outside of any other container."""
-        curves = page.server.gui.add_panel()
-        with curves.add_tab("Curves"):
-            self._plots = Plots(page.server)
-        curves.dock_left()
-        curves.set_width(WIDTH)
-
     def show(self, moment: Moment, now: float) -> None:
         """Draw a moment; now: monotonic, s."""
         if self._scene is not None:
             self._scene.tilt_shown = float(self._tilt.value)
             self._scene.show(moment)
-        for part in (self._plots, self._facts, self._tree):
+        for part in (self._facts, self._tree):
             part.show(moment, now)

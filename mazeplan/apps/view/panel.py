@@ -52,10 +52,8 @@ def facts_html(moment: Moment) -> str:
         "ring": f"{task.ring or '–'}{f' → {goal}' if goal else ''}",
         "doing": _doing(moment),
     }
-    if len(moment.rows):
-        times = [moment.column(name)[-1] for name in ("planner_ms", "tick_ms")]
-        if not all(map(math.isnan, times)):
-            rows["planner, tick"] = ", ".join("–" if math.isnan(value) else f"{value:.1f} ms" for value in times)
+    if not all(map(math.isnan, moment.ms)):
+        rows["planner, tick"] = ", ".join("–" if math.isnan(value) else f"{value:.1f} ms" for value in moment.ms)
     if task.doubts:
         rows["not believed"] = task.doubts
     cells = "".join(

@@ -134,7 +134,7 @@ class ReplayTab:
         self._before, self._drawn = 0.0, ()
 
     def build(self, page: Page) -> None:
-        """Add scene, curves, controls of time, failures, facts and tree to the page."""
+        """Add scene, controls of time, failures, facts and tree to the page."""
         gui, player, failures = page.server.gui, self._player, self._recording.failures
         with page.tabs.add_tab("Replay"):
             self._head = gui.add_html("")
@@ -154,7 +154,6 @@ class ReplayTab:
                     button = gui.add_button(f"{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
                     button.on_click(self._pressed(lambda event, mark=mark: player.seek(mark.t)))
             self._view = RunView(page, self._recording.maze)
-        self._view.add_curves(page)
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
         """A callback for actions of a person, called one after another. It ignores changes by the program."""

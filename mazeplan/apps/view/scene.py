@@ -25,7 +25,7 @@ UNIT = 10.0  # lengths in the scene are dm, because viser's cameras and lights s
 FOV = 0.75  # rad, angle of view up and down
 ABOVE = (0.0, -0.6, 1.0)  # direction from the maze to the camera: from the operator's side
 DISTANCE = 1.25  # of the camera, over the distance from which the rim just fills the picture
-TRAIL_S, TRAIL_POINTS = 3.0, 90
+TRAIL_POINTS = 90
 PLAN_POINTS = 64
 TILT_SHOWN = 3.0  # drawn tilt over true tilt
 WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
@@ -100,7 +100,7 @@ class Scene:
             if ball is not None:
                 drawn.position = (UNIT * ball.x, UNIT * ball.y, UNIT * self._maze.ball.radius)
                 drawn.color = rgb(colour) if ball.seen else rgb("neutral")
-        trail = moment.trail(TRAIL_S)
+        trail = moment.trail
         self._trail.visible, self._plan.visible = len(trail) > 1, moment.plan is not None
         if len(trail) > 1:
             self._trail.points = segments(resampled(trail, TRAIL_POINTS), UNIT * 0.001)

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.apps.view.moment import (
-    COLUMN,
-    COLUMNS,
+    TRAIL_S,
     BallShown,
     EventShown,
     Moment,
@@ -42,45 +41,17 @@ from mazeplan.core.events import (
     TimedEvent,
 )
 from mazeplan.core.logs.run_log_reader import PLAN_STATES
-from mazeplan.core.maths.angles import difference, nearest
-from mazeplan.core.records import Array, Failure, FailureKind
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Failure, FailureKind
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 
-SHOWN_S = 10.0  # s of rows in a moment
 EVENTS = 8  # maximum number of events in a moment
 
 
 def number(value: Any) -> float:
     """The value as a float; NaN for anything but a finite number."""
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else math.nan
-
-
-class RecentRows:
-    """A table that grows at its end and forgets its beginning. Rows that `newest` has returned do not change."""
-
-    def __init__(self, kept: int) -> None:
-        self._kept, self._count = kept, 0
-        self._rows = np.empty((4 * kept, len(COLUMNS)))
-
-    def add(self, row: list[float]) -> None:
-        """Add a row at the end."""
-        if self._count == len(self._rows):
-            rows = np.empty_like(self._rows)
-            rows[: self._kept] = self._rows[-self._kept :]
-            self._rows, self._count = rows, self._kept
-        self._rows[self._count] = row
-        self._count += 1
-
-    def last(self, name: str) -> float:
-        """The newest finite number in a column; NaN without one."""
-        column = self.newest()[:, COLUMN[name]]
-        known = column[~np.isnan(column)]
-        return float(known[-1]) if len(known) else math.nan
-
-    def newest(self) -> Array:
-        """The last rows, (N, len(COLUMNS))."""
-        return self._rows[max(0, self._count - self._kept) : self._count]
 
 
 class Story:
@@ -95,8 +66,7 @@ class Story:
         self.ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
         replay: Any = header.get("replay")
         replay = replay if isinstance(replay, dict) else {}
-        rate = number(replay.get("rate_hz"))
-        self._rows = RecentRows(round(SHOWN_S * (rate if rate > 0.0 else 30.0)))
+        self._trail: deque[tuple[float, float, float]] = deque()  # t, x, y
         self._goal = header.get("goal_ring")
         self._closed = {o.name for o in self.maze.openings if o.closed} if self.maze else set[str]()
         self._closed |= set(replay.get("closed", ()))
@@ -131,14 +101,10 @@ class Story:
     def _take_tick(self, tick: dict[str, Any]) -> None:
         self._tick, self._t = tick, number(tick.get("t"))
         self.ticks += 1
-        x, y = _place(tick)
-        theta, last, now = math.atan2(y, x), self._rows.last("theta"), number(tick.get("estimate_t"))
-        theta = theta if math.isnan(last) or math.isnan(theta) else nearest(theta, last)
-        planned = number(tick.get("planned_theta"))
-        self._follow(planned, now)
-        planned = planned if math.isnan(theta) or math.isnan(planned) else nearest(planned, theta)
-        known = {"x": x, "y": y, "theta": theta, "planned_theta": planned}
-        self._rows.add([known.get(name, number(tick.get(name))) for name in COLUMNS])
+        self._follow(number(tick.get("planned_theta")), number(tick.get("estimate_t")))
+        self._trail.append((self._t, *_place(tick)))
+        while self._trail[0][0] < self._t - TRAIL_S:
+            self._trail.popleft()
 
     def _take_plan(self, plan: dict[str, Any]) -> None:
         theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
@@ -206,7 +172,8 @@ class Story:
             ball=BallShown(x, y, seen) if math.isfinite(x) else None,
             second=_second(tick),
             tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
-            rows=self._rows.newest(),
+            trail=np.array(self._trail).reshape(-1, 3)[:, 1:],
+            ms=(number(tick.get("planner_ms")), number(tick.get("tick_ms"))),
             plan=self._followed if going_on and self._followed is not None and self._followed.radius > 0.0 else None,
             openings=tuple(
                 OpeningShown(o.name, o.name in self._closed, o.name == opening)
