@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mazeplan.apps.report import drawing
 from mazeplan.core import palette
 
 NAMES = """planned real commanded measured good bad unsure neutral ring1 ring2 ring3 ring4 ring5 sixth
@@ -19,8 +18,6 @@ TOGETHER = [
     ["good", "bad", "unsure"],
     [f"ring{i}" for i in range(1, 6)],
     ["running", "success", "failure", "skipped", "idle"],
-    [*drawing.SERIES],
-    [*dict.fromkeys(drawing.KIND_STYLES.values())],
 ]
 ROOT = Path(palette.__file__).parents[2]
 # linear RGB as they are seen with one kind of cone missing (Machado, Oliveira, Fernandes 2009, severity 1)

@@ -40,7 +40,7 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
     assert EVIL not in page
     assert page.count("&lt;script&gt;") >= 4
     titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
-    assert [title.split()[0] for title in titles] == ["Run", "Evaluations:", "Models,", "Diagnosis"]
+    assert [title.split()[0] for title in titles] == ["Run", "Evaluation", "Models,", "Diagnosis", "Evaluation"]
     numbers = (
         "2.97 s",
         "3.33 s",

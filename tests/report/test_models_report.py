@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from report_documents import comparison, drawn, kept
+from report_documents import comparison, kept
 
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.models import models_section
-from mazeplan.apps.report.page import PagePicture, PageTable
-from mazeplan.learning.rollout import Rollout
+from mazeplan.apps.report.page import PageTable
 
 
 def section(document):
@@ -20,14 +18,6 @@ def section(document):
 
 def plain(table):
     return [[cell.replace("\u00a0", " ") for cell in row] for row in table.rows]
-
-
-def test_bands_of_a_roll_out():
-    error = np.abs(np.random.default_rng(2).normal(size=(101, 41)))
-    bands = Rollout(error, error).bands()
-    assert bands["mean"][40] == pytest.approx(Rollout(error, error).after(40))
-    assert bands["p10"][7] == pytest.approx(np.sort(error[:, 7])[10])
-    assert bands["p90"][7] == pytest.approx(np.sort(error[:, 7])[90])
 
 
 def test_tables_have_the_numbers_of_the_document():
@@ -46,17 +36,6 @@ def test_the_lead_names_the_best_kind_on_average():
     lead = section(comparison()).lead
     assert "best on average: terms and process. " in lead
     assert "0.345 in ring 1, 0.345 in ring 2" in lead
-
-
-def test_the_picture_of_roll_outs_needs_their_bands():
-    parts = section(comparison()).parts
-    axes = drawn(parts, "rollouts").axes
-    assert [panel.get_title() for panel in axes] == ["ring 1", "ring 2"]
-    assert axes[0].lines[0].get_ydata()[-1] == pytest.approx(np.degrees(0.4))
-    old = comparison()
-    for scores in old.values():
-        del scores["bands"]
-    assert not kept(section(old).parts, PagePicture)
 
 
 @pytest.mark.parametrize(("blocks", "shown"), [(4, "too few"), (5, "[0.31, 0.37]"), (1, "too few")])

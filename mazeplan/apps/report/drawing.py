@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.core.palette import COLOURS, INKS, MARKERS, dashes
+from mazeplan.core.palette import COLOURS, INKS, dashes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 INK = INKS["ink"]
-SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # styles of evaluations beside each other
-KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
-               "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
 
@@ -21,12 +18,6 @@ def line(name: str, **more: Any) -> dict[str, Any]:
     pattern = dashes(name)
     style: Any = (0, pattern) if pattern else "-"
     return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
-
-
-def points(name: str, **more: Any) -> dict[str, Any]:
-    """Keywords of Matplotlib for points without a line, in the style of a name of the palette."""
-    edge = {"markeredgecolor": "white", "markeredgewidth": 0.4}
-    return {"color": COLOURS[name], "marker": MARKERS[name], "linestyle": "none", "markersize": 5.0, **edge, **more}
 
 
 def failure_mark(marker: str, **more: Any) -> dict[str, Any]:

@@ -24,7 +24,6 @@ from mazeplan.core.records import Array
 
 KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o"
 FORMAT = 1  # also the format of a document without the key `format`
-MOST = 200 * 2**20  # bytes, largest document
 DAMAGE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
 
 
@@ -83,9 +82,6 @@ def read_input(path: Path) -> list[Input]:
 def read_document(path: Path) -> dict[str, Any]:
     """The object in a JSON file, without its `format`. Raises InputError for other files."""
     try:
-        size = path.stat().st_size / 2**20
-        if size > MOST / 2**20:
-            raise InputError(f"got {size:.0f} MB, expected at most {MOST / 2**20:.0f}", file=path)
         document = json.loads(path.read_bytes().decode("utf-8-sig"))
     except json.JSONDecodeError as problem:
         if file_kinds.got(path) != "JSON":

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mazeplan.apps.report import words
-from mazeplan.apps.report.drawing import KIND_STYLES, legend_beside, line, points
-from mazeplan.apps.report.inputs import Input, number, read_as_printed, row
-from mazeplan.apps.report.page import PagePicture, PageSection, PageTable
+from mazeplan.apps.report.inputs import Input, number, read_as_printed
+from mazeplan.apps.report.page import PageSection, PageTable
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
 from mazeplan.core.errors import InputError
-from mazeplan.core.palette import COLOURS
 from mazeplan.learning.split import TOO_FEW, enough
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SLASH = f"{words.HARD}/{words.HARD}"
 Comparison = dict[int, dict[str, Any]]  # {ring: its scores}
@@ -31,14 +25,6 @@ def models_section(given: Input) -> PageSection:
         document = {int(key.removeprefix("ring")): given.document[key] for key in given.document}
         document = dict(sorted(document.items()))
         parts: list[Any] = [_accelerations(document), _rollouts(document)]
-        if any(scores.get("bands") for scores in document.values()):
-            parts.append(
-                PagePicture(
-                    "rollouts", "How far roll-outs are off: mean, and from 10 to 90 % of the windows",
-                    "absolute error of the angle against the number of samples rolled out, by ring",
-                    partial(_rollout_errors, document=document), (min(12.0, 1.4 + 2.7 * len(document)), 3.2),
-                )
-            )  # fmt: skip
         first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
         if first.get("rates") is not None:
             facts.append(("rates", str(first["rates"])))
@@ -129,23 +115,3 @@ def _rollouts(document: Comparison) -> PageTable:
         "Mean absolute error of the angle after 20 / 40 samples, degrees", kinds(document, "rollout"), labels,
         lambda ring, kind: number(document[ring]["rollout"].get(kind, {}).get("40")), text,
     )  # fmt: skip
-
-
-def _rollout_errors(figure: Figure, document: Comparison) -> None:
-    bands = {ring: scores["bands"] for ring, scores in document.items() if scores.get("bands")}
-    panels, top = figure.subplots(1, len(bands), sharey=True, squeeze=False)[0], 0.0
-    for axes, (ring, by_kind) in zip(panels, bands.items(), strict=True):
-        for kind in (kind for kind in kinds(document, "bands") if kind in by_kind):
-            mean, low, high = (DEG * row(by_kind[kind][name]) for name in ("mean", "p10", "p90"))
-            k, name = np.arange(len(mean)), KIND_STYLES.get(kind, "neutral")
-            axes.plot(k, mean, **line(name), label=KINDS.get(kind, kind))
-            axes.plot(k[10::10], mean[10::10], **points(name))
-            if kind != "npd":  # the errors of npd are too large for the picture
-                axes.fill_between(k, low, high, color=COLOURS[name], alpha=0.16, lw=0)
-                top = max(top, float(np.nanmax(high)))
-        axes.set_title(f"ring {ring}")
-        axes.set_xlabel("samples rolled out")
-        axes.grid()
-    panels[0].set_ylabel("error of the angle, degrees")
-    panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
-    legend_beside(panels[-1])

@@ -19,7 +19,10 @@ from mazeplan.core.progress import no_words
 from mazeplan.core.results import Result
 
 __all__ = ["page_sections", "write_diagnosis", "write_inputs", "write_result"]
-ALONE = {"comparison": models_section, "diagnosis": diagnosis_section, "model": model_section, "record": record_section}
+SECTIONS = {
+    "comparison": models_section, "diagnosis": diagnosis_section, "evaluation": evaluation_section,
+    "model": model_section, "record": record_section,
+}  # fmt: skip
 
 
 def write_inputs(
@@ -31,10 +34,9 @@ def write_inputs(
 
 
 def page_sections(given: Sequence[Input], show: Callable[[str], None] = no_words) -> list[PageSection]:
-    """One section for each input; all evaluations share one section. Raises InputError.
+    """One section for each input. Raises InputError.
 
     show: gets the name of each input before it is drawn"""
-    evaluations = [part for part in given if part.kind == "evaluation"]
     sections = []
     for part in given:
         show(part.path.name)
@@ -43,10 +45,8 @@ def page_sections(given: Sequence[Input], show: Callable[[str], None] = no_words
             if "excitation" in log.header:
                 raise InputError("got a log of `collect`, expected one of `navigate --log`", file=part.path)
             sections.append(run_section(log))
-        elif part.kind in ALONE:
-            sections.append(ALONE[part.kind](part))
-        elif part is evaluations[0]:
-            sections.append(evaluation_section(evaluations))
+        else:
+            sections.append(SECTIONS[part.kind](part))
     return sections
 
 
