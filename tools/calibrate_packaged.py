@@ -1,4 +1,4 @@
-"""Calibrates the packaged camera (mazeplan/rigs/camera/sensing.py) from rendered chessboards and plates, and prints
+"""Calibrates the packaged camera (TRUE and FOUND of the tests) from rendered chessboards and plates, and prints
 what was found beside what is true. Usage: python tools/calibrate_packaged.py
 """
 
@@ -11,9 +11,8 @@ from chessboards import board_poses, draw_board
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import Calibration, LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.render import TRUE, Overhead
 from mazeplan.rigs.camera.section import mapping
-from mazeplan.rigs.camera.sensing import TRUE
 
 CORNERS, SQUARE, BOARDS, PLATES = (9, 6), 0.02, 16, 8
 

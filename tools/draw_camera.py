@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.sensing import overhead
+from mazeplan.rigs.camera.render import TRUE, Overhead, over
 
 
 def main() -> None:
     maze, at = load_map("cme"), math.radians(35.0)
     radius = maze.track_radius(1)
     ball = np.array([radius * math.cos(at), radius * math.sin(at), maze.ball.radius])
-    eye, _ = overhead(maze)
+    eye = Overhead(maze, over(TRUE, maze))
     path = Path(__file__).resolve().parent.parent / "docs" / "camera.png"
     cv2.imwrite(str(path), eye.render(ball, math.radians(2.0), math.radians(-3.0), np.random.default_rng(0)))
     print(f"wrote {path}")

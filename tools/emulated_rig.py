@@ -1,6 +1,6 @@
 """Calibrates the packaged emulated rig as a person would a real one, and writes tools/emulated.yaml and its
-picture of the empty floor. Nothing of what its world is like is copied: readings of a clinometer, pictures and a swing
-are all that is used. Usage: python tools/emulated_rig.py [-o FOLDER]   (two minutes, on a quiet machine)
+picture of the empty floor. Nothing of what its world is like is copied: readings of a clinometer and pictures are all
+that is used. Usage: python tools/emulated_rig.py [-o FOLDER]   (two minutes, on a quiet machine)
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from chessboards import board_poses, draw_board
-from emulator.rig import EmulatedRig
 from emulator.settings import WorldSettings
 from emulator.table import EmulatedTable
 from emulator.truth import Truth
@@ -25,13 +24,11 @@ from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.section import mapping, save_background
 from mazeplan.rigs.files import validated
-from mazeplan.rigs.hardware.check import measure
 from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, write_sections
 from mazeplan.rigs.hardware.tiltcalibration import TiltFit, fit_tilt
 from mazeplan.rigs.hardware.tiltreadings import grid, hold_pulses, take_readings
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.registry import make_rig
 
 MAZE = load_map("cme")
 WORLD: dict[str, Any] = {
@@ -45,8 +42,8 @@ RANGE_DEG = 6.5  # servo limits, about level
 TILTS, BOARDS, PLATES, CORNERS, SQUARE = 7, 16, 8, (9, 6), 0.02
 HEAD = """\
 # The emulated rig: the firmware on a simulated chip behind a serial port, rendered pictures, and MuJoCo's plate and
-# ball, in real time. Needs `make emulator`. world.seed draws the true servos, diodes and camera. Calibrations and a
-# swing of the plate found the other values, as on a real rig: python tools/emulated_rig.py
+# ball, in real time. Needs `make emulator`. world.seed draws the true servos, diodes and camera. Calibrations found
+# the other values, as on a real rig: python tools/emulated_rig.py
 class: emulator.rig:EmulatedRig
 model: toy                     # what estimator and planner know of plate and ball
 """
@@ -131,14 +128,6 @@ def calibrate(folder: Path) -> None:
                 table.read()
             camera = camera_section(table, Truth.drawn(world.seed), folder / "emulated.png")
     write_sections(path, {"servo": servo, "tilt": fit.section(today), "camera": camera, "world": WORLD})
-    rig = make_rig(str(path), MAZE)
-    assert isinstance(rig, EmulatedRig)
-    try:
-        found = measure(rig)
-    finally:
-        rig.close()
-    print(found)
-    write_sections(path, {"latency": found.section(today)})
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from mazeplan.rigs.sim.settings import settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
-SENSES = ("ideal", "camera")
 TABLE_KEYS = {
     "port",
     "servo",
@@ -124,19 +123,13 @@ def _beside(path: Path, name: str) -> str:
     return str(found.absolute()) if found.exists() else name  # a bare name would mean a packaged one
 
 
-def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
-    """The rig that `spec` names, with nothing opened yet. Raises SettingsError with file, line and key.
-
-    sense: how a simulated rig sees the ball, ideal or camera; None: as its settings say."""
-    if sense not in (None, *SENSES):
-        raise SettingsError(f"--sense: got {shown(sense)}, expected {one_of(SENSES, sense)}")
+def make_rig(spec: str, maze: Maze) -> Rig:
+    """The rig that `spec` names, with nothing opened yet. Raises SettingsError with file, line and key."""
     if spec in GIVEN:
         return GIVEN[spec](maze)
     path = rig_file(spec)
     kind, data = (spec, None) if path is None else read_rig_file(path)
     if kind is not None:
-        if sense is not None:
-            raise SettingsError(f"--sense: got {sense} for {spec!r}, expected a rig whose pictures are simulated here")
         return _from_class(kind, maze, data)
     assert data is not None
     from mazeplan.rigs.sim.simulated import SimulatedRig
@@ -145,8 +138,6 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
         what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
         raise SettingsError(what, file=path, line=1, key="class")
     settings = settings_from(data)
-    if sense is not None:
-        settings = settings.model_copy(update={"sense": sense})
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
     try:
         return SimulatedRig(own, settings)

@@ -51,7 +51,6 @@ def navigate(
     goals: Goals | None = None,
     own_process: bool = False,
     guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
-    sense: str | None = None,
     feed: Sink | None = None,
     around: Callable[[Rig], Rig] | None = None,
     watch: Callable[[BehaviorTree, RunContext], None] | None = None,
@@ -73,7 +72,6 @@ def navigate(
     seed: of start angle and simulated noise
     time_limit: rig time for each goal, from when it was given, s
     memory: file that keeps the results at openings for the next run
-    sense: how a simulated rig sees the ball, "ideal" or "camera" (rendered pictures); None: by its settings
     display, goals, own_process, guard, feed, around, watch: see `request.Company`
 
     The tree is checked before anything moves, as `behavior check` does.
@@ -82,7 +80,7 @@ def navigate(
     """
     request = NavigationRequest(
         start, goal, map, rig, model, policy, behavior, tuple(behavior_modules), effects, settings, start_angle_deg,
-        tuple(closed), tuple(via), balls, seed, time_limit, log, memory, sense,
+        tuple(closed), tuple(via), balls, seed, time_limit, log, memory,
     )  # fmt: skip
     company = Company(display, goals, own_process, guard, feed, around, watch)
     return execute(request, request.resolve(company), company)

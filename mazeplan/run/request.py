@@ -81,7 +81,6 @@ class NavigationRequest:
     time_limit: float = TIME_LIMIT
     log: str | Path | None = None
     memory: str | Path | None = None
-    sense: str | None = None
 
     @cached_property
     def maze(self) -> Maze:
@@ -117,7 +116,7 @@ class NavigationRequest:
     def resolve(self, company: Company) -> Navigation:
         """Make the rig, and read everything that the request names. Raises InputError, RigError."""
         maze, job, rig_name = self.maze, self.job, self.rig if isinstance(self.rig, str) else None
-        made = make_rig(self.rig, maze, self.sense) if isinstance(self.rig, str) else self.rig
+        made = make_rig(self.rig, maze) if isinstance(self.rig, str) else self.rig
         rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
         check_balls(maze, rig, job, self.policy is not None)
         check_ready(rig)

@@ -11,10 +11,8 @@ from chessboards import board_poses, draw_board
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.render import TRUE, Overhead
 from mazeplan.rigs.camera.section import camera_section
-from mazeplan.rigs.camera.sensing import TRUE
 
 MAZE = load_map("cme")
 RIG = """# the rig in room 3
@@ -79,31 +77,3 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     assert document["rig"] is None
     assert document["error_mm"] < 0.5
     assert (tmp_path / "rig.yaml").read_text() == before
-
-
-def test_marker_sheets_to_scale_with_a_ruler(calibrate, tmp_path):
-    status, _, err = calibrate("--sheet", "markers.png")
-    assert status == 0, err
-    assert "wrote markers-1.png, markers-2.png; print at 100 %" in err
-    finder = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    where = {}
-    for page, wanted in ((1, {1, 2}), (2, {0, 3})):
-        sheet = cv2.imread(str(tmp_path / f"markers-{page}.png"), cv2.IMREAD_GRAYSCALE)
-        assert sheet is not None
-        mm = 25.4 / 300.0
-        assert sheet.shape[1] * mm <= 210.0 + mm  # A4
-        assert sheet.shape[0] * mm <= 279.4 + mm  # US Letter
-        rows, columns = np.nonzero(sheet < 250)
-        ends = columns.min(), sheet.shape[1] - columns.max(), rows.min(), sheet.shape[0] - rows.max()
-        assert min(ends) * mm > 9.0  # printers' margins
-        corners, ids, _ = finder.detectMarkers(sheet)
-        assert set(ids.ravel().tolist()) == wanted
-        for number, four in zip(ids.ravel().tolist(), corners, strict=True):
-            assert np.ptp(four[0][:, 0]) * mm == pytest.approx(24.0, abs=0.3)
-            where[number] = four[0].mean(axis=0) * mm
-        below = sheet[round(262.0 / mm) : round(264.0 / mm)] < 128  # the ruler is the longest line there
-        assert max(np.ptp(np.nonzero(row)[0]) for row in below if row.any()) * mm == pytest.approx(100.0, abs=0.3)
-    far = corner_markers(MAZE).places[0][0] * 2000.0
-    assert where[0][1] < where[3][1]
-    assert where[3][1] - where[0][1] == pytest.approx(far, abs=0.2)
-    assert where[2][1] - where[1][1] == pytest.approx(far, abs=0.2)

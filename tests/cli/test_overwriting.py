@@ -34,7 +34,6 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("map show", "-o"): (("cme",), "maze.svg"),
     ("log export", "-o"): (("recorded.mcap",), "run.csv"),
     ("behavior palette", "-o"): ((), "palette.xml"),
-    ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
     ("new rig", "-o"): (("cart",), "there/cart.py"),
     ("new map", "-o"): (("detour",), "mine.yaml"),
     ("new tree", "-o"): ((), "mine.xml"),
@@ -47,7 +46,6 @@ LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("improve", "-o"): (("--rig", "no.yaml"), "out/round1/round.json"),
     ("map learn", "-o"): (("no.csv",), "learned.yaml"),
     ("policy train", "-o"): (("--rig", "no.yaml"), "trained/policy.yaml"),
-    ("rig check", "-o"): (("no.yaml",), "latency.yaml"),
     ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
 }
 RENEWED = {  # docs/commands.md lists them

@@ -86,7 +86,7 @@ def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_
 
 
 def _hasty(real):
-    return lambda self, **more: real(self, **{"answer_s": 0.6, "listen_s": 0.2, "reconnect_s": 0.5} | more)
+    return lambda self, **more: real(self, **{"answer_s": 0.6, "listen_s": 0.2} | more)
 
 
 def test_a_board_that_falls_silent_later_is_status_3(check, monkeypatch):

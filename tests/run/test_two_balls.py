@@ -121,7 +121,6 @@ def test_a_centre_without_room_for_two_balls_is_refused(call, tmp_path):
     [
         (("--to", "ring3"), "balls: got 2, expected 1 on the way to ring 3"),
         (("--via", "ring3"), "balls: got 2, expected 1 with waypoints"),
-        (("--rig", "toy", "--sense", "camera"), "balls: got 2, expected 1: a rig with sense: camera"),
         (("--rig", "hardware"), "balls: got 2, expected 1: the rig has no more"),
     ],
 )

@@ -91,8 +91,8 @@ def test_it_arrives_from_ring_1(seed):
     assert [leg.ring for leg in result.rings][-1] == 5
 
 
-def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
-    for name, seconds in (("LOOK_S", 0.2), ("SETTLE_S", 0.6), ("SWING_S", 5.0)):
+def test_the_walk_through_the_parts(monkeypatch):
+    for name, seconds in (("LOOK_S", 0.2), ("SETTLE_S", 0.6)):
         monkeypatch.setattr(hardware_check, name, seconds)
     rig = make_rig(str(EMULATED), MAZE)
     assert isinstance(rig, EmulatedRig)
@@ -111,17 +111,11 @@ def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
         "tilt sensor",
         "camera",
         "markers",
-        "beta moves",
-        "gamma moves",
+        "ball",
     ]
-    names += ["ball", "latency"]
     assert [r.name for r in results] == names
-    assert [
-        r for r in results if not r.passed and r.name not in ("camera", "latency")
-    ] == []  # those need a quiet machine
+    assert [r for r in results if not r.passed and r.name != "camera"] == []  # which needs a quiet machine
     assert len(asked) == 2
-    if going.latencies is not None:
-        assert going.latencies.camera.seconds == pytest.approx(0.05, abs=0.015)
 
 
 def test_a_program_that_is_killed_leaves_a_level_plate(tmp_path):

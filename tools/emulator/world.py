@@ -44,8 +44,7 @@ from mazeplan.core.errors import MazeplanError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.rigs.camera.look import Look
-from mazeplan.rigs.camera.render import Overhead
-from mazeplan.rigs.camera.sensing import over
+from mazeplan.rigs.camera.render import Overhead, over
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
 from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from

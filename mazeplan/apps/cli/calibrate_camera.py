@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import file, new_file, number
-from mazeplan.apps.cli.output import check_new, print_json, say
+from mazeplan.apps.cli.option_checks import number
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -44,16 +44,6 @@ Corners = Annotated[str, Option("--corners", metavar="NxN", help="Inner corners 
 SquareMm = Annotated[
     float, Option("--square-mm", parser=number(), metavar="MM", help="Side of a chessboard square in mm.")
 ]
-Sheet = Annotated[
-    Path | None,
-    Option(
-        "--sheet",
-        parser=file(".pdf", ".svg", ".png", chosen=True),
-        callback=new_file,
-        metavar="FILE",
-        help="Only draw the markers to scale (PDF; SVG or PNG: one file per page).",
-    ),
-]
 
 
 def camera(
@@ -63,24 +53,15 @@ def camera(
     corners: Corners = "9x6",
     square_mm: SquareMm = 20.0,
     map_: opt.Map = "cme",
-    marker_sheet: Sheet = None,
     dry_run: opt.DryRun = False,
-    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Calibrate the overhead camera: lens from a chessboard, place over the plate, background of the empty plate."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.section import check_begun, save_background
-    from mazeplan.rigs.camera.sheet import draw_sheet, sheet_files
     from mazeplan.rigs.hardware.files import hardware_file
 
     counts, maze = _corners(corners), load_map(map_)
-    if marker_sheet is not None:
-        for page in sheet_files(maze, marker_sheet):
-            check_new("--sheet", page, force)
-        names = ", ".join(str(name) for name in draw_sheet(maze, marker_sheet))
-        say(f"wrote {names}; print at 100 %: the ruler below must be 100 mm long")
-        return
     file = hardware_file(rig)
     if not dry_run:
         file.check_writable()
@@ -168,7 +149,7 @@ def _lens(given: dict[str, Any], file: RigFile) -> LensCalibration:
 
 
 def _markers(given: dict[str, Any], maze: Maze, file: RigFile) -> Markers:
-    """The markers in the rig's file; without them, the markers that `--sheet` draws."""
+    """The markers in the rig's file; without them, those in the corners of the plate."""
     from mazeplan.rigs.camera.markers import corner_markers
     from mazeplan.rigs.camera.section import marker_section
 

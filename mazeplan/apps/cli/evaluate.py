@@ -33,7 +33,6 @@ def evaluate(
     faults: opt.Faults = None,
     learn: opt.Learn = False,
     output: opt.LearnedModel = None,
-    sense: opt.Sense = None,
     compare: opt.Compare = None,
     report: opt.Report = None,
     force: opt.Force = False,
@@ -50,13 +49,13 @@ def evaluate(
     from mazeplan.run.balls import with_balls
     from mazeplan.run.commands.evaluate import evaluate as run_all
 
-    make_rig(rig, with_balls(load_map(map_), balls), sense)
+    make_rig(rig, with_balls(load_map(map_), balls))
     note_missing_model(rig, model)
     done = run_all(
         runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
         time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
-        learn=learn, output=output, sense=sense, own_process=True, say=say,
+        learn=learn, output=output, own_process=True, say=say,
         bar=lambda total, begin: campaign_progress(total, begin=begin),
     )  # fmt: skip
     document = done.document

@@ -50,10 +50,9 @@ class LiveSession:
 
     def __init__(
         self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
-        sense: str | None = None,
     ) -> None:  # fmt: skip
         self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
-        machine = make_rig(rig, maze, sense)
+        machine = make_rig(rig, maze)
         self._injectable, self._impossible = traits(machine).inject is not None, unsupported_faults(machine)
         self._goals = Goals(maze)
         self._started = threading.Event()
@@ -253,7 +252,7 @@ def navigate_live(request: NavigationRequest, port: int, *, begin: bool = True, 
         return navigate_once(once, Company(**more))
 
     stay = not begin or at_terminal()
-    session = LiveSession(request.maze, str(request.rig), once, begin=begin, stay=stay, sense=request.sense)
+    session = LiveSession(request.maze, str(request.rig), once, begin=begin, stay=stay)
     try:
         session.serve(port)
     finally:

@@ -41,7 +41,6 @@ def navigate(
     log: opt.RunLog = None,
     video: opt.Video = None,
     memory: opt.Memory = None,
-    sense: opt.Sense = None,
     view: opt.Page = False,
     port: opt.PagePort = opt.PORT,
     force: opt.Force = False,
@@ -52,7 +51,7 @@ def navigate(
 
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
-        tuple(listed(close)), tuple(listed_rings(via, "--via")), balls, seed, time_limit, log, memory, sense,
+        tuple(listed(close)), tuple(listed_rings(via, "--via")), balls, seed, time_limit, log, memory,
     )  # fmt: skip
     if video is not None:
         from mazeplan.apps.view.film import check_film

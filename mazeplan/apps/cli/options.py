@@ -77,12 +77,6 @@ TimeLimit = Annotated[float, Option("--time-limit", parser=number(), metavar="S"
 Seconds = Annotated[
     float, Option("--seconds", parser=number("s", least=1.0), metavar="S", help="Length of the record, s of rig time.")
 ]
-Sense = Annotated[
-    str | None,
-    Option(
-        "--sense", metavar="ideal|camera", help="Ball sensor of a simulated rig: ideal, or camera (rendered pictures)."
-    ),
-]
 PagePort = Annotated[
     int, Option("--port", min=0, max=65535, metavar="PORT", help="Port of the page; 0: any free port.")
 ]

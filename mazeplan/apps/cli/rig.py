@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -25,17 +24,6 @@ RigArgument = Annotated[
 ]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Skip checks that only a simulation can repeat.")]
 Yes = Annotated[bool, typer.Option("--yes", help="Ask no questions about a real rig.")]
-RigOutput = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        parser=opt.file(*opt.YAML),
-        callback=opt.new_file,
-        metavar="FILE",
-        help="File for the latencies of a real rig. Default: its own file.",
-    ),
-]
 
 
 @app.command("check")
@@ -45,33 +33,28 @@ def check(
     seed: opt.Seed = 0,
     hardware: Hardware = False,
     yes: Yes = False,
-    output: RigOutput = None,
-    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Check the rules of every rig: clock, signs, limits, level, repeatability.
 
-    Of a real rig, first check each part, the board first, and measure its latencies. Exit status: 1 a check failed,
-    2 a file is wrong or not calibrated, 3 a part is silent."""
+    Of a real rig, first check each part, the board first. Exit status: 1 a check failed, 2 a file is wrong or not
+    calibrated, 3 a part is silent."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.hardware.files import is_hardware
     from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 
-    maze, results, more = load_map(map_), [], {}
+    maze, results = load_map(map_), []
     problem: MazeplanError | None = None
     if is_hardware(rig):
-        found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes, output=output)
+        found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
         checks = check_rig(machine, maze, seed=seed, repeatable=not hardware)
         found = iter(checks)
     try:
         for result in found:
-            if isinstance(result, dict):
-                more |= result
-                continue
             results.append(result)
             if not as_json:
                 detail = "" if result.detail == "ok" else result.detail
@@ -82,42 +65,28 @@ def check(
         problem = error
     passed = problem is None and all(result.passed for result in results)
     if as_json:
-        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results], **more})
+        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})
     if problem is not None:
         raise problem
     sys.exit(0 if passed else 1)
 
 
-def _check_hardware(
-    spec: str, maze: Maze, *, seed: int, yes: bool, output: Path | None
-) -> Iterator[CheckResult | dict[str, Any]]:
-    """Check the parts of a real rig, then the rules of every rig. Yields the results, and {"latency": section}.
-
-    output: file for the measured latencies; by default the rig's file
+def _check_hardware(spec: str, maze: Maze, *, seed: int, yes: bool) -> Iterator[CheckResult]:
+    """Check the parts of a real rig, then the rules of every rig. Yields the results.
 
     Raises RigError for a silent part and SettingsError for an unusable file, both after yielding their result."""
-    from datetime import date
-
     from mazeplan.rigs.conformance import RAISED, check_rig
     from mazeplan.rigs.hardware.check import HardwareCheck
-    from mazeplan.rigs.hardware.files import hardware_file
     from mazeplan.rigs.hardware.rig import HardwareRig
     from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 
-    file, rig, passed = hardware_file(spec), make_rig(spec, maze), True
+    rig, passed = make_rig(spec, maze), True
     assert isinstance(rig, HardwareRig)
-    target = output or file.target
-    file.check_writable(target)
     try:
-        walk = HardwareCheck(rig, (lambda question: True) if yes else _ask)
-        for result in walk.steps():
+        for result in HardwareCheck(rig, (lambda question: True) if yes else _ask).steps():
             passed = passed and result.passed
             yield result
-        if walk.latencies is not None:
-            section = walk.latencies.section(date.today().isoformat())
-            yield {"latency": section}
-            say(f"wrote latency to {file.write({'latency': section}, target)}")
     finally:
         rig.close()
     if passed:

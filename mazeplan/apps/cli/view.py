@@ -25,7 +25,6 @@ def view(
     settings: opt.Settings = None,
     seed: opt.Seed = 0,
     time_limit: opt.TimeLimit = 20.0,
-    sense: opt.Sense = None,
     port: opt.PagePort = opt.PORT,
 ) -> None:
     """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it."""
@@ -42,7 +41,7 @@ def view(
     from mazeplan.run.request import NavigationRequest
 
     request = NavigationRequest(
-        start, goal, map_, rig, model, sense=sense, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
+        start, goal, map_, rig, model, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
         settings=settings, seed=seed, time_limit=time_limit,
     )  # fmt: skip
     sys.exit(navigate_live(request, port, begin=False))

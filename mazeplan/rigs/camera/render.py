@@ -8,6 +8,7 @@ the lens does. This module does not use the projection of `pinhole`, so that ren
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -25,6 +26,13 @@ LAYERS = 8  # layers in which a wall is drawn, below its top
 SHIFT = 5  # fractional bits of drawn corners
 PENUMBRA = 0.0015  # m, standard deviation of the blur of shadows
 WALL_SHADE = 0.72  # share of the light in the shadow of a wall
+WHOLE = 0.10189  # m, outer radius of the packaged maze, whose whole plate the packaged camera sees
+TRUE = CameraModel(
+    np.array([[1200.0, 0.0, 322.0], [0.0, 1200.0, 241.0], [0.0, 0.0, 1.0]]),
+    np.array([-0.12, 0.08, 0.0005, -0.0004, 0.0]),
+    rotation([0.01, -0.012, 0.015]) @ np.diag([1.0, -1.0, -1.0]),
+    np.array([0.001, -0.002, 0.62]),
+)
 
 
 def tilting(beta: float, gamma: float, pivot: Array) -> Array:
@@ -278,3 +286,29 @@ def _fixed(plane: Array, points: Array) -> np.ndarray:
     """Pixels (N, 2), in units of 1 / 2**SHIFT, of points (N, 2), m, on a plane with this homography."""
     at = points @ plane[:, :2].T + plane[:, 2]
     return np.round(at[:, :2] / at[:, 2:] * (1 << SHIFT)).astype(np.int32)
+
+
+def over(camera: CameraModel, maze: Maze) -> CameraModel:
+    """The camera over a maze. It hangs higher over a larger maze, which then looks as large as the packaged maze."""
+    larger = maze.walls[0].outer_radius / WHOLE
+    return camera if larger <= 1.0 + 1e-9 else replace(camera, translation=camera.translation * larger)
+
+
+class RenderedPictures:
+    """Renders scenes (5,), which `SimulatedRig.pictured` gives, as pictures in red, green, blue."""
+
+    def __init__(self, maze: Maze) -> None:
+        cv2.setNumThreads(1)  # other runs need the other cores
+        self._eye = Overhead(maze, over(TRUE, maze), Look(sharp=False))
+
+    def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
+        """The whole picture, (480, 640, 3), uint8."""
+        ball = None if math.isnan(scene[0]) else scene[:3]
+        return np.ascontiguousarray(self._eye.render(ball, float(scene[3]), float(scene[4]), rng)[..., ::-1])
+
+    def small(self, scene: Array, rng: np.random.Generator, size: int) -> np.ndarray:
+        """The square in the middle of the picture, (size, size, 3), uint8."""
+        picture = self.whole(scene, rng)
+        height, width = picture.shape[:2]
+        left = (width - height) // 2
+        return cv2.resize(picture[:, left : left + height], (size, size), interpolation=cv2.INTER_AREA)

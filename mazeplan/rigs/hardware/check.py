@@ -1,32 +1,30 @@
-"""Checks a rig on a table part by part: port, firmware, servos, then tilt sensor, camera, tilts, ball and delays.
+"""Checks a rig on a table part by part: port, firmware, servos, then tilt sensor, camera, markers and ball.
 
-The board comes first, because it needs no calibration. A lost part, or a mistake in the rig's file, ends the check with
-an error. A failed step that is in `NEEDED` ends the check without an error.
+`check_rig` goes on from there: whether the plate follows commands, and the rules of every rig. The board comes first,
+because it needs no calibration. A lost part, or a mistake in the rig's file, ends the check with an error. A failed
+step that is in `NEEDED` ends the check without an error.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from time import monotonic, sleep
 
 import numpy as np
 
 from mazeplan.core.errors import MazeplanError
 from mazeplan.rigs.conformance import CheckResult
-from mazeplan.rigs.hardware.latency import MeasuredDelay, dead_time, picture_delay, swing
 from mazeplan.rigs.hardware.rig import HardwareRig, NotSeen
 from mazeplan.rigs.hardware.tiltreadings import hold_pulses, mean_volts
 from mazeplan.rigs.link.port import ports_found
 
-LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
-TILT_DEG = 3.0  # tilt in the steps that test directions
-OFF_DEG = 0.7  # largest error of a commanded tilt
+LOOK_S, SETTLE_S = 1.5, 1.0
+TILT_DEG = 3.0  # tilt in the step that tests a servo's direction
+OFF_DEG = 0.7  # largest error of a level plate
 MARKERS_DEG = 0.5  # largest difference between the tilt by the markers and the tilt by the sensor
 RATE = 0.1  # largest relative error of the camera's rate
 AVERAGE_S = 0.3  # s over which reports are averaged
-SURE_S = 0.004  # largest standard error of a latency, s
 NEEDED = ("camera",)  # steps without which the later ones cannot run
 MOVED_V = 0.05  # V, minimum change of a tilt channel when the plate moves
 PINS = {"beta": 11, "gamma": 12}
@@ -38,37 +36,11 @@ class _Problem(Exception):  # noqa: N818
     """A step failed; the message is its result."""
 
 
-@dataclass
-class Latencies:
-    """Measured delays.
-
-    command: from a command to the tilt.
-    camera: from the tilt to the pixels.
-    host_s: from a sample to the command that answers it, s."""
-
-    command: MeasuredDelay
-    camera: MeasuredDelay
-    host_s: float
-
-    def section(self, date: str) -> dict[str, object]:
-        """Content of the section `latency:` in a rig's file."""
-        return {
-            "command_ms": round(1e3 * max(self.command.seconds, 0.0), 1),
-            "camera_ms": round(1e3 * max(self.camera.seconds, 0.0), 1),
-            "host_ms": round(1e3 * self.host_s, 1),
-            "date": date,
-        }
-
-
 class HardwareCheck:
-    """One check of a rig. `steps` yields a result for each step.
-
-    ask: asks a person.
-    latencies: the measured delays, after the step `latency` has passed; else None."""
+    """One check of a rig. `steps` yields a result for each step. ask: asks a person."""
 
     def __init__(self, rig: HardwareRig, ask: Ask) -> None:
         self.rig, self.ask = rig, ask
-        self.latencies: Latencies | None = None
 
     def steps(self) -> Iterator[CheckResult]:
         """Run the steps, and yield their results. The rig stays open, with the plate level.
@@ -79,8 +51,7 @@ class HardwareCheck:
             ("port", self._port), ("firmware", self._firmware), ("beta servo", lambda: self._servo("beta")),
             ("gamma servo", lambda: self._servo("gamma")), ("calibrations", self._calibrated),
             ("tilt sensor", self._tilt_sensor), ("camera", self._camera), ("markers", self._markers),
-            ("beta moves", lambda: self._moves("beta")), ("gamma moves", lambda: self._moves("gamma")),
-            ("ball", self._ball), ("latency", self._latency),
+            ("ball", self._ball),
         ):  # fmt: skip
             error: MazeplanError | None = None
             try:
@@ -176,33 +147,13 @@ class HardwareCheck:
         seen = [s for _, _, s in samples if s is not None]
         if not seen:
             raise _Problem(
-                "no markers are seen: are they lit, and in the picture? without them latency is not measured"
+                "no markers are seen: are they lit, and in the picture? without them the tilt in a picture is not known"
             )
         by_markers, (beta, gamma) = np.degrees(np.median(seen, axis=0)), self._tilt(samples)
         off = max(abs(by_markers[0] - beta), abs(by_markers[1] - gamma))
         text = f"in {len(seen)} of {len(samples)} pictures, tilt {by_markers[0]:+.2f}, {by_markers[1]:+.2f} deg"
         if off > MARKERS_DEG:
             raise _Problem(f"{text}, but {beta:+.2f}, {gamma:+.2f} by the sensor: calibrate the camera anew")
-        return text
-
-    def _moves(self, axis: str) -> str:
-        other = "gamma" if axis == "beta" else "beta"
-        self.rig.level()
-        most = min(math.radians(TILT_DEG), self.rig.maze.tilt_limit)
-        wanted = {"beta": (most, 0.0), "gamma": (0.0, most)}[axis]
-        samples = self._watch(SETTLE_S + LOOK_S, wanted)[round(SETTLE_S * self.rig.rate_hz) :]
-        got: dict[str, float] = dict(zip(("beta", "gamma"), self._tilt(samples), strict=True))
-        text = f"commanded {math.degrees(most):+.1f} deg, went to {got[axis]:+.2f}, the other axis to {got[other]:+.2f}"
-        seen = [s for _, _, s in samples if s is not None]
-        if seen:
-            by_markers = np.degrees(np.median(seen, axis=0))[0 if axis == "beta" else 1]
-            text += f", by the markers {by_markers:+.2f}"
-            if abs(by_markers - got[axis]) > OFF_DEG:
-                raise _Problem(f"{text}: sensor and camera disagree")
-        if got[axis] < 0.0 and abs(got[axis]) > OFF_DEG:
-            raise _Problem(f"{text}: the wrong way; change the sign of servo.{axis}.us_per_deg")
-        if abs(got[axis] - math.degrees(most)) > OFF_DEG or abs(got[other]) > OFF_DEG:
-            raise _Problem(text)
         return text
 
     def _ball(self) -> str:
@@ -218,21 +169,6 @@ class HardwareCheck:
         spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
         x, y = 1e3 * np.mean(seen, axis=0)
         return f"in {len(seen)} of {pictures} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
-
-    # -- latency ------------------------------------------------------------------------------------------------------
-
-    def _latency(self) -> str:
-        measured = measure(self.rig)
-        self.rig.level()
-        text = (
-            f"command to tilt {1e3 * measured.command.seconds:.0f} ± {1e3 * measured.command.stderr:.0f} ms, "
-            f"tilt to pixels {1e3 * measured.camera.seconds:.0f} ± {1e3 * measured.camera.stderr:.0f} ms, "
-            f"sample to command {1e3 * measured.host_s:.0f} ms"
-        )
-        if max(measured.command.stderr, measured.camera.stderr) > SURE_S:
-            raise _Problem(f"{text}: too uncertain to be written; are the markers well lit?")
-        self.latencies = measured
-        return text
 
     # -- small things -------------------------------------------------------------------------------------------------
 
@@ -254,29 +190,3 @@ class HardwareCheck:
         """Mean of beta and gamma, deg."""
         beta, gamma = np.degrees(np.mean([(b, g) for b, g, _ in samples], axis=0))
         return float(beta), float(gamma)
-
-
-def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
-    """Swing the plate and measure the delays. Raises NotSeen if too few pictures show the markers."""
-    sent, u, measured, seen_at, seen, host = [], [], [], [], [], []
-    rig.level()
-    first, last = rig.observe().t, monotonic()
-    for _ in range(round(seconds * rig.rate_hz)):
-        o = rig.observe()
-        command = swing(o.t - first, rig.maze.tilt_limit)
-        now = monotonic()
-        rig.command(*command)
-        sent.append(now)
-        u.append(command)
-        host.append(now - rig.due)
-        measured += rig.parts.track.since(measured[-1][0] if measured else last)
-        s = rig.sighting
-        if s is not None and s.beta is not None and s.gamma is not None:
-            seen_at.append(rig.due)
-            seen.append((s.beta, s.gamma))
-    if len(seen) < 0.5 * len(sent):
-        raise NotSeen(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
-    track = np.array(measured)
-    command = dead_time(np.array(sent), np.array(u), track[:, 0], track[:, 1:])
-    camera = picture_delay(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])
-    return Latencies(command, camera, float(np.median(host)))

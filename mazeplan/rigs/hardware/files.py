@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import Any
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.whole_file import read_only
 from mazeplan.maze.yamltree import shown
-from mazeplan.rigs.files import placed, read_rig_file, validated
+from mazeplan.rigs.files import read_rig_file, validated
 from mazeplan.rigs.hardware.settings import HardwareSettings, write_sections
 from mazeplan.rigs.registry import PACKAGED, rig_class, rig_file
 
@@ -31,48 +29,23 @@ class RigFile:
     settings: HardwareSettings
     data: Mapping[str, Any]
 
-    def check_writable(self, target: Path | None = None) -> None:
-        """Raises SettingsError if the file to write, by default `self.target`, is read-only."""
-        target = target or self.target
-        if read_only(target):
-            raise SettingsError("is read-only; expected a file that may be written to", file=target)
+    def check_writable(self) -> None:
+        """Raises SettingsError if the file to write is read-only."""
+        if read_only(self.target):
+            raise SettingsError("is read-only; expected a file that may be written to", file=self.target)
 
-    def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
+    def write(self, sections: Mapping[str, Any]) -> Path:
         """Replace sections of the file, and return the path of the written file.
 
-        A new target starts as a copy of this file. For invalid sections, raises SettingsError and writes nothing."""
-        target = target or self.target
+        A new file starts as a copy of the packaged one. For invalid sections, raises SettingsError and writes nothing.
+        """
         try:
             validated(type(self.settings), {**self.data, **sections})
         except SettingsError as problem:
             found = f"the result is not valid: {problem.problem}; the file stays as it is"
-            raise SettingsError(found, file=target, key=problem.key) from None
-        if not target.exists():
-            sections = {**self._moved(target, sections), **sections}
-        write_sections(target, sections, base=self.path)
-        return target
-
-    def _moved(self, target: Path, sections: Mapping[str, Any]) -> dict[str, Any]:
-        """Sections with names of other files, changed to fit a copy of the rig's file in another folder.
-
-        Copies the background to that folder; a user's model stays where it is."""
-        if target.parent.resolve() == self.path.parent.resolve():
-            return {}
-        out: dict[str, Any] = {}
-        camera = self.data.get("camera")
-        name = camera.get("background") if isinstance(camera, dict) else None
-        if isinstance(name, str) and "camera" not in sections:
-            copy = background_of(target)
-            try:
-                shutil.copyfile(self.path.parent / name, target.parent / copy)
-            except OSError as problem:
-                why = f"{shown(name)} cannot be copied to {target.parent / copy}: {problem.strerror}"
-                raise placed(SettingsError(why, key="camera.background"), self.data) from None
-            out["camera"] = {**dict(camera or {}), "background": copy}
-        model = self.data.get("model")
-        if isinstance(model, str) and (self.path.parent / model).exists():
-            out["model"] = os.path.relpath(self.path.parent / model, target.parent)
-        return out
+            raise SettingsError(found, file=self.target, key=problem.key) from None
+        write_sections(self.target, sections, base=self.path)
+        return self.target
 
 
 def background_of(target: Path) -> str:

@@ -76,7 +76,7 @@ class Servo(Section):
 
 
 class LatencySection(Section):
-    """The section `latency:` of the file, as `mazeplan rig check` writes it."""
+    """The section `latency:` of the file, with delays that a person knows."""
 
     command_ms: float = Field(ge=0.0, le=500.0, description="from a command to the first movement of the plate")
     camera_ms: float = Field(ge=0.0, le=500.0, description="age of a picture when its sample is taken")

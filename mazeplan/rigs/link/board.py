@@ -5,10 +5,8 @@
     number = board.command(1510.0, 1490.0)  # us; again at least every 200 ms, or the board levels the plate
     board.wait_newer(board.latest(), 0.1)   # the next TiltReport
 
-A thread reads from the port. If the port is lost, or silent for `Timeouts.silence_s`, the thread opens the port again,
-checks the board's identity and sends the limits. Commands during this time are lost, and the board levels the plate.
-After `Timeouts.reconnect_s` without success the board counts as lost: every call raises RigError, with the port and
-advice.
+A thread reads from the port. If the port is lost, or silent for `Timeouts.silence_s`, the board counts as lost: every
+call raises RigError, with the port, and the board levels the plate itself. A board that restarts gets its limits again.
 """
 
 from __future__ import annotations
@@ -34,7 +32,6 @@ LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`; longest wait for a confirmati
 EVENTS = 100  # number of newest events that are kept
 REPORTS = 100  # number of newest reports that are kept: those of one second
 CLOSE_S = 1.0  # s, longest wait for the end of the reading thread
-RETRY_S = 0.1  # s between tries to open a lost port
 
 
 @dataclass
@@ -43,12 +40,10 @@ class Counts:
 
     bad_frames: unreadable frames.
     refused: commands that the board refused.
-    lost: losses of the port.
     restarts: restarts of the board."""
 
     bad_frames: int = 0
     refused: int = 0
-    lost: int = 0
     restarts: int = 0
 
 
@@ -98,7 +93,7 @@ class Board:
     def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> int:
         """Command both pulses, clamped to the limits. Returns the command's number; a report confirms it.
 
-        Raises RigError if the board is lost. Commands during a reconnection are lost."""
+        Raises RigError if the board is lost."""
         beta, gamma = self.limits.beta.clamp(pulse_beta_us), self.limits.gamma.clamp(pulse_gamma_us)
         return self._send(lambda wire: messages.command(wire, beta, gamma))
 
@@ -164,7 +159,7 @@ class Board:
     # ---- sending
 
     def _send(self, frame: Callable[[int], bytes]) -> int:
-        """Send the frame with a new number, and return the number. The reading thread handles a lost port."""
+        """Send the frame with a new number, and return the number. The reading thread notices a lost port."""
         with self._writing:
             self._check()
             if self._thread is None:
@@ -199,22 +194,16 @@ class Board:
         """Read reports and events until the board is closed or lost."""
         reader, heard = FrameReader(), monotonic()
         while not self._closing.is_set():
-            trouble = None
             try:
                 frames = reader.feed(self._bytes())
             except (OSError, TypeError):  # pyserial raises TypeError for a port that was closed meanwhile
-                frames, trouble = [], "was lost (unplugged?)"
+                return self._fail("was lost (unplugged?)")
             self.counts.bad_frames += reader.take_bad()
             reports = [self._take(frame) for frame in frames]
             if any(reports):
                 heard = monotonic()
             elif monotonic() - heard > self.timeouts.silence_s:
-                trouble = trouble or f"gave no report for {self.timeouts.silence_s:g} s"
-            if trouble is None:
-                continue
-            if not self._reconnect(trouble):
-                return
-            reader, heard = FrameReader(), monotonic()
+                return self._fail(f"gave no report for {self.timeouts.silence_s:g} s")
 
     def _bytes(self) -> bytes:
         """Bytes received, after the first byte or 50 ms. Raises OSError if the port is lost."""
@@ -258,24 +247,6 @@ class Board:
         with self._writing:
             for axis, limits in enumerate(self.limits.axes()):
                 self._write(messages.set_limits(0, axis, limits))
-
-    def _reconnect(self, trouble: str) -> bool:
-        """Open the port again within `reconnect_s`. Returns False if the board is lost."""
-        self._drop_port()
-        self.counts.lost += 1
-        until, last = monotonic() + self.timeouts.reconnect_s, ""
-        while monotonic() < until and not self._closing.is_set():
-            try:
-                serial, self.identity = connect(self.port, self.limits, self.timeouts, until, self._closing)
-            except RigError as problem:
-                last = str(problem).removeprefix(f"{self.port}: ")
-                self._closing.wait(RETRY_S)
-                continue
-            with self._writing:
-                self._serial = serial
-            return True
-        self._fail(f"{trouble} and did not come back in {self.timeouts.reconnect_s:g} s: {last}")
-        return False
 
     def _fail(self, problem: str) -> None:
         """Let every call raise this problem from now on."""

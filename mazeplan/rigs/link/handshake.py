@@ -31,14 +31,12 @@ class Timeouts:
     answer_s: for the whole handshake when the board is opened.
     listen_s: for the first report, before the first question.
     again_s: before a question without an answer is repeated.
-    silence_s: without a report before the port counts as lost.
-    reconnect_s: without the port before the board counts as lost."""
+    silence_s: without a report before the board counts as lost."""
 
     answer_s: float = 5.0
     listen_s: float = 2.5
     again_s: float = 0.25
     silence_s: float = 0.5
-    reconnect_s: float = 5.0
 
 
 def connect(

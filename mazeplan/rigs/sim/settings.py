@@ -65,10 +65,6 @@ class RigSetup(Section):
 class CameraNoise(Section):
     """Delay, noise and losses of the camera."""
 
-    sense: Literal["ideal", "camera"] = Field(
-        default="ideal",
-        description="camera: the ball is detected in rendered pictures, without noise and outliers",
-    )
     camera_noise_mm: float = Field(default=0.0, ge=0.0, le=20.0, description="standard deviation per axis")
     camera_delay_frames: int = Field(default=0, ge=0, le=15, description="age of the picture, in samples")
     camera_late_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="further age of the picture")

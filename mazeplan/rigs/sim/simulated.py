@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForce
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
-
-if TYPE_CHECKING:
-    from mazeplan.rigs.camera.sensing import CameraSense
 
 TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 
@@ -58,7 +55,6 @@ class SimulatedRig:
         self.machine = Machine(maze, self.settings, build)
         self._samples = 0
         self._rng = np.random.default_rng(0)
-        self._sense: CameraSense | None = None
 
     # -- life -------------------------------------------------------------------------------------------------------
 
@@ -70,8 +66,6 @@ class SimulatedRig:
         self._late = late - math.floor(late)  # fraction of a chunk
         frames = self.settings.camera_delay_frames + 1
         self._balls = [_Trail(scene, math.floor(late) + 2, frames) for scene in self._scenes()]
-        if self.settings.sense == "camera":
-            self._light = rng.spawn(1)[0]  # a generator for pictures alone, so that the other noise stays the same
 
     def close(self) -> None:
         """Release memory. A second call does nothing."""
@@ -133,10 +127,8 @@ class SimulatedRig:
         if ball.lost > 0 or self.machine.blind(t):
             return None, None
         turn = math.radians(settings.camera_rotation_deg)
-        place: tuple[float, float] | None = (float(ball.seen[0][0]), float(ball.seen[0][1]))
-        if settings.sense == "camera":
-            place, noise, outlier = self._found(ball), np.zeros(2), 1.0
-        if place is None or math.isnan(place[0]):  # the picture has no ball
+        place = (float(ball.seen[0][0]), float(ball.seen[0][1]))
+        if math.isnan(place[0]):  # the picture has no ball
             return None, None
         x, y = (settings.camera_scale * part for part in place) if settings.camera_scale != 1.0 else place
         position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
@@ -151,16 +143,6 @@ class SimulatedRig:
         """Shift (2,) of a position by the lens, m."""
         away = position - 1e-3 * np.array(self.settings.lens_mm)
         return self.settings.lens_per_m2 * float(away @ away) * away
-
-    def _found(self, ball: _Trail) -> tuple[float, float] | None:
-        """x, y of a ball in a rendered picture, or None."""
-        if self._sense is None:
-            from mazeplan.rigs.camera.sensing import CameraSense
-
-            self._sense = CameraSense(self.maze)
-        x, y, z, beta, gamma = (float(value) for value in ball.seen[0])
-        sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
-        return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
 
     def inject(self, fault: Fault) -> None:
         """See `Machine.inject`."""
@@ -198,7 +180,7 @@ class SimulatedRig:
 
 
 def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], Gimbal] | None) -> None:
-    """Raises SettingsError for several balls with a user's model, forces on one ball only, or rendered pictures."""
+    """Raises SettingsError for several balls with a user's model, or forces on one ball only."""
     parts = (
         PlateForces(settings, maze),
         BallForces(settings, maze),
@@ -210,7 +192,5 @@ def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], 
         one = "a model of its own"
     elif any(parts):
         one = "forces along the way of the ball"
-    elif settings.sense == "camera":
-        one = "sense: camera"
     if one is not None:
         raise SettingsError(f"got {maze.balls}, expected 1: a rig with {one} has one ball", key="balls")

@@ -32,7 +32,7 @@ SHARED = [  # keys of a simulated rig that do not describe the generated machine
     name
     for group in (RigSetup, CameraNoise, CameraGeometry, ServoSettings)
     for name in group.model_fields
-    if name not in ("map", "sense") and not name.startswith(("servo_frequency", "servo_damping", "servo_gamma"))
+    if name != "map" and not name.startswith(("servo_frequency", "servo_damping", "servo_gamma"))
 ] + ["tilt_noise_deg", "tilt_scale", "faults"]
 
 

@@ -56,7 +56,6 @@ class Campaign:
     settings: str | None = None
     behavior_modules: tuple[str, ...] = ()
     own_process: bool = False  # whether the watchdog may end the process
-    sense: str | None = None  # how a simulated rig sees the ball
     deadline: bool = True  # whether a deadline on the wall clock limits the planner
     effects: str | None = None  # module:function of the user's effects that the model has
     policy: str | None = None  # folder of a learned policy
@@ -160,7 +159,7 @@ def collect_garbage() -> None:
 
 def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
     """The rig for run `index`."""
-    rig = make_rig(campaign.rig, maze, campaign.sense)
+    rig = make_rig(campaign.rig, maze)
     check_balls(maze, rig, job_of(campaign, index, maze), campaign.policy is not None)
     return rig
 

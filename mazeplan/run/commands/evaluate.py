@@ -74,12 +74,12 @@ def evaluate(
     start: int | str = 1, goal: int | str | None = None, balls: int | None = None, seed: int = 0,
     time_limit: float = TIME_LIMIT, workers: int | None = None, dask: str | None = None,
     store: str | Path | None = None, deadline: bool = True, faults: str | Path | None = None, learn: bool = False,
-    output: str | Path | None = None, sense: str | None = None, own_process: bool = False, say: Words = no_words,
+    output: str | Path | None = None, own_process: bool = False, say: Words = no_words,
     bar: Bar = no_bar,
 ) -> Evaluation:  # fmt: skip
     """Run many navigations and summarise success, times and failures; with `faults` also the response to each fault.
 
-    rig, map, model, effects, policy, behavior, behavior_modules, settings, balls, sense: as of `mazeplan.navigate`;
+    rig, map, model, effects, policy, behavior, behavior_modules, settings, balls: as of `mazeplan.navigate`;
         a rig that is an object does all runs in this process
     runs: number of runs; None: 16, or 10 for each fault
     seed: of the first run; the first 16 start angles go round the circle
@@ -98,7 +98,7 @@ def evaluate(
             runs=runs or (FAULT_RUNS if faults else RUNS), rig=named.rig, map=named.map, model=named.model, start=start,
             behavior="policy" if policy is not None and behavior == "navigate" else behavior,
             goal=goal, seed=seed, time_limit=time_limit, settings=None if settings is None else str(settings),
-            behavior_modules=tuple(behavior_modules), own_process=own_process, sense=sense, deadline=deadline,
+            behavior_modules=tuple(behavior_modules), own_process=own_process, deadline=deadline,
             effects=effects, policy=None if policy is None else str(policy), balls=balls,
         )  # fmt: skip
         if faults is not None:

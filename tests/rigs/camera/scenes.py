@@ -7,14 +7,37 @@ from functools import cache
 
 import numpy as np
 
+from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import BallDetector
+from mazeplan.rigs.camera.calibration import calibrate_background
+from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings
 from mazeplan.rigs.camera.look import Look
-from mazeplan.rigs.camera.render import Overhead
-from mazeplan.rigs.camera.sensing import TRUE, overhead
+from mazeplan.rigs.camera.markers import corner_markers
+from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.render import TRUE, Overhead, over
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius
+HUES = {"steel": None, "orange": (4.0, 40.0)}
+# the calibrated camera, which differs a little from the true one: tools/calibrate_packaged.py computed it
+FOUND = CameraModel(
+    np.array([[1200.401, 0.0, 322.386], [0.0, 1200.437, 240.966], [0.0, 0.0, 1.0]]),
+    np.array([-0.119506, 0.076225, 0.000547, -0.000348, 0.0]),
+    rotation([-3.131103, -0.023554, -0.018581]),
+    np.array([0.000809, -0.00198, 0.620261]),
+)
+
+
+def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetector]:
+    """Renderer and detector for a maze. The detector's background comes from rendered pictures."""
+    look = look or Look()
+    found = over(FOUND, maze)
+    eye = Overhead(maze, over(TRUE, maze), look)
+    rng = np.random.default_rng(1)
+    empty = [(f"empty plate {i}", eye.render(None, 0.0, 0.0, rng)) for i in range(8)]
+    markers = corner_markers(maze)
+    background = calibrate_background(found, empty, maze, markers)
+    return eye, BallDetector(maze, found, background, markers, DetectorSettings(hue_deg=HUES[look.ball]))
 
 
 @cache

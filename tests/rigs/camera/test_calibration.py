@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 import pytest
 from chessboards import board_poses, draw_board
-from scenes import MAZE, overlooking, usual
+from scenes import FOUND, MAZE, overlooking, usual
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
+from mazeplan.rigs.camera.render import TRUE
 from mazeplan.rigs.camera.section import camera_section, load_background, mapping, save_background
-from mazeplan.rigs.camera.sensing import FOUND, TRUE
 
 CORNERS, SQUARE = (9, 6), 0.02
 TRUE_LENS = LensCalibration(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)

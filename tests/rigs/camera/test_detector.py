@@ -10,13 +10,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import MAZE, STANDARD, R, orange, overlooking, place, usual
+from scenes import FOUND, MAZE, STANDARD, R, orange, overhead, overlooking, place, usual
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.detector import BallDetector, DetectionOutcome, DetectorSettings
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.sensing import FOUND, TRUE, over, overhead
+from mazeplan.rigs.camera.render import TRUE, over
 
 
 def pictures(eye, seed=0, others=()):

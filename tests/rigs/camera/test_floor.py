@@ -10,7 +10,7 @@ from scenes import MAZE
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.floor import Floor
-from mazeplan.rigs.camera.sensing import TRUE
+from mazeplan.rigs.camera.render import TRUE
 
 FLOOR = Floor(MAZE)
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.rigs.camera.pinhole import CameraModel, plate_rotation, rotation
-from mazeplan.rigs.camera.render import tilting
-from mazeplan.rigs.camera.sensing import TRUE
+from mazeplan.rigs.camera.render import TRUE, tilting
 
 
 def straight_down(height=0.6, focal=1000.0, pivot=(0.0, 0.0, 0.0)):

@@ -12,8 +12,7 @@ from scenes import MAZE, STANDARD, R, overlooking, place
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.look import Look
-from mazeplan.rigs.camera.render import Overhead
-from mazeplan.rigs.camera.sensing import TRUE
+from mazeplan.rigs.camera.render import TRUE, Overhead
 
 PLAIN = Look(ball="orange", noise=0.0, flicker=0.0, slope=0.0, gloss=0.0)
 

@@ -15,7 +15,7 @@ from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectionOutcome, Sighting
 from mazeplan.rigs.camera.floor import floor_side
-from mazeplan.rigs.camera.sensing import TRUE
+from mazeplan.rigs.camera.render import TRUE
 from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack

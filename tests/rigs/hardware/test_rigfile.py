@@ -13,7 +13,6 @@ import pytest
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.resources import to_install
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.hardware.files import hardware_file, is_hardware
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
@@ -129,33 +128,6 @@ def test_a_missing_class_is_named(tmp_path):
         hardware_file(str(path))
 
 
-def test_a_copy_in_another_folder_finds_what_the_file_names(tmp_path, monkeypatch):
-    """The picture of the floor goes along, the model is named from there."""
-    (tmp_path / "here" / "mine").mkdir(parents=True)
-    (tmp_path / "there").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    text = EMULATED.read_text().replace("model: toy", "model: mine")
-    Path("rig.yaml").write_text(text)
-    Path("emulated.png").write_bytes(EMULATED.with_suffix(".png").read_bytes())
-    section = {"command_ms": 10.0, "camera_ms": 50.0, "date": "2026-11-22"}
-    target = tmp_path / "there" / "new.yaml"
-    file = hardware_file("rig.yaml")
-    file.write({"latency": section}, target)
-    data = read_yaml(target).data
-    assert (tmp_path / "there" / data["camera"]["background"]).read_bytes() == Path("emulated.png").read_bytes()
-    assert rig_model_hint(str(target)) == str(tmp_path / "there" / "../here/mine")
-    assert Path(rig_model_hint(str(target)) or "").resolve() == (tmp_path / "here" / "mine").resolve()
-    assert data["latency"] == section
-    assert Path("rig.yaml").read_text() == text
-    # again, into what is there now: nothing but the section
-    before = target.read_text()
-    file.write({"latency": {**section, "camera_ms": 60.0}}, target)
-    assert target.read_text() == before.replace("camera_ms: 50.0", "camera_ms: 60.0")
-    # beside the old one nothing has to move
-    file.write({"latency": section}, Path("second.yaml"))
-    assert read_yaml(Path("second.yaml")).data["camera"]["background"] == "emulated.png"
-
-
 def test_a_missing_background_is_named_with_its_line(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(EMULATED.read_text())
@@ -165,9 +137,6 @@ def test_a_missing_background_is_named_with_its_line(tmp_path):
         rig.observe()
     said = f"{path}:{line}: camera.background: {tmp_path}/emulated.png: background cannot be read: No such file"
     assert str(caught.value).startswith(said)
-    with pytest.raises(SettingsError, match=f"rig.yaml:{line}: camera.background: .*cannot be copied"):
-        hardware_file(str(path)).write({"latency": {"camera_ms": 1.0, "command_ms": 1.0}}, tmp_path.parent / "x.yaml")
-    assert not (tmp_path.parent / "x.yaml").exists()
 
 
 def test_the_template_names_the_missing_calibrations(tmp_path, monkeypatch):

@@ -18,7 +18,7 @@ from mazeplan.rigs.link.handshake import Timeouts
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 from mazeplan.rigs.link.port import open_port
 
-SHORT = Timeouts(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+SHORT = Timeouts(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15)
 
 
 def refused(port, limits=LIMITS):
@@ -152,7 +152,7 @@ def test_a_lost_port_ends_in_an_error_that_names_it():
         thread.join()
     assert waiting
     for call in (board.latest, board.level, lambda: board.command(1500, 1500), lambda: board.wait_newer(None, 1.0)):
-        with pytest.raises(RigError, match=r"was lost .*and did not come back in 0.4 s: no such port") as caught:
+        with pytest.raises(RigError, match="was lost") as caught:
             call()
         assert str(caught.value).startswith(fake.port)
     began = time.monotonic()
@@ -161,39 +161,12 @@ def test_a_lost_port_ends_in_an_error_that_names_it():
     assert time.monotonic() - began < 1.0
 
 
-def test_an_unexpected_error_while_reading_loses_the_board(monkeypatch):
-    def breaks(*given):
-        raise RuntimeError("no such thing")
-
-    with FakeBoard() as fake:
-        board = Board(fake.port, LIMITS, SHORT)
-        board.open()
-        monkeypatch.setattr("mazeplan.rigs.link.board.connect", breaks)
-        fake.unplug()
-        with pytest.raises(RigError, match=r"reading failed: RuntimeError: no such thing"):
-            board.wait_confirmed(99, 3.0)
-        assert not board.connected
-        board.close()
-
-
-def test_a_silent_board_is_opened_again():
+def test_a_silent_board_is_lost():
     with FakeBoard() as fake, Board(fake.port, LIMITS, SHORT) as board:
         fake.reports = False
-        until(lambda: board.counts.lost)
-        fake.reports = True
-        until(lambda: board.connected)
-        assert board.wait_confirmed(board.command(1500, 1500), 2.0) is not None
-
-
-def test_a_half_open_port_is_given_up():
-    with FakeBoard() as fake:
-        board = Board(fake.port, LIMITS, SHORT)
-        board.open()
-        fake.reports, fake.answers["I"] = False, silent
-        until(lambda: not board.connected and board.counts.lost, 3.0)
-        with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back in 0.4 s"):
-            board.wait_confirmed(1, 3.0)
-        board.close()
+        until(lambda: not board.connected)
+        with pytest.raises(RigError, match=fake.port):
+            board.command(1500, 1500)
 
 
 def test_a_board_that_began_anew_gets_its_limits_again():
