@@ -292,23 +292,3 @@ def over(camera: CameraModel, maze: Maze) -> CameraModel:
     """The camera over a maze. It hangs higher over a larger maze, which then looks as large as the packaged maze."""
     larger = maze.walls[0].outer_radius / WHOLE
     return camera if larger <= 1.0 + 1e-9 else replace(camera, translation=camera.translation * larger)
-
-
-class RenderedPictures:
-    """Renders scenes (5,), which `SimulatedRig.pictured` gives, as pictures in red, green, blue."""
-
-    def __init__(self, maze: Maze) -> None:
-        cv2.setNumThreads(1)  # other runs need the other cores
-        self._eye = Overhead(maze, over(TRUE, maze), Look(sharp=False))
-
-    def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
-        """The whole picture, (480, 640, 3), uint8."""
-        ball = None if math.isnan(scene[0]) else scene[:3]
-        return np.ascontiguousarray(self._eye.render(ball, float(scene[3]), float(scene[4]), rng)[..., ::-1])
-
-    def small(self, scene: Array, rng: np.random.Generator, size: int) -> np.ndarray:
-        """The square in the middle of the picture, (size, size, 3), uint8."""
-        picture = self.whole(scene, rng)
-        height, width = picture.shape[:2]
-        left = (width - height) // 2
-        return cv2.resize(picture[:, left : left + height], (size, size), interpolation=cv2.INTER_AREA)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import mujoco
@@ -31,26 +30,6 @@ from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 APART = 1.2  # radii of a ball: distance from the middle of the disc to each of two balls in the disc
 CHUNKS = 5  # chunks per sample; a chunk is 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
-_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """State of a machine.
-
-    state: MuJoCo's state.
-    target: tilt to which the servos move, (2,), rad.
-    ctrl: set points on the way to the target, within the slew limit, (2,), rad.
-    played: set points after the play, (2,), rad.
-    queue: delayed commands as (time at which the command acts, s; its tilt (2,), rad).
-    heavy: unit vector (3,) to the heavy side of an unbalanced ball, in the ball's frame."""
-
-    state: Array
-    target: Array
-    ctrl: Array
-    played: Array
-    queue: tuple[tuple[float, Array], ...]
-    heavy: Array
 
 
 class Machine:
@@ -258,20 +237,6 @@ class Machine:
         gimbal = self.gimbal
         plate, omega = gimbal.plate()
         gimbal.put(plate @ position, plate @ (velocity + _cross(omega, position)), plate @ (spin + omega))
-
-    def snapshot(self) -> Snapshot:
-        """State of the machine, for `restore`, without the camera's old pictures and random numbers."""
-        gimbal = self.gimbal
-        state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
-        mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
-        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._heavy)
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Return to a snapshot of this machine. Faults that were injected after the snapshot stay."""
-        mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
-        self.gimbal.settle()
-        self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
-        self._queue, self._heavy = deque(snapshot.queue), snapshot.heavy
 
 
 def _from_map(maze: Maze, settings: SimulatedSettings) -> Gimbal:

@@ -17,7 +17,7 @@ from mazeplan.core.records import Array, Observation
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForces
 from mazeplan.rigs.sim.gimbal import Gimbal
-from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
+from mazeplan.rigs.sim.machine import CHUNKS, Machine
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
 
 TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
@@ -154,10 +154,6 @@ class SimulatedRig:
         """See `Machine.truth`."""
         return self.machine.truth()
 
-    def pictured(self) -> Array:
-        """The scene in the delayed picture of the last sample, (5,): see `Machine.scene`."""
-        return self._balls[0].seen[0].copy()
-
     def others(self) -> list[Array]:
         """See `Machine.others`."""
         return self.machine.others()
@@ -169,14 +165,6 @@ class SimulatedRig:
     def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
         """See `Machine.set_ball`."""
         self.machine.set_ball(position, velocity, spin)
-
-    def snapshot(self) -> Snapshot:
-        """See `Machine.snapshot`."""
-        return self.machine.snapshot()
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """See `Machine.restore`."""
-        self.machine.restore(snapshot)
 
 
 def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], Gimbal] | None) -> None:

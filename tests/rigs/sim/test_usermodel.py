@@ -133,7 +133,6 @@ def test_state_of_the_ball_in_a_turning_plate(made):
     rig.set_ball(*wanted)
     for got, asked in zip(rig.ball(), wanted, strict=True):
         assert got == pytest.approx(asked, abs=1e-9)
-    then, there = rig.snapshot(), rig.truth()
     # velocities are what places and frames do within a microsecond
     gimbal, (place, velocity, _), (turned, omega) = rig.machine.gimbal, rig.ball(), rig.machine.gimbal.plate()
     mujoco.mj_integratePos(gimbal.model, gimbal.data.qpos, gimbal.data.qvel, 1e-6)
@@ -142,11 +141,6 @@ def test_state_of_the_ball_in_a_turning_plate(made):
     change = turned.T @ (gimbal.plate()[0] - turned) / 1e-6
     assert [change[2, 1], change[0, 2], change[1, 0]] == pytest.approx(omega, abs=1e-4)
     assert np.linalg.norm(omega) > 0.1
-    rig.restore(then)
-    once = driven(rig, 0.2, 0.02, 0.02)
-    rig.restore(then)
-    assert np.array_equal(rig.truth(), there)
-    assert np.array_equal(driven(rig, 0.2, 0.02, 0.02), once)
 
 
 def test_faults_act_on_it(made):
