@@ -58,7 +58,7 @@ def read_tree(source: str | Path) -> TreeFile:
     path = resources.find("behaviors", source, ".xml")
     if not path.is_file():
         raise TreeError(file_kinds.refused(path, f"an XML file or {one_of(tree_names(), path.name)}"), file=path)
-    if file_kinds.got(path) not in ("XML", "HTML", "text"):
+    if file_kinds.got(path) not in ("XML", "text"):
         raise TreeError(file_kinds.refused(path, treefile.EXPECTED), file=path, line=1)
     return treefile.read_tree(path, library)
 

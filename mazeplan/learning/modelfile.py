@@ -182,8 +182,6 @@ class _Reader:
         """The whole file."""
         known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
                  "processes", "data", "scores")  # fmt: skip
-        if (other := file_kinds.by_keys(self._tree.data)) in ("a map", "the file of a rig", "a schedule of faults"):
-            raise ModelError(f"got {other}, expected a model (model.yaml)", file=self._path, line=1)
         check_format(self._tree, FORMAT, file=self._path, error=ModelError)
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")

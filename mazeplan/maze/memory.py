@@ -17,7 +17,6 @@ from typing import Any
 import yaml
 from pydantic import Field
 
-from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
@@ -100,8 +99,6 @@ def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> Open
     if not path.exists():
         return memory
     tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (YAML)")
-    if other := file_kinds.by_keys(tree.data):
-        raise InputError(f"got {other}, expected a file of `navigate --memory`", file=path, line=1)
     found, known = read_section(MemoryFile, tree, path, InputError, FORMAT), list(openings)
     made_for = map_name if found.map is None else found.map
     if map_name and made_for != map_name:

@@ -84,7 +84,7 @@ def read_yaml(path: Path, *, error: type[InputError] = InputError, what: str = "
         named = shown(str(path)) if "\0" in str(path) else path
         raise error(file_kinds.refused(path, what), file=named) from None
     kind = file_kinds.got(path)
-    if kind in ("XML", "HTML", "a file with nothing but blanks"):
+    if kind in ("XML", "an empty file"):
         raise error(f"got {kind}, expected {what}", file=path, line=1)
     return parse_yaml(text, file=path, error=error, language="JSON" if kind == "JSON" else "YAML")
 

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from mazeplan.core import file_kinds
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.sections import as_tuples, problems
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
@@ -37,9 +36,6 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
     if kind is not None and not isinstance(kind, str):
         raise placed(SettingsError(f"got {shown(kind)}, expected module:Class", key="class"), data)
     if kind is None or kind.startswith(OURS):  # a user's class may have a setting named `format`
-        other = file_kinds.by_keys(tree.data)
-        if other in ("a map", "a model (model.yaml)"):  # a schedule of faults may be the file of an ideal rig
-            raise SettingsError(f"got {other}, expected the file of a rig", file=path, line=1)
         check_format(tree, FORMAT, file=path, error=SettingsError)
         data.pop("format", None)
     return kind, data

@@ -66,7 +66,7 @@ def test_a_whole_file_of_another_program_is_not_damaged(tmp_path):
     ("content", "told"),
     [
         (b"", "got an empty file, expected a run log of mazeplan (MCAP)"),
-        (b"t,theta\n0,1\n", "got a table (CSV), expected a run log of mazeplan (MCAP)"),
+        (b"t,theta\n0,1\n", "got text, expected a run log of mazeplan (MCAP)"),
         (b"\x89MCAP0\r\n" + b"\xff" * 64, "damaged after 0 messages"),
         (b"\x89MCAP0\r\n", "without the header of a run"),
     ],

@@ -1,4 +1,4 @@
-"""Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py has their content, chunks.py the file."""
+"""Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py has their content, mcap_file.py the file."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
-from mazeplan.core.logs.chunks import EXPECTED, HEADER, NO_RUN, Chunks, Document, Encoded
+from mazeplan.core.logs.mcap_file import EXPECTED, HEADER, NO_RUN, Document, McapFile
 from mazeplan.core.records import Array, TreeOutline
 
 PROGRAM = "mazeplan"
@@ -79,16 +80,6 @@ class RunLog:
     trees: tuple[LoggedTree, ...] = ()
 
 
-class LogChunks(Chunks):
-    """The chunks of a log."""
-
-    def __iter__(self) -> Iterator[tuple[int, list[Encoded]]]:
-        for i, (place, found) in enumerate(super().__iter__()):
-            if i == 0:  # the header, checked first because a newer format may differ in all that follows
-                _check_format(self.documents(found[:1])[0][1], self.path)
-            yield place, found
-
-
 def read_log(path: str | Path) -> RunLog:
     """Read a log, also a log that was cut. Raises LogError when the file is missing, damaged, or not a run log of
     mazeplan."""
@@ -136,16 +127,17 @@ def checked_fields(path: Path) -> Iterator[None]:
 
 def read_messages(path: Path) -> tuple[dict[str, Any], list[Document], bool]:
     """The header, all messages as they were written, and whether the file was finished. Raises LogError."""
-    chunks, messages = LogChunks(path), list[Document]()
-    for _, found in chunks:
-        messages += chunks.documents(found)
-    return header_of(messages, path), messages, chunks.complete
+    file, messages = McapFile(path), list[Document]()
+    for message in file.documents():
+        messages.append(message)
+        if len(messages) == 1:  # checked first, because a newer format may differ in all that follows
+            _check_format(message[1], path)
+    return header_of(messages, path), messages, file.complete
 
 
 def read_header(path: Path) -> dict[str, Any]:
     """The header of a log; the rest is not read. Raises LogError."""
-    chunks = LogChunks(path)
-    return header_of(next((chunks.documents(found) for _, found in chunks), []), path)
+    return header_of(list(islice(McapFile(path).documents(), 1)), path)
 
 
 def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
@@ -160,7 +152,7 @@ def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
 def read_attachment(path: Path, name: str) -> bytes | None:
     """Content of a file that is attached to a log, or None. Raises LogError if the log cannot be read up to the
     attachment."""
-    return LogChunks(path).attachment(name)
+    return McapFile(path).attachment(name)
 
 
 def _check_format(header: dict[str, Any], path: Path) -> None:

@@ -74,10 +74,7 @@ class Table:
 
 
 IN_MEMORY = Path("the table")
-OTHERS = (
-    "an empty file", "a file with nothing but blanks", "a PNG picture", "a JPEG picture", "a PDF", "a zip archive",
-    "a gzip archive", "an HDF5 file", "a MATLAB file", "XML", "HTML", "JSON", "YAML",
-)  # fmt: skip
+OTHERS = ("an empty file", "a MATLAB file", "XML", "JSON")
 EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or x and y, in its first row"
 
 

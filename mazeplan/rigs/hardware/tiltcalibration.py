@@ -142,9 +142,8 @@ def read_readings(path: Path) -> list[Reading]:
             header = [name.strip() for name in next(rows, [])]
             missing = [name for name in COLUMNS if name not in header]
             if missing:
-                kind = file_kinds.got(path)
-                got = f"the header {shown(','.join(header))}" if kind in ("text", "a table (CSV)") else kind
-                raise TableError(f"got {got}, expected a table (CSV) with {', '.join(COLUMNS)}", file=path, line=1)
+                got = f"got the header {shown(','.join(header))}"
+                raise TableError(f"{got}, expected a table (CSV) with {', '.join(COLUMNS)}", file=path, line=1)
             return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
     except (OSError, UnicodeDecodeError, csv.Error):
         raise TableError(file_kinds.refused(path, f"a table (CSV) with {', '.join(COLUMNS)}"), file=path) from None

@@ -147,8 +147,6 @@ def test_a_lost_port_ends_in_an_error_that_names_it():
         thread = threading.Thread(target=wait)
         thread.start()
         fake.unplug()
-        number = board.command(1500, 1500)  # one that is lost, as the reader has not given up yet
-        assert number >= 1
         thread.join()
     assert waiting
     for call in (board.latest, board.level, lambda: board.command(1500, 1500), lambda: board.wait_newer(None, 1.0)):
