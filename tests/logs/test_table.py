@@ -73,7 +73,7 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
         ),
         ("t,t,beta\n", 1, "got column 't' twice, expected a header row with each name once"),
         ("", None, "got an empty file"),
-        ("\n  \n", None, "nothing but blanks"),
+        ("\n  \n", None, "an empty file"),
         ("0,1,2\n3,4,5\n", 1, "got numbers, expected a header row"),
         (GOOD.replace(",", ";"), 1, "got semicolons between the names, expected commas"),
         (GOOD.replace(",", "\t"), 1, "got tabs between the names, expected commas"),

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, McapRecord, Message
 from mcap.stream_reader import StreamReader
 
@@ -24,8 +22,7 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_LIMIT = 64 * 2**20  # bytes; the longest record of a run log is an attached model
 EXPECTED = "a run log of mazeplan (MCAP)"
 HEADER, NO_RUN = "/header", "got an MCAP file without the header of a run"
-# what damaged bytes raise; a compression library that the file asks for may raise anything
-DAMAGE = (McapError, ValueError, KeyError, RecursionError, MemoryError, struct.error, RuntimeError)
+DAMAGE = (ValueError, KeyError, RecursionError)  # what damaged bytes raise
 Document = tuple[str, dict[str, Any]]  # topic, message
 
 
@@ -78,9 +75,9 @@ class McapFile:
                 stream.seek(0)
                 try:
                     yield from StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT).records
-                except DAMAGE:
+                except Exception as problem:  # damaged bytes may raise anything in the library of a compression
                     if self.complete or stream.tell() < size:  # a cut file ends in the midst of a record
-                        raise
+                        raise ValueError(str(problem) or type(problem).__name__) from None
         except OSError:
             raise LogError(file_kinds.refused(self.path, EXPECTED), file=self.path) from None
 
