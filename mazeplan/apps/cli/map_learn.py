@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +17,8 @@ from mazeplan.core.whole_file import write_text
 from mazeplan.run.commands.log_context import logged_map
 
 if TYPE_CHECKING:
-    from mazeplan.maze.learnedmap import LearnedMap, LearnedRing
-    from mazeplan.maze.transitions import BallTrack, LearnedOpening
+    from mazeplan.maze.learnedmap import LearnedMap
+    from mazeplan.maze.transitions import BallTrack
 
 MapFile = Annotated[
     Path,
@@ -87,48 +88,10 @@ def _track(logs: list[Path], columns: list[str]) -> BallTrack:
 
 
 def document(learned: LearnedMap, output: Path) -> dict[str, Any]:
-    """The document of `map learn --json`."""
-    camera = {"x_mm": 1e3 * learned.centre[0], "y_mm": 1e3 * learned.centre[1], "noise_mm": 1e3 * learned.noise}
-    return {
-        "map": str(output) if learned.maze is not None else None,
-        **{name: getattr(learned, name) for name in ("prior", "samples", "passages", "skipped")},
-        "camera": camera,
-        "rings": [_ring(ring) for ring in learned.rings],
-        "openings": [_opening(o, *width) for o, width in zip(learned.openings, learned.widths, strict=True)],
-        "borrowed": [opening.name for opening in learned.borrowed],
-        "warnings": list(learned.warnings),
-        "problems": list(learned.problems),
-    }
-
-
-def _ring(ring: LearnedRing) -> dict[str, Any]:
-    radii = _in_mm(ring, "inner_radius", "outer_radius", "inner_stderr", "outer_stderr")
-    return {"ring": ring.number, **radii, "touches": [ring.inner_touches, ring.outer_touches], "note": ring.note}
-
-
-def _opening(opening: LearnedOpening, width: float, source: str) -> dict[str, Any]:
-    angles = {
-        "angle_deg": place_deg(opening.angle),
-        "angle_stderr_deg": math.degrees(opening.angle_stderr),
-        "direction_deg": place_deg(opening.direction),
-    }
-    return {
-        "rings": [opening.outer, opening.outer + 1],
-        **angles,
-        "width_mm": 1e3 * width,
-        "width_from": source,
-        **_in_mm(opening, "width_stderr", "outer_centroid", "inner_centroid"),
-        **{name: getattr(opening, name) for name in ("count", "inward", "outward", "sign", "problem")},
-        "written": not opening.problem,
-    }
-
-
-def _in_mm(figures: object, *names: str) -> dict[str, Any]:
-    """{name_mm: value in mm} from lengths or places in m. None stays None."""
-    import numpy as np
-
-    values = {name: getattr(figures, name) for name in names}
-    return {f"{name}_mm": None if m is None else (1e3 * np.asarray(m)).tolist() for name, m in values.items()}
+    """The document of `map learn --json`; lengths in m, angles in rad."""
+    known = {key: value for key, value in asdict(learned).items() if key not in ("maze", "borrowed")}
+    borrowed = [opening.name for opening in learned.borrowed]
+    return {"map": None if learned.maze is None else str(output), **known, "borrowed": borrowed}
 
 
 def map_lines(learned: LearnedMap) -> list[str]:
