@@ -34,10 +34,7 @@ if TYPE_CHECKING:
 FIRST_S = 10.0  # s; maximum time that the first run waits for a viewer
 GRACE_S = 3.0  # s without a viewer before the page closes; a reload takes less
 LOOK_S = 0.05  # s between looks at orders and viewers
-READING = "reading map, model and tree; making the rig"
-LOADING = (
-    "rig and model are ready; loading the compiled planner: seconds, the first time on this machine up to two minutes"
-)
+READING = "reading map, model and tree; loading the compiled planner, the first time up to two minutes"
 NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
 
 
@@ -59,9 +56,7 @@ class LiveSession:
         self._machine: Any = None
         self._faulty: FaultyRig | None = None
         self._opening: str | None = None
-        self._count, self._injected, self._waiting = 0, 0, ""
-        self._aimed: int | None = None  # goal that was pressed before the run's first tick
-        self._phase, self._step = "idle", READING
+        self._count, self._injected, self._phase = 0, 0, "idle"
         self._page: PageLink | None = None
         self.result: NavigationResult | None = None
         self.problem: MazeplanError | None = None
@@ -99,7 +94,8 @@ class LiveSession:
 
     def _asked(self, page: PageLink) -> bool:
         """Wait for an order to start a run; returns False when the page closes."""
-        self._tell("failed" if self.problem is not None else "idle", self._waiting or "Start begins a run")
+        problem = self.problem
+        self._tell("idle" if problem is None else "failed", "Start begins a run" if problem is None else str(problem))
         left_at = monotonic()
         while not self._started.wait(LOOK_S):
             if page.ended.is_set():
@@ -113,7 +109,7 @@ class LiveSession:
     def _run(self, page: PageLink) -> None:
         self._started.clear()
         self._tell("starting", READING)
-        self._waiting, number = "", self._count
+        number = self._count
         self._count += 1
         try:
             self.result, self.problem = None, None
@@ -121,19 +117,15 @@ class LiveSession:
         except MazeplanError as problem:
             self.problem = problem
             self.result = getattr(problem, "result", None)
-            self._waiting = str(problem)
             if isinstance(problem, InputError) and number == 0 and self._begin:
                 raise
             say(f"mazeplan: {problem}")
         finally:
-            self._machine = self._faulty = self._aimed = None
+            self._machine = self._faulty = None
             self._goals = Goals(self._maze)
 
     def _tell(self, phase: str, note: str = "") -> None:
         self._phase = phase
-        if phase == "starting" and note in (READING, LOADING):
-            self._step = note
-            note = note if self._aimed is None else f"it goes to ring {self._aimed}; {note}"
         if self._page is not None:
             self._page.tell(phase, note)
 
@@ -158,7 +150,6 @@ class LiveSession:
     @contextmanager
     def _guard(self, machine: Rig) -> Iterator[None]:
         self._machine = machine
-        self._tell("starting", LOADING)
         with stop_key(machine, self._goals.stop):
             yield
 
@@ -170,8 +161,6 @@ class LiveSession:
             answer = self._do(str(order.get("do")), order)
         except MazeplanError as problem:
             answer = str(problem)
-        if self._resting:
-            self._waiting = answer
         if answer:
             self._tell(self._phase, answer)
 
@@ -191,12 +180,7 @@ class LiveSession:
             self._goals.stop()
         elif what == "goal":
             self._goals.aim(int(order["ring"]))
-            if self._phase == "running":
-                return ""
-            self._aimed = int(order["ring"])
-            if self._resting:
-                return f"the next run goes to ring {self._aimed}"
-            self._tell("starting", self._step)
+            return "" if self._phase == "running" else f"the next run goes to ring {order['ring']}"
         elif what in ("close", "open"):
             (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
             is_ = "closed" if what == "close" else "open"

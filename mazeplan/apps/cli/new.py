@@ -11,7 +11,6 @@ from typing import Annotated
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import folder_problem
 from mazeplan.apps.cli.output import check_new, say
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
@@ -20,7 +19,6 @@ from mazeplan.core.whole_file import write_text
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
 
-LONGEST = 40  # maximum number of characters of a name
 TEMPLATES = Path(__file__).resolve().parent / "newrig"
 FILES = {  # template: file; {} stands for the name
     "rig.py.jinja": "{}.py",
@@ -91,17 +89,12 @@ def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
     """Write a folder with a working rig on a simulated table: class, YAML file, test, package."""
     folder = output or Path(name)
     _check_name(name)
-    if problem := folder_problem(folder):
-        raise InputError(f"NAME: {problem}")
     if output is None:
         check_new("NAME", folder, force, folder=True)
     targets = {template: folder / target.format(name) for template, target in FILES.items()}
-    _check_module(name)
     for template, target in targets.items():
         write_text(target, filled(template, name))
     say(f"wrote {', '.join(map(str, targets.values()))}")
-    if importlib.util.find_spec("pytest") is None:
-        say("its test needs pytest: pip install pytest")
     print(f"cd {folder} && python -m pytest && mazeplan navigate --rig {name}.yaml")
 
 
@@ -120,23 +113,11 @@ def filled(template: str, name: str) -> str:
 
 
 def _check_name(name: str) -> None:
-    """Raises InputError for a name that cannot name a module, a package and a rig."""
+    """Raises InputError for a name that cannot name a module, or that a module or a rig has."""
     from mazeplan.rigs.registry import rig_names
 
-    plain = re.fullmatch(r"[A-Za-z](?:_?[A-Za-z0-9])*", name) is not None and len(name) <= LONGEST
-    if not plain or keyword.iskeyword(name):
-        expected = f"a Python identifier such as my_table: letters, digits, single _, at most {LONGEST}"
-        raise InputError(f"NAME: got {name!r}, expected {expected}")
-    taken = "the folder of its tests" if name == "tests" else "a packaged rig" if name in rig_names() else None
-    if taken is not None:
-        raise InputError(f"NAME: got {name!r}, which is {taken}; expected another")
-
-
-def _check_module(name: str) -> None:
-    """Raises InputError if another module has the name, because Python might import the other module."""
-    try:
-        found = importlib.util.find_spec(name)
-    except (ImportError, ValueError):
-        found = None
-    if found is not None and found.origin is not None:  # a folder without code has no origin
-        raise InputError(f"NAME: got {name!r}, which is a module of {found.origin}; expected another")
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or keyword.iskeyword(name):
+        raise InputError(f"NAME: got {name!r}, expected a Python identifier such as my_table")
+    found = importlib.util.find_spec(name)  # Python might import the other module
+    if name in rig_names() or name == "tests" or (found is not None and found.origin is not None):
+        raise InputError(f"NAME: got {name!r}, which is taken; expected another")
