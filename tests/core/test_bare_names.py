@@ -1,13 +1,10 @@
 """A bare name of something packaged means that, whatever lies in the current folder; ./name is what lies there."""
 
-import warnings
 from pathlib import Path
 
 import pytest
-from commands import call
 
 from mazeplan.behavior.trees import read_tree
-from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.resources import BothWarning
 from mazeplan.learning.modelfile import is_packaged_model, load_model, model_stamp
@@ -46,13 +43,6 @@ def test_folders_of_the_same_names_hide_nothing():
     assert make_rig("toy", MAZE).rate_hz == 30.0
 
 
-def test_so_do_files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "cme").write_text("name: other\n")
-    with pytest.warns(BothWarning, match=r"the file .* is \./cme"):
-        assert find_map("cme").is_relative_to(resources.share("maps"))
-
-
 @pytest.mark.usefixtures("littered")
 def test_a_path_is_what_lies_there():
     assert find_map("./cme") == find_map(Path("cme")) == Path("cme")
@@ -62,14 +52,6 @@ def test_a_path_is_what_lies_there():
     assert Path(model_source("./toy", None) or "") == Path.cwd() / "toy"
 
 
-def test_without_such_a_folder_nothing_is_said(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert load_map("cme") == load_map(Path("cme")) == MAZE
-        assert load_model(Path("toy")) == TOY
-
-
 def test_a_models_folder_beside_a_rigs_file_still_comes_first(tmp_path, monkeypatch):
     from mazeplan.rigs.registry import rig_model_hint
 
@@ -77,10 +59,3 @@ def test_a_models_folder_beside_a_rigs_file_still_comes_first(tmp_path, monkeypa
     (tmp_path / "toy").mkdir()
     (tmp_path / "mine.yaml").write_text("model: toy\n")
     assert Path(rig_model_hint("mine.yaml") or "") == tmp_path / "toy"
-
-
-@pytest.mark.usefixtures("littered")
-def test_the_command_says_so_in_one_line(monkeypatch, capsys):
-    status, _, err = call(monkeypatch, capsys, "map", "check", "cme")
-    assert status == 0, err
-    assert err == "mazeplan: 'cme' means the packaged one; the folder of this name in the current folder is ./cme\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -15,7 +14,6 @@ from mazeplan.apps.report.inputs import read_input
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
-from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory
@@ -80,27 +78,7 @@ def test_a_tree_of_a_newer_format_is_refused(tmp_path):
         read_tree(path).build(REGISTRY, None)
 
 
-def test_a_map_may_name_the_format_that_it_has(tmp_path):
-    path = tmp_path / "map.yaml"
-    text = (ROOT / "maps" / "cme.yaml").read_text()
-    path.write_text("format: 1\n" + re.sub(r"^format: 1\n", "", text, flags=re.MULTILINE))
-    assert load_map(path).rings == load_map("cme").rings
-
-
 def test_the_rig_class_of_a_user_gets_its_own_format(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text("class: my_rig:Table\nformat: mjpeg\n")
     assert read_rig_file(path) == ("my_rig:Table", {"format": "mjpeg"})
-
-
-@pytest.mark.parametrize("given", [0, -1, 1.5, True, None, "2", "x" * 99, [1]])
-def test_what_is_no_newer_number_is_only_wrong(given):
-    problem = format_problem(given, 1)
-    assert problem is not None
-    assert problem.endswith(", expected 1")
-    assert len(problem) < 70
-
-
-@pytest.mark.parametrize("written_by", [None, 3, "", "a\nb", "9" * 41, version("mazeplan")])
-def test_without_a_version_that_helps_a_newer_one_is_wanted(written_by):
-    assert f"install a mazeplan newer than {version('mazeplan')}" in str(format_problem(2, 1, written_by))

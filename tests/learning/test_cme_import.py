@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import pickle
 
@@ -13,7 +12,6 @@ from cme_models import ENDING, RATE, record, train
 from mazeplan.core.errors import ModelError
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.published_rig import PREFIX, find_models, import_ring, read_model, write_ring
-from mazeplan.learning.published_samples import BREAK_COST, _cheapest, recover, sampling_step, segment_starts
 
 
 @pytest.fixture(scope="module")
@@ -86,50 +84,6 @@ def test_the_samples_between_come_back(recording, published):
             assert empty.tolist() == [0, 1, 2, len(samples) - 3, len(samples) - 2, len(samples) - 1]
 
 
-@pytest.mark.parametrize(("step", "theta_error", "tilt_error"), [(1, 1e-14, 1e-14), (3, 1e-3, 1e-3), (4, 2e-3, 2e-3)])
-def test_other_steps(recording, step, theta_error, tilt_error):
-    rows = recording.rows(step)
-    assert sampling_step(rows) == step
-    starts = segment_starts(rows, step)
-    published, samples = recording.thinned(step)
-    assert starts.tolist() == np.cumsum([0, *(len(p) for p in published[:-1])]).tolist()
-    for start, all_of_them, few in zip(starts, samples, published, strict=True):
-        path = recover(rows[start : start + len(few)], step)
-        error = (path.angles - path.angles[0]) - (recording.angles[all_of_them] - recording.angles[few[0]])
-        assert np.allclose(error[::step], 0.0, atol=1e-12)
-        assert np.sqrt(np.mean(error[4:-8, 0] ** 2)) < theta_error
-        assert np.sqrt(np.mean(error[4:-8, 1:] ** 2)) < tilt_error
-        assert np.all(np.sqrt(path.squares / path.counts) < 1e-6)
-
-
-@pytest.mark.parametrize(("rows", "error"), [(1, 0.0), (2, 0.011), (3, 0.005)])
-def test_short_segments_are_smooth_between_their_rows(recording, rows, error):
-    for first in range(0, 90, 5):
-        piece = recording.rows(4)[first : first + rows]
-        path = recover(piece, 4)
-        assert path.angles.shape == (4 * rows - 3, 3)
-        assert np.array_equal(path.angles[::4, 1:], piece.angles[:, 1:])
-        truth = recording.angles[recording.inside[0][4 * first : 4 * (first + rows) - 3]]
-        assert np.allclose(path.angles - path.angles[0], truth - truth[0], atol=error)
-
-
-def test_breaks_are_those_of_least_cost():
-    """Against all ways to cut nine rows."""
-    rng = np.random.default_rng(3)
-    memory, count = 2, 9
-    for _ in range(20):
-        cost = rng.exponential(0.6 * BREAK_COST, (memory + 1, count))
-
-        def total(cuts, cost=cost):
-            starts = [0, *cuts]
-            going_on = (cost[min(k - max(s for s in starts if s <= k), memory), k] for k in range(count))
-            return BREAK_COST * len(cuts) + sum(c for k, c in enumerate(going_on) if k not in starts)
-
-        ways = (cuts for n in range(count) for cuts in itertools.combinations(range(1, count), n))
-        best = min(ways, key=total)
-        assert _cheapest(cost, BREAK_COST).tolist() == [0, *best]
-
-
 def test_the_longest_model_of_a_ring_is_taken(published, model):
     for name in PREFIX:
         path_of(model, name).rename(model / (PREFIX[name] + "_ring1_long.txt"))
@@ -186,20 +140,6 @@ def test_a_spoilt_file_is_told_with_its_line(model, name, spoil, message):
         imported(model)
     assert "\n" not in str(caught.value)
     assert str(model) in str(caught.value)
-
-
-@pytest.mark.parametrize("name", [name for name in PREFIX if name != "inputs"])
-def test_a_file_that_is_missing_is_told(model, name):
-    path_of(model, name).unlink()
-    with pytest.raises(ModelError, match=rf"{PREFIX[name]}_ring1_toy.txt: {name}: no such file; ring 1 needs it"):
-        imported(model)
-
-
-def test_a_folder_without_models_is_told(tmp_path):
-    with pytest.raises(ModelError, match=r"no model in this folder, expected files data_X_f_acc_SP_ring1_NAME.txt"):
-        find_models(tmp_path)
-    with pytest.raises(ModelError, match="no such folder"):
-        find_models(tmp_path / "none")
 
 
 class Trap:

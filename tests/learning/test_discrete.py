@@ -54,24 +54,6 @@ def linear(n=400, segment=None, good=None, seed=0):
     return samples_of(theta, v, zeros, (beta, zeros, zeros, gamma, zeros, zeros), segment, good)
 
 
-def test_a_linear_map_is_learned():
-    samples = linear()
-    model = fit_discrete(samples, np.arange(0, 300), QUICK)
-    rows = np.arange(300, 399)
-    angle, rate = model.next(samples.at(rows))
-    assert np.sqrt(np.mean((angle - samples.k.theta[rows + 1]) ** 2)) < 0.05 * np.std(samples.k.theta)
-    assert np.sqrt(np.mean((rate - samples.k.theta_dot[rows + 1]) ** 2)) < 0.05 * np.std(samples.k.theta_dot)
-
-
-def test_the_next_angle_is_near_the_one_before():
-    """Around and around: the angle is unwrapped, its sine and cosine are what is learned."""
-    t, zeros = np.arange(400) * DT, np.zeros(400)
-    samples = samples_of(2.0 * t, np.full(400, 2.0), zeros, (zeros,) * 6)
-    model = fit_discrete(samples, np.arange(250), QUICK)
-    angle, _ = model.next(samples.at(np.arange(300, 399)))
-    assert angle == pytest.approx(samples.k.theta[301:400], abs=0.02)  # a step is .067
-
-
 def test_pairs_do_not_reach_over_a_border():
     """What follows a row is learned only where it is good and of the same stretch."""
     rng = np.random.default_rng(2)

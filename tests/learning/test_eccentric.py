@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from plant import play
@@ -63,12 +61,6 @@ def test_straightened_samples_are_those_of_a_camera_that_is_right():
     assert np.std(apart) < 2e-3
     error = (moved.theta_ddot - right.theta_ddot)[rows]
     assert np.std(error) < 0.15 * np.std(right.theta_ddot[rows])
-
-
-def test_accelerations_of_another_make_are_left_alone():
-    samples = samples_of(record())
-    other = replace(samples, theta_ddot=np.roll(samples.theta_ddot, 5))
-    assert smoothing_of(other, np.flatnonzero(other.good), Smoothing()) is None
 
 
 def test_compare_predicts_as_well_in_the_measured_angle_and_tells_the_centre(capsys):

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from finite_differences import jacobian
 from gaussian_processes import nearest_variance, plain, state_gradient, state_inputs
-from numba import njit
 
-from mazeplan.core.errors import ModelError
-from mazeplan.core.maths.exponential import exp2_below, exp_below
 from mazeplan.learning import fast_gp
-from mazeplan.learning.fast_gp import BINS, HEAD, RANGES, D, evaluate, pack
+from mazeplan.learning.fast_gp import BINS, D, evaluate, pack
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.physics.formulas.arrays import RingKinematics
 
 SPREAD = np.array([math.pi, 2.0, 0.08, 0.5, 0.08, 0.5])  # of states: rad, rad/s
 SCALES = np.array([1.5, 0.8, 0.8, 0.3, 0.3, 0.1, 0.02, 0.1, 0.02])  # length scales in the order of the inputs
-THETA = np.eye(6)[0]
-TABLE = fast_gp._TABLE
-SIZE = 1 + 2 * RANGES  # numbers of one bin in the table
 
 
 def kinematics(states):
@@ -62,45 +55,12 @@ def assert_agreement(gp, states):
     np.testing.assert_allclose(by_state, slopes, rtol=1e-6, atol=1e-6 / gp.hyper.only.lengthscales.min())
 
 
-def ranges_of(packed, i):
-    """Ranges of rows of bin i, (R, 2)."""
-    at = TABLE + i * SIZE
-    return packed[at + 1 : at + 1 + 2 * int(packed[at])].reshape(-1, 2).astype(int)
-
-
-def reached(packed):
-    """How many rows a query in each bin looks at, (BINS,)."""
-    return np.array([(part := ranges_of(packed, i))[:, 1].sum() - part[:, 0].sum() for i in range(BINS)])
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 127, 128, 129, 400, 1500])
 def test_mean_and_derivatives_are_those_of_the_process(n):
     rng = np.random.default_rng(n)
     gp = process(drawn(rng, n))
     assert np.abs(exact(gp, drawn(rng, 50))[0]).max() > 1e-3  # something to compare
     assert_agreement(gp, drawn(rng, 200, turns=9.0))
-
-
-@pytest.mark.parametrize("theta", [0.05, 0.1, 0.3, 1.0, 5.0])
-def test_at_any_length_scale_in_theta(theta):
-    rng = np.random.default_rng(5)
-    rows = drawn(rng, 500)
-    gp = process(rows, scales(theta))
-    assert_agreement(gp, drawn(rng, 200, turns=5.0))
-    assert_agreement(gp, rows[:50])  # at its own rows
-    assert_agreement(gp, rows[:50] + 0.3 * theta * THETA)
-
-
-def test_edges_of_bins_belong_to_one_of_both():
-    rng = np.random.default_rng(7)
-    edges = -math.pi + 2.0 * math.pi / BINS * np.arange(BINS + 1)
-    rows = drawn(rng, BINS + 1)
-    rows[:, 0] = edges  # rows on the edges, too
-    gp = process(rows, scales(0.05))
-    for shift in (-1e-12, 0.0, 1e-12, 1e-3, -1e-3, 4.0 * math.pi):
-        states = drawn(rng, BINS + 1)
-        states[:, 0] = edges + shift
-        assert_agreement(gp, states)
 
 
 def test_far_from_all_rows_nothing_is_left():
@@ -126,35 +86,6 @@ def test_a_state_that_is_no_number_gives_none_and_reads_no_other_memory(column, 
     assert math.isnan(mean[0])
     assert np.isnan(by_state[0]).any()
     assert math.isnan(fast_gp.mean(packed, 0, state))
-
-
-def clustered(rng, clusters=40, each=30):
-    """Rows in narrow clusters in theta, with empty bins between them."""
-    centres = -math.pi + 2.0 * math.pi * (np.arange(clusters) + 0.5) / clusters
-    rows = drawn(rng, clusters * each)
-    rows[:, 0] = np.repeat(centres, each) + 0.01 * rng.uniform(-1, 1, clusters * each)
-    return rows
-
-
-def test_many_clusters_are_joined_into_few_ranges_without_losing_a_row():
-    rng = np.random.default_rng(11)
-    gp = process(clustered(rng), np.array([1.5, 0.8, 0.8, 0.05, 5.0, 0.1, 0.02, 0.1, 0.02]))  # both sides of sin(theta)
-    packed = pack(gp)
-    counts = packed[TABLE:HEAD:SIZE]
-    assert counts.max() <= RANGES
-    assert counts.max() > 1
-    assert_agreement(gp, drawn(rng, 400, turns=3.0))
-
-
-def test_culling_leaves_out_more_the_rougher_the_process_is():
-    rng = np.random.default_rng(12)
-    gp, looked_at = process(drawn(rng, 600)), {}
-    for theta in (0.05, 0.1, 0.3, 5.0):
-        hyper = plain(scales(theta), 2.0, 0.3)  # with the weights of another, which is all the same
-        looked_at[theta] = reached(pack(replace(gp, hyper=hyper))).mean()
-    assert looked_at[5.0] == 600
-    assert looked_at[0.05] < 0.3 * 600
-    assert looked_at[0.05] < looked_at[0.1] < looked_at[0.3] <= 600
 
 
 @pytest.mark.slow
@@ -198,32 +129,6 @@ def test_derivatives_equal_finite_differences():
         np.testing.assert_allclose(evaluate(packed, state[None])[1][0], numeric, rtol=1e-5, atol=1e-5)
 
 
-@njit
-def exp_of(x):
-    out = np.empty_like(x)
-    for i in range(len(x)):
-        out[i] = exp_below(x[i])
-    return out
-
-
-def test_exp_is_that_of_the_library():
-    x = np.concatenate([np.linspace(-700.0, 0.0, 125), [-1e-300, -1e-9, -0.34657359027997264, 1e-12]])
-    np.testing.assert_allclose(exp_of(x), np.exp(x), rtol=4e-14)  # above 0 only by rounding
-
-
-@njit
-def exp2_of(x):
-    out = np.empty_like(x)
-    for i in range(len(x)):
-        out[i] = exp2_below(x[i])
-    return out
-
-
-def test_powers_of_two_are_those_of_the_library():
-    x = np.concatenate([np.linspace(-1000.0, 0.0, 5001), [-1e-300, -1e-9, -0.5, -0.5 - 1e-15, -1.5, 1e-12]])
-    np.testing.assert_allclose(exp2_of(x), np.exp2(x), rtol=2e-12)
-
-
 @pytest.mark.parametrize("columns", [(0, 1, 2, 3, 4, 5, 7), (0, 3, 4), (0, 1, 2, 3, 4, 5, 6, 7), (0, 5, 7)])
 def test_a_kernel_that_does_not_look_at_all_inputs(columns):
     """The loop without the cosines of the tilt is one of its own; other inputs left out are carried along."""
@@ -237,15 +142,6 @@ def test_a_kernel_that_does_not_look_at_all_inputs(columns):
     for state in drawn(rng, 20):
         exact_one = nearest_variance(gp, inputs(kinematics(state[None])))[0]
         assert fast_gp.variance(packed, 0, state, 0.09, gap) == pytest.approx(exact_one, abs=1e-6)
-
-
-def test_another_kernel_is_refused():
-    gp = process(drawn(np.random.default_rng(16), 10))
-    with pytest.raises(ModelError, match="family: got a kernel exponential, expected rbf"):
-        pack(replace(gp, hyper=replace(gp.hyper, family="exponential")))
-    term = gp.hyper.only
-    with pytest.raises(ModelError, match="plain kernel"):
-        pack(replace(gp, hyper=replace(gp.hyper, terms=(term, KernelTerm(term.columns, term.lengthscales, 1.0)))))
 
 
 # --- variance ---

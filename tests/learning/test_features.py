@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.learning.features import (
     EFFECTS,
-    FEATURES,
     INPUTS,
     LOCAL,
     LOCAL_TERMS,
-    PAPER,
     WALL,
     effect_features,
     inputs,
@@ -32,8 +29,6 @@ from mazeplan.physics.formulas.arrays import (
 )
 
 RADIUS = 0.0689
-NAMES = {"paper": PAPER, "effects": EFFECTS, "wall": WALL}
-SMALL = 1e-4  # rad of tilt at which turning the plate and turning the view are the same to 1e-12
 ODD = {"theta_dot", "sin_theta", "along", "along_dot", "sin_4theta"}  # of the local inputs, in a mirror
 
 
@@ -49,21 +44,6 @@ def motion(seed=0, n=50, tilt=0.3, past=True):
     if not past:
         return RingKinematics(RADIUS, *place, *tilts)
     return MatchedKinematics(RADIUS, *place, *tilts, beta_past=drawn(tilt), gamma_past=drawn(tilt))
-
-
-def mirrored(k):
-    """Seen in a mirror along the x axis: what is at 30 degrees is at -30, and gamma tilts the other way."""
-    turned = [f.name for f in fields(k) if f.name.startswith(("theta", "gamma"))]
-    return replace(k, **{name: -getattr(k, name) for name in turned})
-
-
-def turned(k):
-    """Everything a quarter turn on, ball and slope: what beta did, gamma does (small tilts). Built name by name."""
-    out = {"theta": k.theta + np.pi / 2.0}
-    for ending in ("", "_dot", "_ddot", "_past"):
-        if hasattr(k, f"beta{ending}"):
-            out |= {f"beta{ending}": getattr(k, f"gamma{ending}"), f"gamma{ending}": -getattr(k, f"beta{ending}")}
-    return replace(k, **out)
 
 
 def test_the_terms_of_the_equation_add_up_to_it():
@@ -115,29 +95,6 @@ def test_inputs_are_rates_and_sines():
     np.testing.assert_allclose(local_inputs(round_again), local_inputs(k), atol=1e-11)
 
 
-@pytest.mark.parametrize("past", [False, True])
-def test_local_inputs_do_not_see_a_quarter_turn(past):
-    k = motion(tilt=SMALL, past=past)
-    before, after = (dict(zip(LOCAL, local_inputs(state).T, strict=True)) for state in (k, turned(k)))
-    np.testing.assert_allclose(gravity_part(turned(k)), gravity_part(k), rtol=1e-6)  # it is the same thing to the ball
-    for name in LOCAL:
-        if name in ("sin_theta", "cos_theta"):
-            assert not np.allclose(before[name], after[name], atol=0.1)
-        else:
-            np.testing.assert_allclose(after[name], before[name], rtol=1e-6, atol=1e-11, err_msg=name)
-            assert np.ptp(before[name]) > 1e-5, name
-
-
-@pytest.mark.parametrize("past", [False, True])
-def test_a_mirror_flips_exactly_the_odd_local_inputs(past):
-    k = motion(past=past)
-    np.testing.assert_allclose(gravity_part(mirrored(k)), -gravity_part(k), rtol=1e-12)
-    before, after = (dict(zip(LOCAL, local_inputs(state).T, strict=True)) for state in (k, mirrored(k)))
-    for name in LOCAL:
-        np.testing.assert_allclose(after[name], (-1.0 if name in ODD else 1.0) * before[name], rtol=1e-12, err_msg=name)
-        assert np.abs(before[name]).max() > 0.01, name
-
-
 def test_the_odd_term_flips_what_a_mirror_flips_and_sees_no_place_but_that_in_a_quarter():
     odd = [(columns, flip) for columns, flip in LOCAL_TERMS if flip]
     assert len(odd) == 1
@@ -146,15 +103,6 @@ def test_the_odd_term_flips_what_a_mirror_flips_and_sees_no_place_but_that_in_a_
     for column, sign in zip(*odd[0], strict=True):
         assert sign == (-1.0 if LOCAL[column] in ODD else 1.0), LOCAL[column]
         assert LOCAL[column] not in ("sin_theta", "cos_theta")
-
-
-@pytest.mark.parametrize("name", FEATURES)
-def test_forces_along_the_ring_change_sign_in_a_mirror(name):
-    k = motion()
-    sign = np.full(len(NAMES[name]), -1.0)
-    if name == "effects":
-        sign[list(EFFECTS).index("tilt_offset.gamma")] = 1.0  # the offset itself stays where it is
-    np.testing.assert_allclose(FEATURES[name](mirrored(k)), sign * FEATURES[name](k), rtol=1e-9, atol=1e-12)
 
 
 def test_local_inputs_by_hand():

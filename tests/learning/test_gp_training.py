@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from gaussian_processes import log_likelihood, plain
-from scipy.stats import lognorm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as sklearn_kernels
 
-from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.learning.features import effect_features, inputs
 from mazeplan.learning.gaussian_process import FAMILIES, GaussianProcess, Hyperparameters, KernelTerm, kernel
-from mazeplan.learning.gp_training import LOG_SCALE, LOG_WIDTH, NOISE_FLOOR, Posterior, TrainingOptions, train
+from mazeplan.learning.gp_training import Posterior, TrainingOptions, train
 from mazeplan.physics.formulas.arrays import RingKinematics
 
 KERNELS: Any = sklearn_kernels
@@ -69,24 +67,6 @@ def test_as_likely_as_the_optimum_of_scikit_learn(family):
     term = KernelTerm((0, 1), best["k1__k2__length_scale"], float(np.sqrt(best["k1__k1__constant_value"])))
     theirs = Hyperparameters((term,), float(np.sqrt(best["k2__noise_level"])), np.zeros(0), family)
     assert likelihood(ours, x, phi, y) > likelihood(theirs, x, phi, y) - 0.5  # for the priors; of about -200
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
-@pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
-def test_reports_the_posterior_of_what_it_gives_back(family, terms, sigma):
-    """Two routes to one number: the training, and conditioning with a prior of SciPy."""
-    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 60)
-    found = train(x, phi, y, replace(QUICK, iterations=8, refinement=8, family=family, terms=terms))
-    spread = x.std(axis=0)
-    log_prior = sum(
-        np.sum(lognorm.logpdf(term.lengthscales / spread[list(term.columns)], LOG_WIDTH, scale=np.exp(LOG_SCALE)))
-        for term in found.hyper.terms
-    )
-    log_scale = len(y) * np.log(np.sqrt(np.mean(y**2)))  # the optimiser sees values of size one
-    assert [term.flip for term in found.hyper.terms] == [flip for _, flip in terms]
-    posterior = (likelihood(found.hyper, x, phi, y) + log_scale + log_prior) / len(y)
-    assert found.refined == pytest.approx(posterior, abs=1e-4)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -149,43 +129,3 @@ def test_the_same_seed_gives_the_same_and_starts_are_several():
     assert first.starts[0] == other.starts[0], "the first start is a sensible place, not a drawn one"
     assert set(first.starts[1:]).isdisjoint(other.starts[1:])
     assert first.refined >= max(first.starts), "the best is carried on with"
-
-
-def test_some_noise_is_always_left():
-    x = np.random.default_rng(0).uniform(-1.0, 1.0, (100, 2))
-    y = 5.0 * np.sin(3.0 * x[:, 0]) + x[:, 1]
-    noise = train(x, bare(100), y, QUICK).hyper.noise / np.sqrt(np.mean(y**2))
-    assert NOISE_FLOOR < noise < 1.1 * NOISE_FLOOR
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_values_that_are_none_are_refused(bad, which):
-    parts = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, np.array([1.0, 1.0])), 30)
-    parts[which][3] = bad
-    with pytest.raises(InputError, match=r"^sample 3: got a value that is not a finite number"):
-        train(*parts, QUICK)
-
-
-def test_a_column_that_never_changes_and_a_target_of_zeros_do_no_harm():
-    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, np.array([0.2, 30.0])), 40)
-    x[:, 1], phi[:, 1] = 5.0, 0.0
-    for target in (y, np.zeros(40)):
-        hyper = train(x, phi, target, replace(QUICK, iterations=3, refinement=3)).hyper
-        assert np.isfinite(GaussianProcess.condition(hyper, x, phi, target).mean(x, phi)).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        ({"rows": 0}, "rows"),
-        ({"first": 1.5}, "first"),
-        ({"starts": -1}, "starts"),
-        ({"iterations": 0}, "iterations"),
-        ({"refinement": "3"}, "refinement"),
-        ({"family": "cubic"}, "family"),
-    ],
-)
-def test_bad_options_are_named(change, key):
-    with pytest.raises(SettingsError, match=f"^{key}: got .*expected"):
-        TrainingOptions(**change)

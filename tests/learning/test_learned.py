@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import InputError
 from mazeplan.learning.ball_models import ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.learning.features import (
     EFFECTS,
     FEATURES,
     INPUT_SETS,
-    LOCAL_TERMS,
     PAPER,
-    STATE_TERMS,
-    WALL,
     effect_features,
     inputs,
 )
-from mazeplan.learning.fitting import KINDS, FitOptions, fit_kind, fit_process
+from mazeplan.learning.fitting import FitOptions, fit_kind
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
@@ -68,10 +64,6 @@ def samples(n=150, seed=0, ripple=0.0, past=True, dry=DRY, waves=4, noise=NOISE)
     target = truth(k, ripple, dry, waves) + np.random.default_rng(seed + 1).normal(0.0, noise, n)
     rows = np.arange(n)
     return RingSamples(1, 1 / 30, k, target, k.theta, np.zeros(n, dtype=np.int64), rows, np.ones(n, dtype=bool))
-
-
-def one(k, i):
-    return replace(k, **{f.name: getattr(k, f.name)[i : i + 1] for f in fields(k) if f.name != "radius"})
 
 
 def fitted(kind, part=None, options=QUICK):
@@ -176,46 +168,3 @@ def test_sp_finds_the_physics_and_its_process_only_the_rest():
     np.testing.assert_allclose(
         model.mean(k) - weighted, kinematic_terms(k) + process.mean(inputs(k)), rtol=1e-9, atol=1e-9
     )
-
-
-@pytest.mark.slow
-def test_only_the_rows_given_are_learned_from():
-    part, rows = samples(120), np.arange(0, 120, 2)
-    spoilt = part.theta_ddot.copy()
-    spoilt[1::2] = np.nan
-    other = replace(part, theta_ddot=spoilt)
-    for kind in KINDS:
-        a, b = (fit_kind(kind, each, rows, QUICK).model for each in (part, other))
-        np.testing.assert_array_equal(a.mean(part.k), b.mean(part.k), err_msg=kind)
-    assert np.isfinite(fit_kind("sp", other, rows, QUICK).model.mean(part.k)).all()
-
-
-def test_processes_keep_at_most_so_many_rows_spread_evenly():
-    part = samples(120)
-    said = []
-    found = fit_kind("np", part, np.arange(120), replace(QUICK, most=40), progress=said.append)
-    assert isinstance(found.model, GaussianBall)
-    np.testing.assert_array_equal(found.model.process.inputs, inputs(part.k)[1::3])
-    assert said[-1] == "conditioning on 40 rows"
-    assert len(said) == 3
-    assert fit_kind("p", part, np.arange(120)).training is None
-
-
-@pytest.mark.parametrize(
-    ("seen", "features", "terms", "width"),
-    [
-        ("state", "effects", STATE_TERMS, len(EFFECTS)),
-        ("local", "wall", LOCAL_TERMS, len(WALL)),
-        ("local", "", LOCAL_TERMS, 0),
-    ],
-)
-def test_the_kernel_goes_with_the_inputs(seen, features, terms, width):
-    k = states(50)
-    process, training = fit_process(k, truth(k), features, replace(QUICK, inputs=seen))
-    assert [(term.columns, term.flip) for term in training.hyper.terms] == list(terms)
-    assert len(process.weights) == width
-
-
-def test_an_unknown_kind_is_named():
-    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp$"):
-        fitted("xx")

@@ -142,16 +142,6 @@ def test_a_process_of_nothing_is_the_ring_alone():
         np.testing.assert_array_equal(B, plain_B)
 
 
-@pytest.mark.parametrize(("theta", "beta", "gamma"), [(1.0, 0.05, 0.0), (0.0, 0.0, 0.05), (2.0, -0.03, 0.04)])
-def test_without_physics_a_tilted_plate_does_not_pull(theta, beta, gamma):
-    p = ring_of(0.0689, viscous=2.0, dry=2.0, offset_beta=0.02, physics=False)
-    s, u, out = np.array([theta, 0.7, beta, 0, gamma, 0]), np.array([beta, gamma]), np.empty(6)
-    ring_dynamics.step(s, u, p.pack(), out)
-    assert out == pytest.approx([theta + 0.7 / 30.0, 0.7, beta, 0.0, gamma, 0.0], abs=1e-12)  # neither pulls nor rubs
-    ring_dynamics.step(s, u, replace(p, physics=True).pack(), out)
-    assert abs(out[1] - 0.7) > 0.03
-
-
 def test_which_models_have_no_physics():
     ball = BallModel((rolling_inertia(0.6), viscous_friction(0.2), dry_friction(0.4), tilt_offset(0.01, -0.02)))
     model = RigModel(StageModel(), {1: ball, 2: ball}, processes={1: GP})

@@ -86,17 +86,6 @@ def test_numbers_of_the_ball_that_a_record_does_not_show_are_left_out(tmp_path, 
     assert value_of(body_of(load_model(tmp_path)), name) == pytest.approx(kept + late, abs=1e-6)
 
 
-def test_a_person_may_write_plain_numbers(tmp_path):
-    (tmp_path / "model.yaml").write_text(
-        "format: 1\nstage:\n  beta: {natural_frequency: 20}\n  gamma: {}\n"
-        "rings:\n  1:\n    rolling_inertia: {factor: 0.6}\n"
-    )
-    model = load_model(tmp_path)
-    assert model.stage.beta.natural_frequency == 20.0
-    assert model.ball(4).parameter("rolling_inertia", "factor", 1.0) == 0.6  # the nearest ring that has a model
-    assert model.camera_delay == 0.0
-
-
 HAND = """\
 format: 1
 kind: pi
@@ -181,12 +170,6 @@ def test_fingerprints_of_packaged_models_stay():
     assert fingerprint(load_model("rough"))[:16] == "5d17cfb6ad0c4385"
 
 
-def test_the_nearest_ring_stands_in():
-    model = RigModel(StageModel(), {1: BallModel((rolling_inertia(0.5),)), 4: BallModel((rolling_inertia(0.7),))})
-    factors = [model.ball(ring).parameter("rolling_inertia", "factor", 0.0) for ring in (1, 2, 3, 4, 5)]
-    assert factors == [0.5, 0.5, 0.7, 0.7, 0.7]
-
-
 def test_every_effect_survives_the_file(tmp_path):
     rng, effects = np.random.default_rng(0), []
     for name, kind in EFFECTS.items():
@@ -195,26 +178,6 @@ def test_every_effect_survives_the_file(tmp_path):
     model = replace(MODEL, balls={2: BallModel(tuple(effects))})
     save_model(model, tmp_path)
     assert load_model(tmp_path) == model
-
-
-def test_what_is_saved_is_plain_and_rounded(tmp_path):
-    text = save_model(replace(MODEL, camera_delay=1.0 / 15.0, camera_delay_stderr=0.00123456), tmp_path).read_text()
-    assert "camera_delay_s: {value: 0.0666667, stderr: 0.0012, unit: s}" in text
-    assert "!!" not in text
-    assert text.startswith("format: 1\n")
-
-
-def test_what_is_not_there(tmp_path):
-    with pytest.raises(ModelError, match="ideal, rough, toy"):
-        load_model(tmp_path / "nowhere")
-    (tmp_path / "model.yaml").write_text("format: 1\nstage: {beta: {}, gamma: {}}\nrings: {}\n")
-    with pytest.raises(ModelError, match="at least one ring"):
-        load_model(tmp_path)
-    (tmp_path / "model.yaml").write_text("format: 1\nrings: {}\n")
-    with pytest.raises(ModelError, match="stage is missing"):
-        load_model(tmp_path)
-    with pytest.raises(ModelError, match="cannot be written"):
-        save_model(MODEL, tmp_path / "model.yaml" / "inside")
 
 
 def test_packaged_models_are_of_their_rigs():

@@ -55,14 +55,6 @@ def test_the_same_seed_gives_the_same_network_and_another_one_another():
     assert not np.array_equal(one.layers[0][0], other.layers[0][0])
 
 
-def test_progress_is_told_for_each_pass_and_threads_stay_as_they_were():
-    torch = pytest.importorskip("torch")
-    before, told = torch.get_num_threads(), []
-    fit_network(*samples(count=100), LIMIT, np.zeros(2), epochs=3, advance=lambda done, of: told.append((done, of)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
-    assert torch.get_num_threads() == before
-
-
 def test_a_decision_needs_no_torch():
     """Imported in a process of its own, policy, folder and leaf leave it out."""
     import subprocess

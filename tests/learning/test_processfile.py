@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from process_folder import MODEL, arrays, assert_refused, edit, process, put, saved
+from process_folder import MODEL, arrays, assert_refused, edit, put, saved
 
 from mazeplan.core.errors import ModelError
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
-from mazeplan.learning.gp_file import MOST_BYTES, MOST_ROWS, NAMES, rounded
+from mazeplan.learning.gp_file import MOST_BYTES, rounded
 from mazeplan.learning.modelfile import load_model, save_model
 
 # --- round trip ---
@@ -73,14 +73,6 @@ def test_a_file_without_columns_is_of_a_kernel_that_looks_at_all(folder):
     np.testing.assert_allclose(load_model(folder).processes[1].mean(x), MODEL.processes[1].mean(x), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "columns", [np.arange(10), np.array([0, 0, 1]), np.array([2, 1]), np.array([], dtype=int), np.array([0.0, 1.0])]
-)
-def test_columns_that_are_none_are_refused(folder, columns):
-    put(folder, saved(**{**arrays(folder), "columns": columns}))
-    assert_refused(folder, "processes.1", "columns", "expected some of 0 to 8")
-
-
 def test_the_file_tells_people_what_is_in_the_arrays(folder):
     text = (folder / "model.yaml").read_text()
     assert "rows: 50" in text
@@ -90,20 +82,6 @@ def test_the_file_tells_people_what_is_in_the_arrays(folder):
     assert "noise: {value: 0.314159, unit: rad/s^2}" in text
     assert re.search(r"theta_dot: \{value: [0-9.]+, unit: rad/s\}", text)
     assert re.search(r"sin_theta: \{value: [0-9.]+, unit: '1'\}", text)
-
-
-@pytest.mark.parametrize("kind", ["p", "pi"])
-def test_a_model_without_processes_has_no_such_key(tmp_path, kind):
-    text = save_model(replace(MODEL, kind=kind, processes={}), tmp_path).read_text()
-    assert "processes" not in text
-    assert load_model(tmp_path).processes == {}
-
-
-def test_only_a_plain_kernel_can_be_written(tmp_path):
-    gp = process()
-    odd = KernelTerm((0, 1), np.ones(2), 1.0, (-1.0, 1.0))
-    with pytest.raises(ModelError, match="plain kernel"):
-        save_model(replace(MODEL, processes={1: replace(gp, hyper=replace(gp.hyper, terms=(odd,)))}), tmp_path)
 
 
 # --- changed by hand ---
@@ -134,22 +112,6 @@ def test_hyperparameters_changed_by_hand_are_refused(folder, old, new, key):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("kind", ["np", "sp"])
-def test_kinds_that_need_processes(tmp_path, kind):
-    save_model(replace(MODEL, kind="pi", processes={}), tmp_path)
-    edit(tmp_path, "kind: pi", f"kind: {kind}")
-    said = f"got {kind}, but there are no Gaussian processes (section processes) in this file; expected pi, or make"
-    assert_refused(tmp_path, "kind", said)
-    edit(tmp_path, "data:", "processes: {}\ndata:")
-    assert_refused(tmp_path, "kind", said)
-
-
-@pytest.mark.parametrize("kind", ["p", "pi"])
-def test_kinds_that_have_none(folder, kind):
-    edit(folder, "kind: sp", f"kind: {kind}")
-    assert_refused(folder, "processes", f"kind {kind} has no processes")
-
-
 @pytest.mark.parametrize(
     ("entry", "key", "said"),
     [
@@ -173,20 +135,6 @@ def test_entries_that_lead_nowhere(folder, entry, key, said):
     assert_refused(folder, key, said, line_of="processes")
 
 
-@pytest.mark.parametrize("name", ["../x.npz", "/etc/passwd", "sub/x.npz", "ring1.txt", "..", ".npz", "a/../ring1.npz"])
-def test_files_elsewhere_are_not_read(folder, name):
-    (folder.parent / "x.npz").write_bytes((folder / "ring1.npz").read_bytes())
-    (folder / "sub").mkdir()
-    (folder / "sub" / "x.npz").write_bytes((folder / "ring1.npz").read_bytes())
-    edit(folder, "file: ring1.npz", f"file: {name}")
-    assert_refused(folder, "processes.1", f"file: got '{name}', expected the name of an .npz file", line_of="1:")
-
-
-def test_a_ring_that_is_none(folder):
-    edit(folder, "processes:\n  1:", "processes:\n  one:")
-    assert_refused(folder, "processes.one", "got 'one', expected a ring number")
-
-
 # --- arrays that are not what they should be ---
 
 
@@ -205,43 +153,6 @@ def test_damaged_anywhere_it_is_refused_or_still_whole(folder):
             said = str(problem)
         assert said.startswith(f"{folder / 'model.yaml'}:")
         assert "\n" not in said
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"inputs": np.zeros((50, 8), np.float32)}, "inputs"),
-        ({"inputs": np.zeros((49, 9), np.float32)}, "inputs"),
-        ({"inputs": np.full((50, 9), np.nan, np.float32)}, "finite"),
-        ({"inputs": np.full((50, 9), "a")}, "ring1.npz"),
-        ({"alpha": np.full(50, np.nan)}, "finite"),
-        ({"alpha": np.zeros((50, 1))}, "alpha"),
-        ({"inputs": np.zeros((MOST_ROWS + 1, 9), np.float32), "alpha": np.zeros(MOST_ROWS + 1)}, "inputs"),
-        ({"lengthscales": np.ones(8)}, "hyperparameters"),
-        ({"lengthscales": np.zeros(9)}, "lengthscales"),
-        ({"amplitude": np.array(-1.0)}, "amplitude"),
-        ({"noise": np.array(np.inf)}, "noise"),
-        ({"family": np.array("magic\nkernel")}, "family"),
-    ],
-)
-def test_other_arrays_than_expected(folder, change, said):
-    put(folder, saved(**{**arrays(folder), **change}))
-    assert_refused(folder, "processes.1", said, line_of="1:")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_array_that_is_missing(folder, name):
-    held = arrays(folder)
-    del held[name]
-    put(folder, saved(**held))
-    assert_refused(folder, "processes.1", f"ring1.npz is no such file of arrays: it lacks {name}", line_of="1:")
-
-
-def test_an_array_on_its_own_is_no_archive(folder):
-    stream = io.BytesIO()
-    np.save(stream, np.zeros(3))
-    put(folder, stream.getvalue())
-    assert_refused(folder, "processes.1", "ring1.npz is no such file of arrays", line_of="1:")
 
 
 class Trap:

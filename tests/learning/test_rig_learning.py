@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from gaussian_processes import plain
 
-from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
-from mazeplan.learning.features import DRY_WIDTH, inputs
+from mazeplan.learning.features import inputs
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.modelfile import RigModel
@@ -155,13 +154,6 @@ def test_what_the_process_has_learned_is_the_push(sp):
     assert np.corrcoef(learned, truth)[0, 1] > 0.99
 
 
-def test_rings_with_too_few_samples_have_no_process(sp, np_):
-    for model, _ in (sp, np_):
-        assert list(model.processes) == [1]
-        assert model.balls[2] == BALL
-        assert model.balls[3] == BALL
-
-
 def test_effects_stand_aside_for_np(np_):
     model, learned = np_
     assert model.kind == "np"
@@ -194,20 +186,6 @@ def test_it_tells_what_it_does_by_ring_and_learns_the_same_again(data, sp):
     np.testing.assert_allclose(model.processes[1].mean(x), sp[0].processes[1].mean(x), atol=1e-6)
 
 
-def test_the_effects_as_the_planner_has_them():
-    """`planned` against the equation written out: signs of gravity, friction and of the table's tilt."""
-    rng = np.random.default_rng(3)
-    theta, speed, b, bd, bdd, c, cd, cdd = rng.uniform(-1, 1, (8, 50)) * [[3], [2], [0.1], [1], [9], [0.1], [1], [9]]
-    k = RingKinematics(0.07, theta, speed, b, bd, bdd, c, cd, cdd)
-    s, o, b0, c0 = np.sin(theta), np.cos(theta), b + 0.004, c - 0.003
-    inertial = bdd * np.sin(c) - bd**2 * s * o * np.cos(c) ** 2 + 2 * bd * cd * np.cos(c) * s**2 + cd**2 * s * o
-    pull = np.sin(b0) * s + np.sin(c0) * np.cos(b0) * o
-    wanted = inertial - 0.6 * 9.81 / 0.07 * pull - 0.4 * speed - 0.3 * np.tanh(speed / DRY_WIDTH)
-    ball = BallModel((rolling_inertia(0.6), viscous_friction(0.4), dry_friction(0.3), tilt_offset(0.004, -0.003)))
-    np.testing.assert_allclose(planned(ball, k), wanted, rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(kinematic_terms(k), inertial, rtol=1e-10, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["np", "sp"])
 def test_process_and_what_it_is_added_to_give_the_target(kind):
     """Whatever the plate does, also where its own turning moves the ball as much as all else does."""
@@ -224,10 +202,3 @@ def test_process_and_what_it_is_added_to_give_the_target(kind):
     assert (corrected == BALL) == (kind == "np")
     if kind == "np":
         np.testing.assert_allclose(process.mean(inputs(k)), np.sin(theta) - speed, atol=0.02)
-
-
-def test_too_little_for_any_ring_is_told():
-    short = table(record(1, 0.8 * FEWEST * DT, 4))
-    with pytest.raises(TableError, match="in no ring are there 300 samples, which kind sp needs") as error:
-        learn_processes(short, MAZE, MODEL, "sp", OPTIONS)
-    assert "\n" not in str(error.value)

@@ -7,12 +7,10 @@ import pytest
 from ring_record import DT, RADII
 from sample_columns import MAZE, NUDGE, N, columns, samples_of
 
-from mazeplan.core.errors import SettingsError, TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.samples import (
     FILTER,
     SETTLING,
-    SHORTEST,
     MatchedKinematics,
     SampleOptions,
     columns_of,
@@ -52,13 +50,6 @@ def test_what_ends_a_stretch(why):
     assert np.isnan(two.theta_ddot[borders]).all()
 
 
-def test_short_stretches_are_left_out():
-    ring = np.concatenate([np.full(SHORTEST - 1, 2.0), np.full(SHORTEST, 3.0), np.full(N - 2 * SHORTEST + 1, 2.0)])
-    found = ring_samples(Table(columns(ring=ring)), MAZE)
-    assert found[2].row[0] == 2 * SHORTEST - 1
-    assert len(found[3]) == SHORTEST
-
-
 def test_theta_is_unwrapped_in_its_stretch():
     turning = 2.0 * columns()["t"] + 3.0  # once past pi
     wrapped = np.arctan2(np.sin(turning), np.cos(turning))
@@ -94,14 +85,6 @@ def test_the_ring_is_told_by_radius_and_map_with_the_ball_in_the_channel():
     assert found[2].row.tolist() == list(range(30, 45))
 
 
-def test_a_ball_half_in_an_opening_is_not_in_the_ring():
-    ring = MAZE.ring(2)
-    r = np.full(N, RADII[2])
-    r[20:40] = ring.outer_radius - 0.5 * MAZE.ball.radius  # half past the wall
-    found = ring_samples(Table(columns(r=r)), MAZE)[2]
-    assert found.row.tolist() == [*range(20), *range(40, 60)]
-
-
 def test_the_ring_given_is_that_of_all_rows_where_the_table_does_not_tell():
     found = ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=3))
     assert list(found) == [3]
@@ -133,41 +116,6 @@ def test_the_radius_is_the_maps_the_one_given_or_the_median():
     assert ring_samples(Table(columns(ring=np.full(N, 8.0), r=r)), None, options=SampleOptions(ring=8))[
         8
     ].k.radius == pytest.approx(0.07)
-
-
-def test_a_disc_has_no_track_to_be_on():
-    found = ring_samples(Table(columns(ring=np.repeat([2.0, 5.0], 30))), MAZE)
-    assert list(found) == [2]
-    with pytest.raises(TableError, match="ring 5 is a disc"):
-        ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=5))
-    for ring in (None, np.full(N, 5.0)):
-        table = Table(columns(ring=ring))
-        assert ring_samples(table, MAZE, options=SampleOptions(ring=5, radius=0.01))[5].k.radius == 0.01
-
-
-@pytest.mark.parametrize(
-    ("more", "options", "maze", "said"),
-    [
-        ({"ring": None}, None, MAZE, r"a\.csv: the ring of a row is unknown.* ring, or r "),
-        ({"ring": None, "r": np.full(N, 0.07)}, None, None, "the ring of a row is unknown"),
-        ({"ring": np.full(N, 7.0)}, None, MAZE, r"a\.csv: ring: got 7, expected 1 to 5: the rings of"),
-        ({}, None, None, "ring 2 is not in the map"),
-        ({"n": SHORTEST - 1}, None, MAZE, r"a\.csv: no ring has enough samples in a row: expected 8 at least"),
-        ({"ring": np.zeros(N)}, None, MAZE, "no ring has enough"),
-        ({"theta": np.where(np.arange(N) % 6 < 3, 0.1, np.nan)}, None, MAZE, "no ring has enough"),
-    ],
-)
-def test_what_is_missing_is_said(more, options, maze, said):
-    with pytest.raises(TableError, match=said):
-        ring_samples(Table(columns(**more), {"file": "a.csv"}), maze, options=options)
-
-
-def test_wrong_options_are_named():
-    with pytest.raises(SettingsError, match="rates: got 'late', expected one of smoothed, delayed, filtered"):
-        SampleOptions(rates="late")
-    for delay in (np.nan, np.inf):
-        with pytest.raises(SettingsError, match=r"delay: got .*, expected a finite number of s"):
-            SampleOptions(delay=delay)
 
 
 # --- derivatives
@@ -222,16 +170,6 @@ def test_the_tilt_is_taken_as_much_earlier_as_the_camera_is_late():
     ramp = 0.1 * columns()["t"]
     between = samples_of(beta=ramp, options=SampleOptions(delay=0.05))  # a sample and a half: interpolated
     assert between.k.beta[2:] == pytest.approx(ramp[2:] - 0.005)
-
-
-def test_the_tilt_of_the_segment_before_is_not_used():
-    segment = (np.arange(N) >= 30).astype(float)
-    late = samples_of(segment=segment, options=SampleOptions(delay=DT - NUDGE))
-    assert np.flatnonzero(np.isnan(late.k.beta)).tolist() == [0, 30]
-    # but that of another ring is: the plate knows no rings
-    ring = np.repeat([3.0, 2.0], 30)
-    late = ring_samples(Table(columns(ring=ring)), MAZE, options=SampleOptions(delay=2.0 * DT - NUDGE))[2]
-    assert late.k.beta == pytest.approx(columns()["beta"][28:58], abs=1e-7)
 
 
 # --- rates

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.smoothing import (
     Smoothing,
@@ -26,26 +25,6 @@ def rms(x):
     return np.sqrt(np.mean(np.square(x)))
 
 
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("method", "spline"),
-        ("model", "crackle"),
-        ("window", 6),
-        ("window", 1),
-        ("window", 7.0),
-        ("order", 1),
-        ("order", 7),
-        ("process", 0.0),
-        ("noise", float("nan")),
-        ("bridge", -1),
-    ],
-)
-def test_options_are_validated_when_made(setting, value):
-    with pytest.raises(SettingsError, match=rf"^{'window' if value == 7 else setting}: got .*, expected "):
-        Smoothing(**{setting: value})
-
-
 # --- Savitzky and Golay
 
 
@@ -59,16 +38,6 @@ def test_savgol_is_exact_on_its_polynomials_and_empty_at_edges_and_gaps():
     for found, truth in ((d.value, signal), (d.rate, -3.0 + 8.0 * t), (d.acceleration, 8.0 + 0.0 * t)):
         assert np.array_equal(np.isfinite(found), known)
         assert found[known] == pytest.approx(truth[known], abs=1e-9)
-
-
-@pytest.mark.parametrize("method", ["savgol", "rts"])
-def test_what_is_shorter_than_the_window_is_not_known(method):
-    segment = np.repeat(np.arange(4), [6, 7, 1, 6])
-    d = derivatives(np.arange(20.0), DT, Smoothing(method), segment=segment)
-    known = np.flatnonzero(np.isfinite(d.acceleration))
-    assert list(known) == ([9] if method == "savgol" else list(range(6, 13)))
-    for empty in (derivatives(np.zeros(0), DT, Smoothing(method)), derivatives(np.zeros(3), DT, Smoothing(method))):
-        assert np.isnan(empty.rate).all()
 
 
 def measured(name):
@@ -215,29 +184,6 @@ def test_segments_are_smoothed_apart_with_one_noise():
     for part in (slice(0, 150), slice(150, 300)):
         assert both.acceleration[part] == pytest.approx(derivatives(y[part], DT, fixed).acceleration, abs=1e-9)
     assert rms(both.acceleration + 4.0 * np.sin(2.0 * t)) < 0.2
-
-
-@pytest.mark.parametrize("model", ["jerk", "snap"])
-def test_signals_without_noise_keep_their_shape(model):
-    t = np.arange(200) * DT
-    constant = derivatives(np.full(200, 7.5), DT, RTS[model])
-    assert constant.value == pytest.approx(np.full(200, 7.5))
-    assert constant.acceleration == pytest.approx(np.zeros(200), abs=1e-9)
-    parabola = derivatives(1.0 - 2.0 * t + 3.0 * t**2, DT, RTS[model])
-    assert parabola.acceleration == pytest.approx(np.full(200, 6.0), abs=1e-3)
-    sine = derivatives(1e6 * np.sin(2.0 * t), DT, RTS[model])
-    assert sine.acceleration[10:-10] == pytest.approx(-4e6 * np.sin(2.0 * t)[10:-10], abs=2e4)
-
-
-def test_bad_calls_are_told():
-    with pytest.raises(ValueError, match=r"got signal \(5,\) and segment \(4,\)"):
-        derivatives(np.zeros(5), DT, segment=np.zeros(4))
-    with pytest.raises(ValueError, match="dt: got 0"):
-        derivatives(np.zeros(5), 0.0)
-    with pytest.raises(ValueError, match="infinite sample"):
-        derivatives(np.array([0.0, np.inf]), DT)
-    with pytest.raises(ValueError, match="no stretch has 7 samples"):
-        noise_of(np.zeros(5), DT, RTS["jerk"])
 
 
 def test_unwrapping_skips_what_was_not_seen_and_starts_anew_in_a_segment():

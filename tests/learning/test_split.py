@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import SettingsError, TableError
+from mazeplan.core.errors import TableError
 from mazeplan.learning.split import block_bootstrap, block_split, uniform_downsample
 
 DT = 1.0 / 30.0
@@ -24,41 +24,12 @@ def test_no_row_is_near_the_other_set(guard, share):
     assert np.count_nonzero(split.test) == pytest.approx(share * 9000, abs=2 * guard * borders + 300)  # whole blocks
 
 
-def test_a_third_of_test_rows_is_every_third_block():
-    split = block_split(900, DT, block_s=1.0, test_share=1 / 3, guard=0)
-    assert list(np.unique(split.block[split.test])) == list(range(2, 30, 3))
-    assert np.array_equal(split.block, np.arange(900) // 30)
-
-
-def test_nothing_is_guarded_where_a_segment_begins():
-    segment = np.repeat([0, 1, 2], [60, 29, 31])  # a border in row 60 with a new segment; 90 within segment 2
-    split = block_split(segment, DT, block_s=1.0, test_share=0.5, guard=4)
-    assert list(np.flatnonzero(split.test)) == [*range(34, 60), *range(94, 120)]
-    # rows 86 to 88 are of another segment than the border at 90, so they stay
-    assert list(np.flatnonzero(split.train)) == [*range(26), *range(60, 89)]
-
-
 def test_short_records_get_shorter_blocks_or_are_refused():
     split = block_split(120, DT, block_s=10.0, test_share=0.3)
     assert len(np.unique(split.block[split.test])) >= 2
     for n in (0, 1, 5):
         with pytest.raises(TableError, match=rf"got {n} rows .* too short, none is left to"):
             block_split(n, DT)
-
-
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("block_s", 0.0),
-        ("test_share", 1.0),
-        ("test_share", float("nan")),
-        ("guard", -1),
-        ("guard", 1.5),
-    ],
-)
-def test_settings_are_checked(setting, value):
-    with pytest.raises(SettingsError, match=rf"^{setting}: got .*, expected "):
-        block_split(900, DT, **{setting: value})
 
 
 @pytest.mark.parametrize(("n", "most"), [(10, 3), (1000, 999), (1000, 7), (5, 5), (3, 10), (0, 4), (7, 1)])

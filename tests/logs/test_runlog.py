@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,21 +112,6 @@ def test_log_time_is_rig_time_and_any_mcap_reader_can_read_it(tmp_path):
     assert json.loads(message.data)["t"] == DT
 
 
-def test_schemas_stay_within_what_plotting_viewers_accept():
-    def check(schema):
-        assert schema["type"] == "object"
-        for field in schema["properties"].values():
-            if field["type"] == "object":
-                check(field)
-            elif field["type"] == "array":
-                assert field["items"]["type"] in ("object", "number", "integer", "string")
-            else:
-                assert field["type"] in ("number", "integer", "string", "boolean")
-
-    for schema in runlog.SCHEMAS.values():
-        check(schema)
-
-
 def test_messages_keep_to_their_schemas(tmp_path):
     path = tmp_path / "run.mcap"
     write_run(path)
@@ -224,15 +207,6 @@ def test_zeros_at_the_end_after_a_power_cut_are_no_damage(tmp_path):
     assert not got.complete
 
 
-def test_a_clock_that_stands_still_does_not_hold_ticks_back(tmp_path):
-    log = RunLogWriter(tmp_path / "run.mcap", {})
-    for _ in range(30):
-        log.sample(observation(0), Command(0.0, 0.0))
-    assert len(read_log(log.path).ticks["t"]) == 2 * runlog.CHUNK_TICKS
-    log.close()
-    assert len(read_log(log.path).ticks["t"]) == 30
-
-
 def test_a_changed_byte_is_never_read_as_a_measurement(tmp_path):
     path = tmp_path / "run.mcap"
     write_run(path, ticks=20)
@@ -280,12 +254,6 @@ def test_a_full_disk_is_told_once_and_the_run_goes_on(tmp_path, monkeypatch):
     assert not read_log(log.path).complete
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_a_disk_that_is_full_at_the_start():
-    with pytest.raises(LogError, match="/dev/full: cannot be written: No space left"):
-        RunLogWriter("/dev/full", {})
-
-
 def test_an_interrupt_inside_a_chunk_leaves_a_readable_file(tmp_path, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
@@ -302,13 +270,3 @@ def test_an_interrupt_inside_a_chunk_leaves_a_readable_file(tmp_path, monkeypatc
     got = read_log(log.path)
     assert len(got.ticks["t"]) == 9
     assert not got.complete
-
-
-def test_close_may_come_twice_and_nothing_is_written_after_it(tmp_path):
-    log = RunLogWriter(tmp_path / "run.mcap", {})
-    log.close()
-    size = Path(log.path).stat().st_size
-    log.sample(observation(0), Command(0.0, 0.0))
-    log.close()
-    assert Path(log.path).stat().st_size == size
-    assert read_log(log.path).complete

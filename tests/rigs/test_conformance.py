@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import sys
 from dataclasses import replace
@@ -14,7 +13,7 @@ import pytest
 from mazeplan import check_rig
 from mazeplan.apps.cli import main
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import make_rig, rig_names
+from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
@@ -142,10 +141,6 @@ def test_invalid_samples_are_reported_in_words_and_once(change, said):
     assert not any(detail.startswith("raised") for detail in details)
 
 
-def test_hardware_is_not_asked_to_repeat_itself():
-    assert failed(Unrepeatable(MAZE, {}), repeatable=False) == set()
-
-
 class Ends(SimulatedRig):
     """Notes how it ends; `levels` says whether `level` works."""
 
@@ -183,32 +178,8 @@ def test_ctrl_c_leaves_the_plate_level(monkeypatch, levels):
     assert rig.told == ["level", "close"]
 
 
-def test_a_rig_that_cannot_level_is_closed_all_the_same(monkeypatch):
-    rig = Ends(MAZE, {})
-    monkeypatch.setattr(rig, "levels", False)
-    assert "close" in failed(rig, repeatable=False)
-    assert rig.told[-1] == "close"
-
-
 def command(monkeypatch, capsys, *arguments):
     monkeypatch.setattr(sys, "argv", ["mazeplan", "rig", *arguments])
     with pytest.raises(SystemExit) as stop:
         main()
     return stop.value.code or 0, capsys.readouterr()
-
-
-def test_command_line(monkeypatch, capsys, tmp_path):
-    code, got = command(monkeypatch, capsys, "check", "ideal", "--json")
-    assert code == 0
-    assert json.loads(got.out)["passed"] is True
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "stiff_rig.py").write_text(
-        "from mazeplan.rigs.sim.simulated import SimulatedRig\n\n\nclass Stiff(SimulatedRig):\n"
-        "    def command(self, u_beta, u_gamma):\n        super().command(0.0 * u_beta, u_gamma)\n"
-    )
-    code, got = command(monkeypatch, capsys, "check", "stiff_rig:Stiff")
-    assert code == 1
-    assert "FAILED  tilt follows beta" in got.out
-    code, got = command(monkeypatch, capsys, "list")
-    assert [line.split()[0] for line in got.out.splitlines()[1 : 1 + len(rig_names())]] == [*rig_names()]
-    assert "camera_noise_mm" in got.out

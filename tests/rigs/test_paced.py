@@ -78,32 +78,6 @@ def test_samples_come_when_they_are_due(rig, wall):
     assert wall.slept == pytest.approx([0.07] * 4)
 
 
-def test_a_late_loop_catches_up_by_one_sample(rig, wall):
-    rig.observe()
-    wall.busy(0.15)
-    rig.observe()  # due at 0.1, is there at 0.15
-    rig.observe()
-    assert wall.time - 100.0 == pytest.approx(0.2)
-    wall.busy(5.0)
-    before = wall.time
-    samples = [rig.observe() for _ in range(4)]
-    # the late one and one more at once, then each in its time
-    assert wall.time - before == pytest.approx(0.2)
-    assert [s.t for s in samples] == pytest.approx([0.3, 0.4, 0.5, 0.6])
-
-
-def test_the_rigs_time_begins_at_its_reset(rig, wall):
-    rig.observe()
-    rig.observe()
-    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-    wall.busy(50.0)
-    wall.slept.clear()
-    rig.observe()
-    assert not wall.slept
-    rig.observe()
-    assert wall.slept == pytest.approx([0.1])
-
-
 def test_level_now_acts_during_a_wait(rig, wall):
     rig.observe()
     rig.command(0.05, 0.0)

@@ -13,7 +13,6 @@ import pytest
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig, rig_label, rig_model_hint, rig_names
-from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
@@ -59,14 +58,6 @@ def test_mistakes_are_one_line_with_place(tmp_path, text, line, said):
     assert "\n" not in str(error.value)
 
 
-def test_settings_from_a_mapping():
-    settings = settings_from({"camera_offset_mm": [1.0, -2.0], "faults": [{"kind": "push", "at_s": 1.0}]})
-    assert settings.camera_offset_mm == (1.0, -2.0)
-    assert settings.faults[0].kind == "push"
-    with pytest.raises(SettingsError, match="tilt_noise_deg"):
-        settings_from({"tilt_noise_deg": math.inf})
-
-
 def test_labels_and_model_hints(tmp_path):
     rig, model = tmp_path / "mine.yaml", tmp_path / "model"
     model.mkdir()
@@ -84,22 +75,6 @@ def test_labels_and_model_hints(tmp_path):
         rig_model_hint(str(rig))
     assert isinstance(make_rig("toy", MAZE), SimulatedRig)
     assert rig_label("a.b:C") == "a.b:C"
-
-
-@pytest.mark.parametrize(
-    ("spec", "said"),
-    [
-        ("nowhere", "expected one of hardware, ideal, rough, toy"),
-        ("nowhere.yaml", "no such file"),
-        ("no_such_module:Rig", "cannot be imported"),
-        ("mazeplan.core.records:Nothing", "has no 'Nothing'"),
-        ("mazeplan.core.records:State", "lacks reset, observe, command, level, close"),
-    ],
-)
-def test_rigs_that_do_not_exist(spec, said):
-    with pytest.raises(SettingsError) as error:
-        make_rig(spec, MAZE)
-    assert said in str(error.value)
 
 
 def test_a_class_beside_the_file_gets_the_other_keys(tmp_path, monkeypatch):

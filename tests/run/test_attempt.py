@@ -34,14 +34,6 @@ def test_a_feed_gets_what_the_log_gets(tmp_path):
     assert {t for topic, t, _ in told if topic == "/tick"} == {m["t"] for topic, m in messages if topic == "/tick"}
 
 
-def test_a_feed_alone_gets_it_too():
-    told = []
-    run_job(PlanarRig(MAZE), SETUP, Job(4, 5, 0.3), feed=lambda topic, *rest: told.append(topic))
-    assert told[0] == "/header"
-    assert told[-1] == "/result"
-    assert {"/tree", "/status", "/tick", "/event"} <= set(told)
-
-
 def test_the_log_holds_each_tree_and_how_its_nodes_ended(tmp_path):
     log = tmp_path / "run.mcap"
     seen = []

@@ -4,28 +4,17 @@ Gymnasium alike. On a real rig a run waits until it is put back; on a simulation
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from pathlib import Path
 
-import gymnasium
-import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 from thrown_ball import LIMIT_S, MAZE, RIGS, RIM, thrown_run, told
 
-import mazeplan.apps.environment as room
-from mazeplan.apps.view.panel import facts_html
-from mazeplan.apps.view.story import moments
 from mazeplan.control.estimation.rim_watch import AGREEING, SAMPLES, RimWatch, rim_of
-from mazeplan.core.logs.run_log_reader import read_log, read_messages
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import FailureKind
-from mazeplan.physics.rig.sensors import Camera
 from mazeplan.run.execution import run_job
 from mazeplan.run.replay import replay
 from mazeplan.run.specification import PUT_BACK_S, Job, Setup
-
-HERE = Path(__file__).resolve().parent
-
 
 # -- on simulated rigs: ten of ten ------------------------------------------------------------------------------------
 
@@ -64,13 +53,6 @@ def test_fewer_wrong_positions_in_a_row_than_decide_are_no_ball_outside():
     assert (SAMPLES - 1) / 30.0 < 0.5 * LIMIT_S
 
 
-@pytest.mark.parametrize("flown", [(OUTSIDE, OUTSIDE, None), (OUTSIDE, None, OUTSIDE), (None, OUTSIDE, OUTSIDE)])
-def test_a_ball_that_flies_out_of_the_picture_is_out_and_stays_so(flown):
-    watch = RimWatch(MAZE, 0.5e-3)
-    assert seen_at(INSIDE, *flown, watch=watch) == [False] * SAMPLES + [True]
-    assert all(seen_at(*[None] * 99, watch=watch))
-
-
 def test_a_ball_is_in_again_when_it_was_seen_so_as_often_in_a_row():
     watch = RimWatch(MAZE, 0.5e-3)
     assert seen_at(*[OUTSIDE] * SAMPLES, watch=watch)[-1]
@@ -79,24 +61,6 @@ def test_a_ball_is_in_again_when_it_was_seen_so_as_often_in_a_row():
     assert seen_at(INSIDE, watch=watch) == [False]
     assert seen_at(*[OUTSIDE] * SAMPLES, watch=watch) == [False] * (SAMPLES - 1) + [True]
     assert seen_at(*[INSIDE] * SAMPLES, watch=watch) == [True] * (SAMPLES - 1) + [False]
-
-
-def test_beyond_is_past_the_middle_of_the_rim_by_more_than_the_noise():
-    for sigma, margin in ((0.5e-3, 2e-3), (1e-3, 4e-3)):
-        at = rim_of(MAZE) + margin
-        assert not any(seen_at(*[at - 1e-6] * 9, sigma=sigma))
-        assert seen_at(*[at + 1e-6] * SAMPLES, sigma=sigma)[-1]
-    most = MAZE.rings[0].outer_radius - MAZE.ball.radius  # where the centre of a ball in ring 1 can be
-    assert rim_of(MAZE) - most > 8e-3
-
-
-def test_it_is_known_since_when_and_where_the_ball_is_out():
-    watch = RimWatch(MAZE, 0.5e-3)
-    for k, r in enumerate([0.09, 0.11, 0.09, 0.11, 0.12, 0.13, 0.14]):
-        out = watch.update(k / 30.0, (0.0, -r))
-    assert out.since == pytest.approx(3 / 30.0)
-    assert (out.x, out.y) == pytest.approx((0.0, -0.14))
-    assert out.message == "the ball has left the maze: it is 41 mm beyond the rim"
 
 
 # -- a real rig -------------------------------------------------------------------------------------------------------
@@ -188,56 +152,4 @@ def test_one_or_two_wrong_positions_change_nothing():
     assert FailureKind.BALL_OUT not in {f.kind for f in result.failures}
 
 
-def test_a_camera_that_is_known_to_be_off_sees_no_ball_outside():
-    class Shifted(PlanarRig):
-        def observe(self):
-            sample = super().observe()
-            return replace(sample, x=sample.x + 0.02)
-
-    off = replace(known(MAZE), camera=Camera(offset_x=0.02))
-    assert MAZE.track_radius(1) * math.cos(0.3) + 0.02 > rim_of(MAZE) + 2e-3
-    assert driven(Shifted(MAZE), model=off).success
-    assert driven(Shifted(MAZE)).reason == "ball_out"
-
-
-@pytest.mark.slow
-def test_a_log_from_before_decides_as_it_did(tmp_path):
-    """Nobody asked then whether the ball is out: its header does not say how long it may be."""
-    log = tmp_path / "run.mcap"
-    rig = Table()
-    rig.realtime = False
-    result = driven(rig, log, out_s=None)
-    assert result.reason != "ball_out"
-    assert "out_s" not in read_log(log).header["replay"]
-    outcome = replay(log, model=known(MAZE))
-    assert outcome.identical, outcome.difference
-
-
 # -- where it is read -------------------------------------------------------------------------------------------------
-
-
-def test_the_page_says_it_in_plain_words(tmp_path):
-    log = tmp_path / "run.mcap"
-    driven(Table(), log)
-    page = facts_html(moments(read_messages(log)[1])[-1])
-    assert "ball_out" in page
-    assert "the ball has left the maze: it is 32 mm beyond the rim" in page
-    assert "level_plate" in page
-
-
-def test_an_episode_of_the_environment_ends_and_says_so(monkeypatch):
-    monkeypatch.syspath_prepend(HERE)
-    for name, out in (("Leaving", True), ("Blinking", False)):
-        env = gymnasium.make(room.ID, rig=f"leaving_rig:{name}", start_ring=1)
-        _, info = env.reset(seed=0)
-        assert info["ball_out"] is False
-        ends = []
-        for _ in range(20):
-            *_, terminated, _, info = env.step(np.zeros(2, dtype=np.float32))
-            ends.append((terminated, info["ball_out"]))
-            if terminated:
-                break
-        assert ends[-1] == (out, out)
-        assert (len(ends) == 9 + SAMPLES) is out  # outside from the tenth on
-        assert not any(ended for ended, _ in ends[:-1])
-        env.close()

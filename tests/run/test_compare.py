@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,66 +83,12 @@ def test_each_ring_is_scored(scores):
         assert tuple(s.rollout) == ROLLED
 
 
-def test_what_knows_more_predicts_better(scores):
-    for s in scores:
-        x = s.nrmse_test
-        assert x["sp"] <= x["np"] + 0.05
-        assert x["sp"] < x["pi"] < x["p"]
-        assert x["sp"] < 0.15
-        assert 0.5 < x["p"] < 1.5
-        assert x["pi"] < 0.4
-        assert s.nrmse_train["rf"] < x["rf"]  # a forest remembers
-        for kind in PREDICTED:
-            assert s.nrmse_train[kind] < x[kind] + 0.1
-
-
 def test_roll_outs_grow_and_the_discrete_map_is_the_worst_process(scores):
     for s in scores:
         for errors in s.rollout.values():
             assert 0.0 < errors["20"] < errors["40"]
         assert s.rollout["sp"]["40"] < 0.5 * min(s.rollout["npd"]["40"], s.rollout["pi"]["40"])
         assert s.rollout["sp"]["40"] < 0.05
-
-
-def test_intervals_hold_their_figures(scores):
-    for s in scores:
-        assert set(s.interval) == {"nrmse_test", "20", "40"}
-        assert set(s.interval["nrmse_test"]) == set(PREDICTED)
-        for n in ("20", "40"):
-            assert set(s.interval[n]) == set(ROLLED)
-        pairs = [(s.interval["nrmse_test"][kind], s.nrmse_test[kind]) for kind in PREDICTED]
-        pairs += [(s.interval[n][kind], s.rollout[kind][n]) for kind in ROLLED for n in ("20", "40")]
-        for (low, high), figure in pairs:
-            assert low <= figure <= high
-            assert low < high < 3.0 * figure
-
-
-def test_the_document_is_plain(scores):
-    document = scores[0].document()
-    assert set(document) == {
-        "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
-        "nrmse_test", "rollout", "interval95", "bands", "blocks", "best",
-    }  # fmt: skip
-    assert document == json.loads(json.dumps(document))
-    assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}
-    assert set(document["rollout"]) == {"pi", "np", "npd", "sp"}
-    for errors in document["rollout"].values():
-        assert set(errors) == {"20", "40"}
-    assert document["nrmse_test"]["sp"] == round(scores[0].nrmse_test["sp"], 4)
-    assert document["signs"] == {"beta": 1, "gamma": 1}
-
-
-def test_blocks_are_those_with_rows_and_windows(scores, table):
-    samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=scores[0].rates))[2]
-    data = module.prepare(samples, None, QUICK)
-    assert scores[0].blocks["test"] == len({int(b) for b in data.block[data.test_rows]})
-    assert scores[0].blocks["windows"] == len({int(data.block[row]) for row in scores[0].windows.start})
-
-
-@pytest.mark.slow
-def test_the_same_comes_out_again(table):
-    again = [compare([table], [], MAZE, ONE)[0].document() for _ in range(2)]
-    assert again[0] == again[1]
 
 
 # --- which rows are whose
@@ -226,15 +170,6 @@ def test_test_logs_are_what_is_scored(table):
     assert bad[0].rollout["pi"]["40"] > 3.0 * good[0].rollout["pi"]["40"]
 
 
-def test_several_logs_are_one_record(table):
-    first = first_rows(table, 700)
-    second = Table({name: column[700:1350] for name, column in table.columns.items()})
-    whole = replace(ONE, fit=replace(ONE.fit, most=5000))
-    both = compare([first, second], [], MAZE, whole)[0]
-    alone = compare([first], [], MAZE, whole)[0]
-    assert both.n_train + both.n_test > 1.9 * (alone.n_train + alone.n_test)
-
-
 # --- what is found out about the data
 
 
@@ -269,30 +204,6 @@ def test_the_delay_of_the_ball_is_found(delay):
     assert best_lag([own], MAZE, options) == 0.0  # they have been brought together already
 
 
-@pytest.mark.slow
-def test_noisy_angles_are_not_differenced(table):
-    rng = np.random.default_rng(3)
-    noisy = Table({**table.columns, "theta": table["theta"] + 0.01 * rng.standard_normal(len(table))})
-    assert module._rates([table], MAZE, ONE) == "delayed"
-    assert module._rates([noisy], MAZE, ONE) == "smoothed"
-    first = first_rows(table, 1350)
-    for rates in ("smoothed", "delayed", "filtered"):
-        assert [s.rates for s in compare([first], [], MAZE, replace(ONE, rates=rates))] == [rates]
-
-
-def test_windows_end_before_openings_where_they_are_known(table):
-    for known, expected in ((False, "evenly spaced"), (True, "before openings")):
-        [s] = compare(
-            [table],
-            [first_rows(table, 1350)],
-            MAZE,
-            replace(ONE, rates="smoothed"),
-            openings_known=known,
-        )
-        assert s.windows.chosen == expected or len(s.windows) < 10
-    assert s.ring == 2
-
-
 def test_a_ring_that_the_ball_only_passes_through_is_left_out(table):
     told = []
     first = first_rows(table, 1350)
@@ -309,14 +220,6 @@ def test_a_ring_that_the_ball_only_passes_through_is_left_out(table):
     assert 0.0 < far[0] < 0.5
     assert [s.ring for s in found] == [2]
     assert any("ring 4 is left out" in text for text in told)
-
-
-def test_a_ball_at_rest_is_no_reason_to_stop(table):
-    still = first_rows(table, 1350)
-    still = Table({**still.columns, "theta": np.full(1350, 0.4)})
-    [s] = compare([still], [], MAZE, replace(ONE, kinds=("rf", "p", "pi", "np")))
-    assert math.isnan(s.nrmse_test["pi"])
-    assert s.rollout["pi"]["40"] < 1e-6
 
 
 def test_too_little_is_said(table):

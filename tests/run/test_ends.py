@@ -12,7 +12,6 @@ from mazeplan.core.errors import TreeError
 from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.execution import run_job
-from mazeplan.run.goals import Goals
 from mazeplan.run.replay import replay
 from mazeplan.run.specification import Job, Setup
 
@@ -54,13 +53,6 @@ def test_a_tree_that_succeeds_in_another_ring_has_not_arrived(world):
     assert (result.success, result.reason, result.failures) == (True, "arrived", ())
 
 
-def test_where_the_ball_is_counts_by_what_was_measured_and_for_the_newest_goal(world):
-    for first, newest, reason in ((5, 1, "arrived"), (1, 4, "elsewhere")):
-        goals = Goals(MAZE)
-        goals.aim(newest)
-        assert world("<BallSeen/>", goal=first, goals=goals)[0].reason == reason
-
-
 def test_a_ball_that_is_lost_is_not_there(world):
     def hide(rig):
         rig.hidden = True
@@ -68,17 +60,6 @@ def test_a_ball_that_is_lost_is_not_there(world):
     result, *_ = world('<Delay delay_msec="900"><ForceSuccess><BallSeen/></ForceSuccess></Delay>', goal=1, mishap=hide)
     assert (result.success, result.reason) == (False, "elsewhere")
     assert "with the ball nobody knows where" in result.failures[-1].words
-
-
-def test_two_packaged_leaves_that_command_side_by_side_are_named_with_the_line(world):
-    tree = '<Parallel>\n<Settle ring="1"/>\n<Dither name="Shake"/>\n</Parallel>'
-    problem, _, log = world(tree)
-    assert isinstance(problem, TreeError)
-    assert str(problem) == (
-        "tree.xml:4: Main/Parallel/Shake: Shake and Settle both command the rig at t = 0.000 s, expected one of them"
-    )
-    assert (log.result["success"], log.result["reason"]) == (False, "leaf_failed")
-    assert log.events[-1].detail["detail"] == str(problem)
 
 
 LEAN = """
@@ -140,16 +121,6 @@ def test_a_leaf_that_raises_is_named_and_the_log_is_whole(world, at, halt, wind_
     assert len(log.ticks["t"]) == n
 
 
-def test_what_is_not_a_leafs_fault_is_not_said_to_be(world):
-    def fail(rig):
-        raise ValueError("of the machine")
-
-    problem, _, log = world("<BallSeen/>", mishap=fail)
-    assert isinstance(problem, ValueError)
-    assert not hasattr(problem, "__notes__")
-    assert (log.result["reason"], log.result["failures"]) == ("crashed", [])
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -168,12 +139,3 @@ class Odd(MazeLeaf):
 """
     problem, *_ = world("<Odd/>", leaves)
     assert str(problem).startswith(f"tree.xml:2: Main/Odd: {said}")
-
-
-def test_a_failure_by_the_name_of_its_kind_is_the_reason(world):
-    leaves = """
-class Odd(MazeLeaf):
-    def step(self):
-        return self.fail_as("stuck", "in butter")
-"""
-    assert world("<Odd/>", leaves)[0].reason == "stuck"

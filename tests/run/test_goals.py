@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from planar_rig import PATIENT, PlanarRig, known
+from planar_rig import PlanarRig
 from talking import FIRST, MAZE, SETUP, go, said
 
-from mazeplan.core.display import NullDisplay
-from mazeplan.core.events import GoalChanged
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
-from mazeplan.run.loop import Run
-from mazeplan.run.specification import Job, Setup
+from mazeplan.run.specification import Job
 
 # -- another goal ------------------------------------------------------------------------------------------------------
 
@@ -41,16 +37,6 @@ def test_another_goal_rules_the_command_of_the_same_tick_and_the_plate_is_not_le
         assert math.hypot(*rig.commands[k]) > 0.01
     assert rig.levelled == 2  # at the end of the run, by the run and by its guard
     assert result.json()["goals"] == [{"ring": g.ring, "t": g.t} for g in result.goals]
-
-
-def test_another_goal_on_the_same_way_costs_no_time():
-    goals = Goals(MAZE)
-    straight, _ = go({}, goal=5)
-    turned, _ = go({12: lambda: goals.aim(5)}, goals=goals, goal=3)
-    assert turned.success
-    assert turned.rings[0].opening == straight.rings[0].opening
-    assert abs(turned.time_s - straight.time_s) < 0.1
-    assert abs(turned.rings[0].time_s - straight.rings[0].time_s) < 0.1
 
 
 def test_a_goal_given_while_the_ball_falls_into_a_ring_is_planned_for_from_there(tmp_path):
@@ -92,25 +78,6 @@ def test_another_goal_in_the_middle_of_a_recovery(tmp_path, hinder, leaf):
         failures = [e.t for e in log.events if e.kind == "failure"]
         assert failures == [plain.events[0].t] or failures[-1] == log.ticks["t"][k]
     assert len(result.failures) >= (1 if leaf == "Dither" else 2)  # of the whole run
-
-
-def test_recoveries_are_counted_anew_for_each_goal():
-    """back_off is for the second missed opening on the way to a goal."""
-    held = (MAZE.opening("1-2@45").angle, MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3)
-
-    def plug(rig):
-        r, theta = math.hypot(*rig.z[:2]), math.atan2(rig.z[1], rig.z[0])
-        if r < held[1] and abs(theta - held[0]) < 0.2 and r > MAZE.ring(2).outer_radius:
-            rig.z[:2] *= held[1] / r
-            rig.z[2:4] = 0.0
-
-    goals, acts = Goals(MAZE), {}
-    others = [name for name in FIRST if name != "1-2@45"]
-    first, _ = go({}, plug, theta=held[0], limit=4.0, closed=others)
-    assert [f.recovery for f in first.failures].count("back_off") == 1
-    acts[round(30 * first.failures[2].t) + 2] = lambda: goals.aim(4)
-    again, _ = go(acts, plug, goals=goals, theta=held[0], limit=4.0, closed=others)
-    assert [f.recovery for f in again.failures].count("back_off") == 2
 
 
 def test_each_goal_has_the_time_limit_of_its_own():
@@ -155,35 +122,6 @@ def test_goals_before_the_run_begins_are_read_at_its_first_tick():
     assert result.rings[0].opening not in FIRST[:1]
 
 
-@pytest.mark.parametrize("early", [True, False])
-def test_only_before_the_first_tick_the_last_of_several_goals_is_the_only_one(early):
-    goals = Goals(MAZE)
-    goals.begin(MAZE)
-    for number in (4, 2) if early else ():
-        goals.aim(number)
-    assert list(goals.take(0.0)) == [GoalChanged(2)] * early
-    goals.aim(3)
-    goals.aim(4)
-    assert list(goals.take(1 / 30)) == [GoalChanged(3), GoalChanged(4)]
-    assert not goals.take(2 / 30)
-
-
-def test_the_tree_file_may_be_gone_when_another_goal_comes(tmp_path):
-    from mazeplan.core import resources
-
-    tree = tmp_path / "tree.xml"
-    tree.write_text((resources.share("behaviors") / "navigate.xml").read_text())
-    goals = Goals(MAZE)
-    setup = Setup(MAZE, known(MAZE), str(tree), settings=PATIENT)
-
-    def now():
-        tree.unlink()
-        goals.aim(2)
-
-    result, _ = go({5: now}, goals=goals, setup=setup)
-    assert result.success
-
-
 # -- openings ----------------------------------------------------------------------------------------------------------
 
 
@@ -199,27 +137,6 @@ def test_openings_stay_closed_for_later_goals_until_they_are_opened():
     acts[9] = lambda: goals.open("1-2@45")
     result, _ = go(acts, goals=goals, theta=math.radians(15.0))
     assert result.success
-    assert result.rings[0].opening == "1-2@45"
-
-
-def test_an_opening_that_the_command_closed_can_be_opened_and_stays_so():
-    goals = Goals(MAZE)
-    acts = {2: lambda: goals.open("1-2@45"), 4: lambda: goals.aim(2)}
-    result, _ = go(acts, goals=goals, theta=math.radians(45.0), closed=FIRST[:1])
-    assert FIRST[0] == "1-2@45"
-    assert result.rings[0].opening == "1-2@45"
-
-
-def test_an_opening_that_the_map_closes_can_be_opened_for_this_goal_and_the_next():
-    openings = tuple(replace(o, closed=o.name in FIRST[:3]) for o in MAZE.openings)
-    maze = replace(MAZE, openings=openings)
-    assert FIRST[0] == "1-2@45"
-    setup, goals = Setup(maze, known(maze), settings=PATIENT), Goals(maze)
-    acts = {2: lambda: goals.aim(2)}
-    result, _ = go(acts, goals=goals, setup=setup)
-    assert result.rings[0].opening == FIRST[3]
-    acts[1] = lambda: goals.open("1-2@45")
-    result, _ = go(acts, goals=goals, setup=setup)
     assert result.rings[0].opening == "1-2@45"
 
 
@@ -239,39 +156,3 @@ def test_stop_ends_the_run_level_with_its_reason(tmp_path):
     assert log.result is not None
     assert log.result["reason"] == "stopped"
     assert not goals.aim(3)
-
-
-def test_stop_goes_before_another_goal():
-    goals = Goals(MAZE)
-
-    def both():
-        goals.stop()
-        goals.aim(2)
-
-    result, _ = go({10: both}, goals=goals)
-    assert result.reason == "stopped"
-    assert [g.ring for g in result.goals] == [5]
-
-
-def test_nobody_reads_what_is_said_after_a_stop_that_was_read():
-    goals = Goals(MAZE)
-    goals.begin(MAZE)
-    assert goals.stop()
-    assert goals.aim(2)  # not read yet
-    assert len(goals.take(0.0)) == 2
-    assert not goals.aim(2)
-    assert goals.over()
-
-
-@pytest.mark.parametrize("t", [math.nan, math.inf, 1 / 30, 0.0])
-def test_a_sample_that_is_not_newer_is_no_tick_to_listen_in(t):
-    goals = Goals(MAZE)
-    rig = PlanarRig(MAZE)
-    run = Run(rig, SETUP, Job(1, 5, 0.3), None, NullDisplay(), requests=goals)
-    rig.reset(ring=1, theta=0.3, rng=None)
-    for _ in range(2):
-        run.tick(rig.observe())
-    goals.stop()
-    assert not run._serve_requests(t)
-    assert run.context.now == pytest.approx(1 / 30)
-    assert run._serve_requests(0.1)

@@ -4,52 +4,12 @@ from __future__ import annotations
 
 import threading
 
-import pytest
 from planar_rig import PlanarRig
-from talking import MAZE, NAMES, SETUP, go, said
+from talking import MAZE, NAMES, go, said
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
 from mazeplan.run.navigate import navigate
-from mazeplan.run.specification import Job
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda g: g.aim(6), "goal: got 6, expected ring1 to ring5"),
-        (lambda g: g.aim("²"), "goal: got '²', expected ring1 to ring5"),
-        (lambda g: g.aim(3, closed=["1-2@45", "7-8@1"]), "opening: got '7-8@1', expected one of 1-2@45, "),
-        (lambda g: g.aim(3, closed="1-2@45"), "closed: got '1-2@45', expected a list of names"),
-        (lambda g: g.close("1-2"), "opening: got '1-2', expected one of "),
-        (lambda g: g.open(None), "opening: got None, expected one of "),
-    ],
-)
-def test_wrong_names_are_refused_in_the_call_and_change_nothing(call, message):
-    goals = Goals(MAZE)
-    with pytest.raises(SettingsError, match=message):
-        call(goals)
-    assert not goals.take(0.0)
-
-
-def test_goals_of_another_map_or_another_run_are_refused():
-    rig = PlanarRig(MAZE)
-    with pytest.raises(SettingsError, match="goals: made for the map lopsided, expected the one of the run, cme"):
-        navigate(map=MAZE, rig=rig, goals=Goals("lopsided"))
-    assert rig.commands == []
-    goals, inner = Goals(), []
-
-    def another():
-        with pytest.raises(SettingsError, match="goals: another run reads them"):
-            run_job(PlanarRig(MAZE), SETUP, Job(1, 2, 0.3), goals=goals)
-        inner.append(True)
-
-    result, _ = go({3: another}, goals=goals)
-    assert inner
-    assert result.success
-    assert go({}, goals=goals)[0].success  # afterwards they may be used again
 
 
 def test_threads_may_all_talk_at_once(tmp_path):

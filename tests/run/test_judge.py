@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from planar_rig import PlanarRig, known
 
@@ -73,13 +72,3 @@ def test_a_rigid_ball_on_a_rig_of_beads_loses_its_contact(judged):
     assert done.errors["learned"] > done.errors["contact"]
     assert done.dropped == ("contact",)
     assert done.model == GOOD
-
-
-def test_what_may_not_be_replaced_stays(judged):
-    broken = on_stage(dead_time=0.3)
-    assert judged(broken, parts=()).model == broken
-
-
-def test_too_short_a_log_judges_nothing(table):
-    done = judge(on_stage(dead_time=0.3), table, MAZE, np.arange(len(table)) > len(table) - 200)
-    assert (done.errors, done.dropped) == ({}, ())

@@ -9,10 +9,8 @@ import pytest
 
 from mazeplan import navigate
 from mazeplan.behavior.context import RunContext
-from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.campaign.evaluate import Campaign, evaluate
 
 MAZE = load_map("cme")
 STATUS = Path("/proc/self/status")
@@ -53,24 +51,6 @@ def test_a_rig_its_model_and_the_tree_die_when_the_run_has_ended(no_collector):
     assert born.left() == []
 
 
-def test_so_they_do_when_the_rig_fails(no_collector):
-    born = Born()
-
-    def breaking(rig):
-        def broken(u_beta, u_gamma):
-            raise RigError("the servo is off")
-
-        rig.command = broken
-        return rig
-
-    try:
-        navigate(1, 2, rig=born.rig(), time_limit=0.5, around=breaking, watch=born.watch)
-    except RigError as problem:
-        said = str(problem)
-    assert said == "the servo is off"
-    assert born.left() == []
-
-
 def test_a_closed_rig_lets_go_of_its_model(no_collector):
     rig = make_rig("toy", MAZE)
     rig.reset(ring=1, theta=0.3, rng=np.random.default_rng(0))
@@ -93,12 +73,3 @@ def test_memory_is_flat_over_sixty_runs():
         navigate(1 + seed % (rings - 1), seed=seed, time_limit=0.8)
         grown.append(resident_mb())
     assert max(grown[10:]) - grown[9] < 15.0
-
-
-@pytest.mark.skipif(not STATUS.exists(), reason="reads /proc")
-@pytest.mark.slow
-def test_memory_of_a_campaign_is_flat_after_the_tenth_run():
-    grown = []
-    evaluate(Campaign(runs=25, time_limit=0.4), progress=lambda finished: grown.append(resident_mb()))
-    assert len(grown) == 25
-    assert max(grown[10:]) - grown[9] < 5.0

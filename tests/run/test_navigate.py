@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
@@ -13,12 +11,10 @@ from planar_rig import PATIENT, PlanarRig, known
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import FailureKind
-from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.run.execution import run_job
 from mazeplan.run.navigate import navigate
-from mazeplan.run.resolve import resolve_model, ring_number
 from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
@@ -50,22 +46,6 @@ def test_between_rings(start, goal):
     assert len(result.rings) == abs(start - goal) + 1
     assert all(passage.opening for passage in result.rings[:-1])
     assert rig.levelled
-
-
-@pytest.mark.parametrize("horizon", [20, 60])
-def test_the_settings_say_how_long_a_plan_is(tmp_path, horizon):
-    settings = PATIENT.with_values({"travel": {"horizon": horizon}})
-    setup, log = Setup(MAZE, known(MAZE), rig_name="planar", settings=settings), tmp_path / "a.mcap"
-    assert run_job(PlanarRig(MAZE), setup, Job(3, 5, 0.3, 0, 20.0), log=log).success
-    assert {len(plan.controls) for plan in read_log(log).plans} == {horizon}
-
-
-def test_second_map_with_nothing_else_changed():
-    maze = load_map("lopsided")
-    for start, goal in ((1, 3), (3, 1)):
-        result, rig = go(start, goal, maze=maze)
-        assert result.success
-        assert rig.ring == goal
 
 
 def test_stuck_ball_is_shaken_free():
@@ -195,29 +175,6 @@ def test_interrupted_run_levels_the_plate_and_closes_the_log(tmp_path):
     assert log.result["reason"] == "interrupted"
 
 
-def test_python_api_closes_the_rig_and_takes_a_rig_or_a_name():
-    rig = PlanarRig(MAZE)
-    result = navigate("ring4", "ring5", map=MAZE, rig=rig, start_angle_deg=100.0)
-    assert result.success
-    assert rig.closed == 1
-    assert result.rig == "LightRig"
-
-
-def test_ring_names():
-    assert {ring_number(r, MAZE) for r in (3, "3", "ring3", "Ring 3")} == {3}
-    assert {ring_number(r, MAZE) for r in ("centre", "center", "Centre")} == {5}
-    for wrong in ("ring6", "0", "middle", -1):
-        with pytest.raises(InputError, match="ring1 to ring5"):
-            ring_number(wrong, MAZE)
-
-
-def test_models_are_found_in_order():
-    own = RigModel.nominal(MAZE)
-    assert resolve_model(own, "toy", MAZE) is own
-    assert resolve_model(None, "toy", MAZE).camera_delay > 0.05  # the packaged model of that rig
-    assert resolve_model(None, None, MAZE) == RigModel.nominal(MAZE)
-
-
 def faulty(maze, **settings):
     from mazeplan.rigs.sim.simulated import SimulatedRig
 
@@ -247,12 +204,6 @@ def test_faults_of_the_simulated_machine_are_recovered_from(faults, kind):
         assert kinds(result)
 
 
-def test_closed_openings_must_exist():
-    with pytest.raises(InputError, match="expected one of 1-2@45"):
-        navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["9-9@9"])
-    assert navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["1-2@45"], start_angle_deg=45.0).rings[0].opening != "1-2@45"
-
-
 def test_what_happened_at_openings_is_kept_for_the_next_run(tmp_path):
     path, names = tmp_path / "openings.yaml", [opening.name for opening in MAZE.openings]
     first = navigate(map=MAZE, rig=PlanarRig(MAZE), start_angle_deg=45.0, memory=path)
@@ -269,9 +220,3 @@ def test_what_happened_at_openings_is_kept_for_the_next_run(tmp_path):
     path.write_text("format: 1\nopenings: {nowhere: {failures: 1}}\n")
     with pytest.raises(InputError, match="nowhere: unknown key"):
         navigate(map=MAZE, rig=PlanarRig(MAZE), memory=path)
-
-
-def test_the_job_can_be_had_by_name_whatever_was_imported_before():
-    code = "import mazeplan.run.navigate, mazeplan.run.goals; from mazeplan import navigate; print(callable(navigate))"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout == "True\n"

@@ -35,13 +35,6 @@ def test_such_a_run_decides_the_same_in_a_replay(detour):
     assert found.plans > 50
 
 
-def test_seven_rings_end_in_the_seventh_without_being_told():
-    result = navigate(map="seven", rig="ideal", seed=9200)
-    assert result.success
-    assert result.rings[-1].ring == 7
-    assert result.time_s < 8.0
-
-
 def test_a_ball_in_a_dead_end_goes_back_out_and_around():
     result = navigate(start=2, map="detour", rig="ideal", seed=9200, start_angle_deg=320.0)
     assert result.success

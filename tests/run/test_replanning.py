@@ -19,7 +19,6 @@ from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 PACKAGED = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")
-FIRST = tuple(opening.name for opening in MAZE.openings_between(1, 2))
 
 
 class Recorded:
@@ -142,60 +141,6 @@ def test_the_opening_ahead_closed_from_outside(tmp_path):
     assert run.result.rings[0].opening == opening
 
 
-def test_an_opening_further_on_closed_from_outside(tmp_path):
-    plain = Recorded(tmp_path)
-    later = plain.events("route")[0]["openings"][2]
-    run = Recorded(tmp_path, act=at_tick(5, lambda goals: goals.close(later)))
-    assert run.result.success
-    assert run.kinds == ["route_changed"]
-    assert run.recoveries == ["replan"]
-    route, _, leaf = run.replanned("route_changed")
-    assert later not in route
-    assert leaf == "Track"
-    assert later not in [passage.opening for passage in run.result.rings]
-
-
-def test_an_opening_off_the_route_closed_from_outside_changes_nothing(tmp_path):
-    plain = Recorded(tmp_path)
-    run = Recorded(tmp_path, act=at_tick(5, lambda goals: goals.close("2-3@270")))
-    assert "2-3@270" not in plain.events("route")[0]["openings"]
-    assert run.events("closed") == [{"opening": "2-3@270"}]
-    assert run.rig.commands == plain.rig.commands
-
-
-def test_a_nearer_opening_opened_from_outside(tmp_path):
-    act = at_tick(3, lambda goals: goals.open("1-2@45"))
-    run = Recorded(tmp_path, closed=[name for name in FIRST if name != "1-2@225"], act=act)
-    assert run.events("opening")[0]["opening"] == "1-2@225"
-    assert run.result.success
-    assert run.kinds == ["route_changed"]
-    route, opening, _ = run.replanned("route_changed")
-    assert route[0] == opening == "1-2@45"
-    assert run.result.rings[0].opening == "1-2@45"
-
-
-def test_every_way_closed_from_outside_ends_the_run_at_once(tmp_path):
-    run = Recorded(tmp_path, act=at_tick(5, lambda goals: [goals.close(name) for name in FIRST]))
-    assert (run.result.success, run.result.reason) == (False, "no_route")
-    assert run.result.time_s == pytest.approx(5 / 30, abs=1e-6)
-    assert run.rig.levelled
-
-
-def test_openings_closed_from_outside_while_the_ball_is_lost(tmp_path):
-    """Heard during a recovery: the next route knows it."""
-
-    def hide(rig):
-        rig.hidden = rig.glued = 0.1 < rig.t < 1.5
-
-    closing = [opening.name for opening in MAZE.openings_between(1, 2)][:2]
-    run = Recorded(tmp_path, hide, act=at_tick(30, lambda goals: [goals.close(name) for name in closing]))
-    assert run.result.success
-    assert set(run.kinds) == {"ball_lost"}
-    chosen = [e.detail["opening"] for e in run.log.events if e.kind in ("opening", "passed") and e.t >= 1.0]
-    assert any(name.startswith("1-2") for name in chosen)
-    assert not set(chosen) & set(closing)
-
-
 # -- budgets ---------------------------------------------------------------------------------------------------------
 
 
@@ -261,33 +206,3 @@ def test_each_budget_of_a_kind_binds(tmp_path, mishap, old, new, recovery, times
     assert not run.result.success
     assert run.recoveries.count(recovery) == times
     assert len(run.result.failures) > times  # there were more, for which it was not used
-
-
-@pytest.mark.parametrize(("mishap", "kind"), [(glue, "stuck"), (throw_back, "fell_back")])
-@pytest.mark.parametrize("attempts", [1, 4])
-def test_the_budget_of_attempts_binds(tmp_path, mishap, kind, attempts):
-    tree = tree_with(tmp_path, ('num_attempts="20"', f'num_attempts="{attempts}"'))
-    run = Recorded(tmp_path, mishap, behavior=tree)
-    assert run.kinds == [kind] * attempts
-    assert (run.result.success, run.result.reason) == (False, kind)
-    assert run.rig.levelled
-
-
-def test_a_ball_that_is_gone_ends_the_run_when_its_budget_is_used_up(tmp_path):
-    tree = tree_with(tmp_path, ('kinds="ball_lost" at_most="8"', 'kinds="ball_lost" at_most="1"'))
-    run = Recorded(tmp_path, hide, behavior=tree)
-    assert run.result.reason == "ball_lost"
-    assert run.result.time_s < 7.0
-
-
-def test_edits_of_openings_come_out_of_the_budget_of_attempts_too(tmp_path):
-    """Somebody who opens and closes an opening at every tick does not keep the run from ending."""
-    run = Recorded(
-        tmp_path,
-        glue,
-        limit=19.0,
-        act=lambda rig, goals: (goals.close if len(rig.commands) % 2 else goals.open)("1-2@45"),
-    )
-    assert not run.result.success
-    assert len(run.result.failures) <= 20
-    assert set(run.kinds) <= {"opening_closed", "route_changed"}

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from planar_rig import PATIENT
 from replayed import MAZE, again, of, other_end, planar, rewritten, tick
 
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log_reader import read_messages
-from mazeplan.core.resources import share
-from mazeplan.maze.memory import OpeningMemory
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
-from mazeplan.run.settings import settings_from_text
 
 
 def test_a_run_on_the_toy_decides_again(recorded):
@@ -78,38 +74,6 @@ def test_runs_that_went_wrong_on_the_way_decide_again(tmp_path, mishap, limit, r
     assert outcome.reason == reason
 
 
-def test_a_log_from_before_that_tells_less_of_the_result_decides_again(tmp_path):
-    result = planar(tmp_path / "run.mcap", mishap=fall)
-    assert (result.start.ring, result.start.theta) == (3, 0.3)
-
-    def less(header, messages):
-        (told,) = [document for topic, document in messages if topic == "/result"]
-        assert told.pop("start") == {"ring": 3, "theta": 0.3}
-        for failure in told["failures"]:
-            assert failure.pop("x") is not None
-            del failure["y"], failure["where"]
-
-    assert again(rewritten(tmp_path / "run.mcap", less)).identical
-
-    def another(header, messages):
-        less(header, messages)
-        next(d for t, d in messages if t == "/result")["failures"][0]["kind"] = "stuck"
-
-    outcome = again(rewritten(tmp_path / "run.mcap", another))
-    assert (outcome.identical, outcome.difference.what) == (False, "result")
-
-
-def test_a_failure_tells_where_the_ball_was(tmp_path):
-    result = planar(tmp_path / "run.mcap", mishap=fall)
-    ticks = [d for t, d in read_messages(tmp_path / "run.mcap")[1] if t == "/tick"]
-    for failure in result.failures:
-        tick_then = min(ticks, key=lambda d: abs(d["t"] - failure.t))
-        assert failure.x == pytest.approx(tick_then["x"], abs=0.004)  # m
-        assert failure.y == pytest.approx(tick_then["y"], abs=0.004)
-    fallen = result.failures[0]
-    assert MAZE.ring_at((fallen.x**2 + fallen.y**2) ** 0.5) == 2  # where it was put
-
-
 @pytest.mark.parametrize(("error", "reason"), [(KeyboardInterrupt, "interrupted"), (RigError, "rig_failed")])
 def test_runs_that_were_ended_decide_again_up_to_there(tmp_path, error, reason):
     def end(rig):
@@ -128,36 +92,6 @@ def test_runs_that_were_ended_decide_again_up_to_there(tmp_path, error, reason):
         [d for t, d in messages if t == "/tick"][-1]["u_beta"] += 0.001
 
     assert not again(rewritten(path, other)).identical
-
-
-def test_what_is_remembered_of_openings_decides(tmp_path):
-    memory = OpeningMemory()
-    for _ in range(6):
-        memory.record("1-2@45", success=False, now=0.0)
-    path = tmp_path / "run.mcap"
-    planar(path, start=1, goal=2, theta=0.785, memory=memory)
-    assert again(path).identical
-    assert again(path).identical  # a replay leaves nothing behind
-
-    def forget(header, messages):
-        del header["replay"]["memory"]
-
-    outcome = again(rewritten(path, forget))
-    assert outcome.difference.what == "event"
-    assert outcome.difference.tick == 0
-
-
-def test_settings_decide_again(tmp_path):
-    path = tmp_path / "run.mcap"
-    planar(path, settings=PATIENT.with_values({"travel": {"lean_deg": 2.0}, "estimator": {"lost_after": 0.3}}))
-    assert again(path).identical
-    for values in ({"travel": {"lean_deg": 4.0}}, {"cost": {"theta": 2.0}}):
-
-        def change(header, messages, values=values):
-            kept = header["replay"]
-            kept["settings"] = settings_from_text(kept["settings"]).with_values(values).text()
-
-        assert not again(rewritten(path, change)).identical
 
 
 def test_closed_openings_seed_and_start_decide_again(tmp_path):
@@ -248,24 +182,6 @@ def test_everything_else_that_is_decided_is_compared(recorded, change, what, fie
         assert (difference.what, difference.fields) == (what, fields)
     if change is other_sight:
         assert difference.tick == 15
-
-
-def test_a_track_with_a_name_of_its_own_tells_where_the_plan_is(tmp_path):
-    tree = tmp_path / "named.xml"
-    text = (share("behaviors") / "navigate.xml").read_text()
-    tree.write_text(text.replace("<Track ", '<Track name="along the ring" '))
-    planar(tmp_path / "run.mcap", start=4, behavior=str(tree))
-    ticks = [document for topic, document in read_messages(tmp_path / "run.mcap")[1] if topic == "/tick"]
-    along = [document for document in ticks if document.get("leaf") == "along the ring"]
-    assert len(along) > 5
-    assert all(("planned_theta" in document) is (document in along) for document in ticks)
-    assert again(tmp_path / "run.mcap").identical
-
-    def less(header, messages):  # as earlier versions wrote it
-        for _, document in messages:
-            document.pop("planned_theta", None)
-
-    assert again(rewritten(tmp_path / "run.mcap", less)).identical
 
 
 def test_rounding_is_no_difference(recorded):

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-
 import pytest
 from replayed import MAZE, planar
 
-from mazeplan.core.errors import InputError, LogError, ModelError
+from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_attachment, read_messages
-from mazeplan.learning.modelfile import ATTACHED, RigModel, load_model, packed_model, save_model, unpacked_model
-from mazeplan.maze.mapfile import load_map
+from mazeplan.learning.modelfile import ATTACHED, load_model, packed_model, save_model, unpacked_model
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
 from mazeplan.run.resolve import resolve_model
@@ -55,51 +51,8 @@ def attach(path, data):
             log.write(topic, document.get("t", 0.0), document)
 
 
-def zipped(**files):
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, data in files.items():
-            packed.writestr(name.replace("_", "."), data)
-    return out.getvalue()
-
-
-OTHER = packed_model(RigModel.nominal(load_map("lopsided")))
-
-
-@pytest.mark.parametrize(
-    ("data", "said"),
-    [
-        (b"", "the model in it is no packed model"),
-        (b"x" * 100, "the model in it is no packed model"),
-        (OTHER[:-30], "the model in it is no packed model"),
-        (OTHER[:40] + b"?" + OTHER[41:], "the model in it is no packed model"),
-        (zipped(run_py="import os"), r"the model in it got a file 'run.py' in it"),
-        (zipped(**{"../x": "y"}), r"the model in it got a file '\.\./x' in it"),
-        (zipped(model_yaml="x" * (33 * 2**20)), "more than 32 MB"),
-        (zipped(model_yaml="a: 1"), "unknown key"),
-        (OTHER, "the model in the log is not that of the run, by its SHA-256"),
-    ],
-)  # fmt: skip
-def test_a_model_in_a_log_that_cannot_be_one_is_one_line(tmp_path, data, said):
-    path = tmp_path / "run.mcap"
-    planar(path)
-    attach(path, data)
-    with pytest.raises(LogError, match=said) as caught:
-        replay(path)
-    assert "\n" not in str(caught.value)
-
-
 def test_a_packed_model_is_the_same_and_the_same_bytes_each_time():
     model = load_model("toy")
     data = packed_model(model)
     assert data == packed_model(load_model("toy"))
     assert packed_model(unpacked_model(data)) == data
-
-
-def test_a_model_that_is_too_large_for_a_log_does_without(monkeypatch, tmp_path):
-    monkeypatch.setattr("mazeplan.learning.modelfile.LARGEST", 100)
-    with pytest.raises(ModelError, match="expected at most"):
-        packed_model(load_model("toy"))
-    path = tmp_path / "run.mcap"
-    assert navigate(4, 5, rig="ideal", model=load_model("toy"), log=path).success
-    assert read_attachment(path, ATTACHED) is None

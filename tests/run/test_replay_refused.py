@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 import textwrap
 
 import pytest
-from commands import call, plain
-from replayed import other_end, rewritten, tick
+from commands import call
+from replayed import rewritten, tick
 
-from mazeplan.core.errors import InputError, LogError, SettingsError
-from mazeplan.learning.modelfile import RigModel
-from mazeplan.maze.mapfile import load_map
+from mazeplan.core.errors import InputError, LogError
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
-from mazeplan.run.settings import Settings, load_settings, settings_from_text
 
 # -- what cannot be replayed ---------------------------------------------------------------------------------------
 
@@ -139,81 +135,3 @@ def test_files_that_are_no_whole_log_of_a_navigation(recorded, monkeypatch, caps
 
 
 # -- the command ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_command_tells_the_first_difference_with_both_sides(recorded, monkeypatch, capsys):
-    def change(header, messages):
-        tick(messages, 20).update(status="SUCCESS", leaf="Nobody", u_beta=0.1)
-        tick(messages, 25)["leaf"] = "Later"
-
-    other = rewritten(recorded[0], change)
-    code, out, err = call(monkeypatch, capsys, "log", "replay", other)
-    lines = out.splitlines()
-    assert code == 1
-    assert err == ""
-    assert lines[0].endswith("different at t = 0.667 s, tick 20, tick: status, leaf, u_beta")
-    assert "Later" not in out
-    code, out, _ = call(monkeypatch, capsys, "log", "replay", other, "--json")
-    document = json.loads(out)
-    assert code == 1
-    assert not document["identical"]
-    assert document["difference"]["tick"] == 20
-    assert document["difference"]["recorded"]["leaf"] == "Nobody"
-    assert document["difference"]["replayed"]["status"] == "RUNNING"
-    code, out, _ = call(monkeypatch, capsys, "log", "replay", rewritten(recorded[0], other_end), "--json")
-    assert code == 1
-    assert '"reason": "stuck"' in out
-    assert '"reason": "arrived"' in out
-
-
-@pytest.mark.slow
-def test_the_command_says_identical(recorded, monkeypatch, capsys):
-    code, out, err = call(monkeypatch, capsys, "log", "replay", recorded[0])
-    assert err == ""
-    assert code == 0
-    assert out.splitlines()[0].startswith(f"{recorded[0]}: identical: ")
-    assert "searches ended by the deadline" in out
-    code, out, err = call(monkeypatch, capsys, "log", "replay", recorded[0], "--json", terminal=True)
-    assert re.search(r"replaying .*100%", plain(err))
-    document = json.loads(out)
-    assert code == 0
-    assert document["identical"]
-    assert document["difference"] is None
-    code, out, _ = call(monkeypatch, capsys, "log", "info", recorded[0], "--json")
-    assert "replay" not in json.loads(out)["header"]  # long, and for the program only
-
-
-def test_another_version_is_named_beside_a_difference(recorded, monkeypatch, capsys):
-    def change(header, messages):
-        header["version"] = "0.0.1"
-        other_end(header, messages)
-
-    code, out, _ = call(monkeypatch, capsys, "log", "replay", rewritten(recorded[0], change))
-    assert code == 1
-    assert "recorded by another version of mazeplan, 0.0.1" in out
-
-
-def test_settings_are_told_to_the_last_bit():
-    settings = load_settings().with_values({"travel": {"lean_deg": 0.1 + 0.2, "deadline_ms": 1e6}})
-    assert settings_from_text(settings.text()) == settings
-    assert settings_from_text(settings.text()) != load_settings()
-    older = settings.text().replace('"horizon": 30, ', "")  # of a log of 0.1.0, when plans had 40 ticks
-    assert older != settings.text()
-    assert settings_from_text(older) == settings.with_values({"travel": {"horizon": 40}})
-    older = settings.text().replace('"substeps": 5, ', "")
-    assert settings_from_text(older) == settings.with_values({"rollout": {"substeps": 10}})
-    broken = settings.text().replace('"deadline_ms": 1000000.0', '"deadline_ms": -1.0')
-    with pytest.raises(SettingsError, match="deadline_ms"):
-        settings_from_text(broken)
-    for text in ("[]", "{}", '{"leaves": 1, "estimator": 2}', "x"):
-        with pytest.raises(ValueError):
-            settings_from_text(text)
-    assert isinstance(settings_from_text(Settings().text()), Settings)
-
-
-def test_nominal_physics_are_those_of_the_map(tmp_path):
-    lopsided = load_map("lopsided")
-    path = tmp_path / "run.mcap"
-    navigate(2, 3, map=lopsided, rig="ideal", model=RigModel.nominal(lopsided), log=path)
-    assert replay(path).identical

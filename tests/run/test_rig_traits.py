@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.core.errors import RigError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import FailureKind, Latency
 from mazeplan.learning.modelfile import load_model
@@ -63,24 +62,3 @@ def test_a_ball_that_is_unseen_for_too_long_ends_the_run_with_a_level_plate(tmp_
     assert result.failures[-1].kind is FailureKind.BALL_LOST
     assert "not seen for 1.0 s" in result.failures[-1].words
     assert replay(log, model=known(MAZE)).difference is None
-
-
-@pytest.mark.parametrize(("unseen_s", "back"), [(1.0, 40), (None, 90)])
-def test_a_ball_that_comes_back_in_time_does_not_end_the_run(unseen_s, back):
-    assert run_job(Told(unseen_s=unseen_s, hides=12, back=back), SETUP, Job(1, 5, 0.3)).success
-
-
-def test_what_happened_is_told_though_the_plate_cannot_be_levelled():
-    class Dead(Told):
-        def observe(self):
-            if self.k == 10:
-                raise RigError("the cable is out")
-            return super().observe()
-
-        def level(self):
-            raise RigError("no answer")
-
-    with pytest.raises(RigError, match=r"^the cable is out; then no answer$") as caught:
-        run_job(Dead(), SETUP, Job(1, 5, 0.3))
-    assert caught.value.result.reason == "rig_failed"
-    assert "the cable is out" in caught.value.result.failures[-1].words

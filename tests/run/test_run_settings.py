@@ -61,8 +61,3 @@ def test_a_file_says_only_what_it_wants_otherwise(tmp_path):
 def test_what_is_wrong_is_said_with_file_line_and_key(tmp_path, text, message):
     with pytest.raises(SettingsError, match=message):
         load_settings(written(tmp_path, text))
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(SettingsError, match=r"none\.yaml"):
-        load_settings(tmp_path / "none.yaml")

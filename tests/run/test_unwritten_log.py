@@ -9,8 +9,7 @@ import sys
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.btree.blame import blame, blame_no_node, blames_a_node
-from mazeplan.core.display import NullDisplay
+from mazeplan.btree.blame import blames_a_node
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_log
@@ -63,47 +62,6 @@ def test_a_full_disk_is_the_fault_of_the_log(tmp_path, full_from, topic):
     read = read_log(log)
     assert (read.complete, read.result) == (False, None)
     assert len(read.ticks["t"]) > 5  # what was written stays
-
-
-def test_a_page_that_breaks_off_is_no_leafs_fault_either(tmp_path):
-    class Broken(NullDisplay):
-        def event(self, t, text):
-            raise ValueError("no page")
-
-    def stick(rig):
-        rig.hidden = rig.t > 0.2  # which is told by a leaf, and to the display
-
-    with pytest.raises(ValueError, match=r"^no page$") as caught:
-        run_job(
-            PlanarRig(MAZE, mishap=stick), Setup(MAZE, known(MAZE), settings=PATIENT), Job(3, 5, 0.3),
-            log=tmp_path / "run.mcap", display=Broken(),
-        )  # fmt: skip
-    assert not hasattr(caught.value, "__notes__")
-    assert read_log(tmp_path / "run.mcap").result["reason"] == "crashed"
-
-
-def test_a_log_that_a_leaf_reads_is_the_leafs(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "reading_leaf.py").write_text(
-        "from mazeplan import MazeLeaf\nfrom mazeplan.core.logs.run_log_reader import read_log\n"
-        "class Reads(MazeLeaf):\n    def step(self):\n        read_log('none.mcap')\n"
-    )
-    (tmp_path / "tree.xml").write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><Reads/></BehaviorTree></root>')
-    setup = Setup(MAZE, known(MAZE), str(tmp_path / "tree.xml"), settings=PATIENT, behavior_modules=("reading_leaf",))
-    with pytest.raises(LogError, match="no such file") as caught:
-        run_job(PlanarRig(MAZE), setup, Job(3, 5, 0.3), log=tmp_path / "run.mcap")
-    assert "raised by the leaf" in caught.value.__notes__[0]
-    assert read_log(tmp_path / "run.mcap").result["reason"] == "leaf_failed"
-
-
-def test_only_what_comes_from_outside_is_marked():
-    with pytest.raises(OSError, match="full") as marked, blame_no_node():
-        raise OSError("full")
-    assert blame(marked.value, "tree.xml:3") is marked.value
-    assert not blames_a_node(marked.value)
-    with pytest.raises(OSError, match="full") as plain:
-        raise OSError("full")
-    assert blames_a_node(blame(plain.value, "tree.xml:3"))
 
 
 @pytest.mark.slow

@@ -6,11 +6,8 @@ import json
 
 import pytest
 from commands import call as run_command
-from planar_rig import PlanarRig
 
 import mazeplan
-from mazeplan.core.errors import InputError, RigError
-from mazeplan.maze.mapfile import load_map
 from mazeplan.run.replay import replay
 
 VIA = ("ring3", "ring2", "ring3")
@@ -44,58 +41,11 @@ def test_the_ball_visits_the_rings_in_order(seed):
     assert [(goal.ring, goal.t) for goal in result.goals] == [(3, 0.0), (2, 0.0), (3, 0.0), (5, 0.0)]
 
 
-def test_a_tree_of_ones_own_names_its_goals(tmp_path):
-    path = tmp_path / "mine.xml"
-    path.write_text(OWN)  # navigate.xml is a packaged tree: it does not lie beside this one
-    result = mazeplan.navigate("ring1", "ring5", behavior=str(path), seed=4, time_limit=30)
-    assert result.success, result.reason
-    assert rings_of(result) == [1, 2, 3, 2, 3, 4, 5]
-
-
 @pytest.mark.slow
 def test_a_run_by_way_of_rings_is_replayed(tmp_path):
     log = tmp_path / "run.mcap"
     assert mazeplan.navigate("ring1", "ring4", via=("ring3", "ring2"), seed=1, time_limit=30, log=log).success
     assert replay(log).identical
-
-
-def test_a_ring_that_the_map_lacks_is_refused():
-    with pytest.raises(InputError, match="ring9"):
-        mazeplan.navigate("ring1", "ring5", via=("ring9",))
-
-
-class Unmoved(PlanarRig):
-    """Fails where a run would begin."""
-
-    def __init__(self):
-        super().__init__(load_map("cme"))
-
-    def reset(self, **more):
-        raise AssertionError("the run began")
-
-    def observe(self):
-        raise AssertionError("the run began")
-
-    def command(self, u_beta, u_gamma):
-        raise AssertionError("the run began")
-
-
-def test_via_with_a_tree_that_reads_no_waypoints_is_refused_before_anything_moves(tmp_path):
-    path = tmp_path / "mine.xml"
-    path.write_text(OWN)
-    with pytest.raises(InputError, match=r"via: got ring3, ring2, but the tree .*mine.xml does not read {waypoints}"):
-        mazeplan.navigate(1, 5, rig=Unmoved(), behavior=str(path), via=(3, 2))
-    path.write_text(OWN.replace('<SubTree ID="Navigate" goal="{goal}"/>', '<WasEntryUpdated entry="{waypoints}"/>'))
-    with pytest.raises(RigError, match="the run began"):
-        mazeplan.navigate(1, 5, rig=Unmoved(), behavior=str(path), via=(3, 2))
-
-
-def test_mistakes_of_a_tree_end_a_run_before_anything_moves(tmp_path):
-    path = tmp_path / "mine.xml"
-    path.write_text(OWN.replace('goal="2"/>', 'gaol="2"/><InRing ring="{aim}"/>'))
-    with pytest.raises(InputError, match=r"goal is missing: inside, InRing reads {goal}") as found:
-        mazeplan.navigate(1, 5, rig=Unmoved(), behavior=str(path))
-    assert ["nothing sets {aim}" in str(other) for other in found.value.others] == [True]
 
 
 def test_the_command_tells_each_mistake_and_takes_rings_in_either_form(tmp_path, monkeypatch, capsys):

@@ -12,12 +12,11 @@ from chessboards import board_poses, draw_board
 from scenes import FOUND, MAZE, overlooking, usual
 
 from mazeplan.core.errors import InputError, SettingsError
-from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
 from mazeplan.rigs.camera.render import TRUE
-from mazeplan.rigs.camera.section import camera_section, load_background, mapping, save_background
+from mazeplan.rigs.camera.section import camera_section, mapping, save_background
 
 CORNERS, SQUARE = (9, 6), 0.02
 TRUE_LENS = LensCalibration(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)
@@ -52,10 +51,6 @@ def test_lens_and_pose_from_rendered_pictures():
     assert apart_mm(done.camera, beta=0.08, gamma=-0.08) < 0.4
 
 
-def test_the_packaged_camera_is_calibrated_and_not_true():
-    assert 0.01 < apart_mm(FOUND) < 0.2
-
-
 def test_a_board_that_lies_is_left_out_and_named():
     crooked = dict(boards())
     name = "board 3"
@@ -72,19 +67,6 @@ def test_a_board_that_lies_is_left_out_and_named():
     assert len(lens.left_out) == 1
     assert lens.left_out[0].startswith(name)
     assert lens.matrix[0, 0] == pytest.approx(1200.0, rel=0.01)
-
-
-def test_too_few_boards():
-    with pytest.raises(InputError, match="got 0 pictures with a whole board of 9 x 6"):
-        calibrate_lens(plates(2), CORNERS, SQUARE)
-    with pytest.raises(InputError, match="expected 640 x 480"):
-        calibrate_lens([*boards()[:2], ("small", np.zeros((240, 320, 3), np.uint8))], CORNERS, SQUARE)
-
-
-def test_no_maze_in_the_picture():
-    noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
-    with pytest.raises(InputError, match="expected at least two of"):
-        calibrate_plate(TRUE_LENS, [("noise.png", noise)], MAZE, corner_markers(MAZE))
 
 
 def test_markers_that_lie_elsewhere_are_noticed():
@@ -133,14 +115,3 @@ def test_the_section_says_all_and_comes_back(tmp_path):
 def test_sections_that_are_wrong_are_refused(change, said):
     with pytest.raises(SettingsError, match=said):
         camera_section({**mapping(FOUND, None), **change})
-
-
-def test_backgrounds_that_are_none(tmp_path):
-    (tmp_path / "b.png").write_bytes(b"no picture")
-    with pytest.raises(SettingsError, match="expected"):
-        load_background(tmp_path / "b.png", MAZE)
-    with pytest.raises(SettingsError, match="cannot be read"):
-        load_background(tmp_path / "nix.png", MAZE)
-    save_background(usual()[1].background, tmp_path / "c.png")
-    with pytest.raises(SettingsError, match="a background of map lopsided"):
-        load_background(tmp_path / "c.png", load_map("lopsided"))

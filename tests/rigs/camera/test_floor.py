@@ -66,13 +66,6 @@ def test_the_straightened_floor_does_not_depend_on_the_tilt():
             assert abs(float(straight[row, column, 1]) - green) < 1.2
 
 
-def test_pixels_and_metres_are_each_others_inverse():
-    places = np.array([[0.01, -0.02], [0.09, 0.03]])
-    assert FLOOR.metres(FLOOR.pixels(places)) == pytest.approx(places)
-    smaller = Floor(load_map("lopsided"))
-    assert smaller.side < FLOOR.side
-
-
 def test_radial_walls_are_solid():
     maze = load_map("detour")
     floor = Floor(maze)

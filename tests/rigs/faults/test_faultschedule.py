@@ -77,8 +77,3 @@ def test_mistakes_are_one_line_with_place(tmp_path, text, line, said):
     assert message.startswith(f"{path}:{line}: "), message
     assert said in message
     assert "\n" not in message
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(SettingsError, match="no such file"):
-        load_schedule(tmp_path / "none.yaml")

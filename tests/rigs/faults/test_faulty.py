@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.errors import RigError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
 from mazeplan.rigs.faults.kinds import KINDS
-from mazeplan.rigs.faults.schedule import Drawn, Entry, FaultTrial, every_kind
+from mazeplan.rigs.faults.schedule import Drawn, every_kind
 from mazeplan.rigs.interface import Rig
 
 MAZE = load_map("cme")
@@ -114,19 +114,6 @@ def test_what_arrives(name):
             assert got == (None if expected is None else pytest.approx(expected, abs=1e-6)), (k, field)
 
 
-@pytest.mark.parametrize("added", [False, True])
-def test_long_faults_stay_frozen_and_late(added):
-    late, frozen = drawn("frames_late", 9.0, until=20.0), drawn("tilt_frozen", until=20.0)
-    rig = outer(*(() if added else (late, frozen)))
-    if added:
-        for fault in (late, frozen):
-            rig.add(fault)
-    samples = [rig.observe() for _ in range(400)]
-    for k in (100, 200, 270, 280, 399):
-        assert samples[k].beta == TRUE(9).beta
-        assert samples[k].x == pytest.approx(TRUE(max(k - 270, 0)).x)
-
-
 @pytest.mark.parametrize(("name", "fields"), [("position_nan", ("x", "y")), ("tilt_nan", ("beta",))])
 def test_what_is_no_number(name, fields):
     samples = seen(drawn(name))
@@ -134,26 +121,6 @@ def test_what_is_no_number(name, fields):
     for sample in samples[10:20]:
         for field in ("t", "x", "y", "beta", "gamma"):
             assert math.isnan(getattr(sample, field)) == (field in fields)
-
-
-def test_faults_of_the_tilt_sensor_are_on_their_axes():
-    for axes, moved in (((0,), (True, False)), ((1,), (False, True)), ((0, 1), (True, True))):
-        sample = seen(drawn("tilt_frozen", axes=axes))[15]
-        assert (sample.beta != TRUE(15).beta, sample.gamma != TRUE(15).gamma) == moved
-
-
-@pytest.mark.parametrize("name", [kind.name for kind in KINDS.values() if math.isinf(kind.duration_s[0])])
-def test_faults_for_good_have_no_end(name):
-    (fault,) = FaultTrial("", (Entry(kind=name),)).draw(3)
-    assert fault.acts(1e9)
-    assert fault.to_json()["duration_s"] is None
-
-
-def test_flicker_is_a_share_of_pictures():
-    lost = [sample.x is None for sample in seen(drawn("frames_flicker", 0.6, until=300 * DT), n=310)]
-    assert not any(lost[:10])
-    assert not any(lost[300:])
-    assert 0.5 < np.mean(lost[10:300]) < 0.7
 
 
 def test_duplicated_and_out_of_order_samples_keep_their_time():
@@ -165,22 +132,6 @@ def test_duplicated_and_out_of_order_samples_keep_their_time():
     assert set(back[10:300]) == {0, 1, 2}
     assert not any(back[:10] + back[300:])
     assert sum(b.t < a.t for a, b in pairwise(mixed)) > 30
-
-
-def test_a_false_ball_stands_still_in_a_ring():
-    places = {(sample.x, sample.y) for sample in seen(drawn("false_ball"))[10:20]}
-    ((x, y),) = places
-    assert min(abs(math.hypot(x, y) - MAZE.track_radius(n)) for n in range(1, 5)) < 1e-9
-    others = {(s.x, s.y) for seed in range(6) for s in seen(drawn("false_ball", seed=seed))[10:11]}
-    assert len(others) == 6
-
-
-def test_spikes_are_few_and_of_their_size():
-    off = np.array(
-        [s.beta - TRUE(k).beta for k, s in enumerate(seen(drawn("tilt_spikes", 20.0, until=310 * DT), n=310))]
-    )
-    assert set(np.round(np.degrees(off), 6)) == {0.0, 20.0, -20.0}
-    assert 50 < np.count_nonzero(off) < 125
 
 
 def test_clocks():
@@ -216,16 +167,6 @@ def test_level_gets_through_and_nothing_comes_after_it(name):
     for _ in range(6):
         rig.observe()
     assert rig.inside.commands == before
-
-
-def test_commands_that_must_not_be_are_kept():
-    rig = outer()
-    rig.observe()
-    for command in ((0.05, -0.05), (math.nan, 0.0), (0.0, 0.2)):
-        rig.command(*command)
-    assert len(rig.beyond) == 2
-    assert math.isnan(rig.beyond[0][0])
-    assert rig.beyond[1] == (0.0, 0.2)
 
 
 def test_observe_raises_or_hangs():
@@ -275,11 +216,6 @@ def test_faults_of_the_machine_are_injected(name):
         )
 
 
-def test_a_rig_that_cannot_be_broken_is_refused():
-    with pytest.raises(SettingsError, match=r"ball_stuck: this rig has no `inject`"):
-        FaultyRig(Scripted(), MAZE, [drawn("ball_stuck")])
-
-
 def test_orders_close_the_next_opening():
     closed = []
     orders = DriverHooks(lambda: "2-3@180", closed.append)
@@ -301,14 +237,6 @@ def test_a_reset_begins_the_schedule_anew():
     assert rig.begun == []
     assert [rig.observe() for _ in range(30)] == first
     assert len(rig.begun) == 2
-
-
-def test_the_final_tilt_comes_from_the_rig():
-    rig = outer(drawn("tilt_nan", axes=(0, 1)))
-    for _ in range(15):
-        rig.observe()
-    # until the fault is over (sample 20) and a second more: samples 46 to 50, of which gamma is -k / 1000
-    assert rig.tilt_after(1.0) == pytest.approx(0.048, abs=1.1e-3)
 
 
 def test_every_kind_can_be_drawn_by_seed():

@@ -13,13 +13,11 @@ import pytest
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.detector import Background, BallDetector, DetectionOutcome, Sighting
-from mazeplan.rigs.camera.floor import floor_side
-from mazeplan.rigs.camera.render import TRUE
+from mazeplan.rigs.camera.detector import DetectionOutcome, Sighting
 from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack
-from mazeplan.rigs.hardware.parts import Parts, the_port
+from mazeplan.rigs.hardware.parts import Parts
 from mazeplan.rigs.hardware.rig import HardwareRig
 from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
 from mazeplan.rigs.interface import Rig
@@ -153,15 +151,6 @@ def test_commands_are_pulses_within_the_limits_of_servos_and_maze(table):
     assert len(parts.board.told) == 2
 
 
-def test_round_trips_are_counted(table):
-    rig, parts = table()
-    for _ in range(5):
-        rig.observe()
-        rig.command(0.0, 0.0)
-    rig.observe()
-    assert len(parts.trips) == 5
-
-
 def test_after_an_emergency_stop_nothing_moves_until_the_next_reset(table):
     rig, parts = table()
     rig.command(0.03, 0.0)
@@ -204,31 +193,6 @@ def test_a_silent_camera_or_board_fails_the_rig(table, monkeypatch):
         list(iter(rig.observe, None))
 
 
-def test_a_picture_of_another_size_fails_the_rig(table):
-    rig, parts = table()
-    side = floor_side(MAZE)
-    empty = Background(np.zeros((side, side, 3), np.uint8), np.full((side, side), 255, np.uint8))
-    parts.detector = BallDetector(MAZE, TRUE, empty, None)
-    with pytest.raises(
-        RigError, match=r"^camera fake: got a picture of shape \(4, 4, 3\), expected \(480, 640\) and 3"
-    ):
-        rig.observe()
-
-
-def test_a_camera_that_ends_or_breaks_says_so():
-    class Broken:
-        def read(self):
-            raise OSError(5, "no answer")
-
-        def close(self):
-            pass
-
-    pictures = NewestPicture(Broken, "front")
-    with pytest.raises(RigError, match=r"camera front: OSError: .*no answer"):
-        pictures.wait(-math.inf, time.monotonic() + 10.0)
-    pictures.close()
-
-
 def test_closing_levels_and_may_come_twice(table):
     rig, parts = table()
     rig.observe()
@@ -263,16 +227,3 @@ def test_closing_ends_a_reset_that_waits(table, monkeypatch):
             use()
     assert opened == []
     rig.level()
-
-
-def test_a_port_found_by_itself(monkeypatch):
-    found = ["/dev/ttyACM3"]
-    monkeypatch.setattr("mazeplan.rigs.hardware.parts.ports_found", lambda: found)
-    assert the_port("auto") == "/dev/ttyACM3"
-    assert the_port("/dev/ttyS0") == "/dev/ttyS0"
-    found.append("/dev/ttyUSB0")
-    with pytest.raises(RigError, match="found /dev/ttyACM3, /dev/ttyUSB0; name the board's"):
-        the_port("auto")
-    found.clear()
-    with pytest.raises(RigError, match="none found; plug the board in"):
-        the_port("auto")

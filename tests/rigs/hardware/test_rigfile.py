@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.resources import to_install
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.hardware.files import hardware_file, is_hardware
-from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
 
 MAZE = load_map("cme")
@@ -91,13 +85,6 @@ def test_mistakes_are_told_with_their_line(tmp_path, line, said):
     assert str(caught.value).startswith(f"{path}{said}")
 
 
-def test_the_limits_are_the_firmwares():
-    header = (Path(__file__).parents[3] / "tools" / "firmware" / "control.h").read_text()
-    told = {name: float(value) for name, value in re.findall(r"#define (HARD_\w+) (\d+)", header)}
-    assert (told["HARD_MIN"] / 10.0, told["HARD_MAX"] / 10.0) == HARD_US
-    assert told["HARD_SLEW"] == HARD_SLEW
-
-
 @pytest.mark.parametrize(
     ("servo", "missing"),
     [
@@ -114,46 +101,3 @@ def test_no_servo_moves_where_the_file_has_no_limits(tmp_path, monkeypatch, serv
     for reach in (lambda: rig.board, rig.ready, rig.observe):  # pyright: ignore[reportAttributeAccessIssue]
         with pytest.raises(SettingsError, match=f"rig.yaml:[1345]: {missing}: is missing: no servo moves without"):
             reach()
-
-
-def test_a_missing_class_is_named(tmp_path):
-    path = tmp_path / "rig.yaml"
-    path.write_text("port: /dev/ttyACM0\nservo: {}\n")
-    with pytest.raises(SettingsError) as caught:
-        make_rig(str(path), MAZE)
-    assert str(caught.value).startswith(
-        f"{path}:1: class: is missing; the file of a rig on a table begins with `class: "
-    )
-    with pytest.raises(SettingsError, match=r"rig.yaml: got rig .*"):
-        hardware_file(str(path))
-
-
-def test_a_missing_background_is_named_with_its_line(tmp_path):
-    path = tmp_path / "rig.yaml"
-    path.write_text(EMULATED.read_text())
-    rig = make_rig(str(path), MAZE)
-    line = next(i for i, row in enumerate(path.read_text().splitlines(), start=1) if "background" in row)
-    with pytest.raises(SettingsError) as caught:
-        rig.observe()
-    said = f"{path}:{line}: camera.background: {tmp_path}/emulated.png: background cannot be read: No such file"
-    assert str(caught.value).startswith(said)
-
-
-def test_the_template_names_the_missing_calibrations(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    rig = make_rig("hardware", MAZE)
-    with pytest.raises(SettingsError) as caught:
-        rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-    assert "first mazeplan calibrate tilt and mazeplan calibrate camera" in str(caught.value)
-    assert "\n" not in str(caught.value)
-    rig.close()
-
-
-@pytest.mark.slow
-def test_without_opencv_it_says_what_to_install(tmp_path):
-    script = "import sys; sys.modules['cv2'] = None; sys.argv[0] = 'mazeplan'; "
-    script += "import mazeplan.apps.cli; mazeplan.apps.cli.main()"
-    command = [sys.executable, "-c", script, "navigate", "--rig", "hardware"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 3
-    assert done.stderr == f"mazeplan: a rig on a table needs cv2: {to_install('hardware')}\n"

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import threading
 import time
 
 import numpy as np
 import pytest
-from fake_board import AXIS, LIMITS, FakeBoard, silent
+from fake_board import LIMITS, FakeBoard, silent
 
 from mazeplan.core.errors import RigError
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import encode
 from mazeplan.rigs.link.handshake import Timeouts
-from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
-from mazeplan.rigs.link.port import open_port
+from mazeplan.rigs.link.messages import Flag
 
 SHORT = Timeouts(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15)
 
@@ -61,24 +58,6 @@ def test_it_says_who_is_there_commands_and_levels():
     assert fake.got[-1].kind == "Z"  # closing levels
 
 
-def test_no_such_port():
-    assert "no such port; plug the board in" in refused("/dev/no-such-port")
-
-
-def test_a_file_is_no_port(tmp_path):
-    (tmp_path / "file").write_text("x")
-    assert "serial port" in refused(str(tmp_path / "file"))
-
-
-def test_a_port_that_another_program_uses():
-    with FakeBoard() as fake:
-        other = os.open(fake.port, os.O_RDWR | os.O_NOCTTY)
-        fcntl.flock(other, fcntl.LOCK_EX)
-        assert "another program uses it" in refused(fake.port)
-        os.close(other)
-        open_port(fake.port).close()
-
-
 def test_a_silent_port_and_one_that_speaks_otherwise():
     with FakeBoard(reports=False, I=silent) as fake:
         assert "does not answer" in refused(fake.port)
@@ -106,11 +85,6 @@ def test_limits_that_the_firmware_does_not_take_as_they_are():
     assert "allows 800 to 2200 us" in said
     with FakeBoard(L=silent) as fake:
         assert "no answer" in refused(fake.port)
-
-
-def test_a_board_without_reports():
-    with FakeBoard(reports=False) as fake:
-        assert "sends no reports" in refused(fake.port)
 
 
 def test_answers_that_were_lost_are_asked_for_again():
@@ -178,27 +152,3 @@ def test_a_board_that_began_anew_gets_its_limits_again():
         assert before is not None
         assert after is not None
         assert after.time_s > before.time_s
-
-
-def test_level_that_is_not_confirmed_is_said():
-    with FakeBoard(Z=silent) as fake:
-        board = Board(fake.port, LIMITS, SHORT)
-        board.open()
-        with pytest.raises(RigError, match="does not confirm that the plate is level"):
-            board.level()
-        board.close()
-
-
-def test_calls_before_open_and_twice():
-    with FakeBoard() as fake:
-        board = Board(fake.port, ServoLimits(AXIS, AxisLimits(1300, 1700, 1500, 100)), SHORT)
-        with pytest.raises(RigError, match="is not open"):
-            board.command(1500, 1500)
-        board.close()
-        board.open()
-        with pytest.raises(RigError, match="is open already"):
-            board.open()
-        board.close()
-        board.open()  # and again after close
-        assert board.connected
-        board.close()

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from simulation import MAZE, drive, rig
 
-from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.rigs.sim.settings import Fault
-from mazeplan.rigs.sim.simulated import SimulatedRig
 
 
 def test_a_ball_that_is_elsewhere_all_at_once():
@@ -75,20 +73,6 @@ def test_without_current_the_plate_goes_to_its_middle():
     assert true[-1, 5:] == pytest.approx([0.05, -0.05], abs=2e-3)
 
 
-def test_both_axes_can_be_dead():
-    assert servo(rig(theta=0.3), "dead_axis", axis="both") == pytest.approx([0.0, 0.0], abs=1e-3)
-
-
-def test_what_cannot_be_injected():
-    machine = rig(theta=0.3)
-    with pytest.raises(SettingsError, match=r"opening: got '9-9@1', expected one of 1-2@45"):
-        machine.inject(Fault(kind="blocked", opening="9-9@1", at_s=0.0))
-    with pytest.raises(SettingsError, match="ring: got 6, expected 1 to 5"):
-        machine.inject(Fault(kind="teleport", ring=6, at_s=0.0))
-    with pytest.raises(RigError, match="before reset"):
-        SimulatedRig(MAZE, {}).inject(Fault(kind="stuck", at_s=0.0))
-
-
 def test_a_stuck_ball_is_free_again():
     machine = rig(theta=0.0, faults=[{"kind": "stuck", "at_s": 0.2, "duration_s": 1.0}])
     _, true = drive(machine, 2.0, 0.0, -0.06)
@@ -117,14 +101,3 @@ def test_a_blocked_opening_opens_again():
     assert MAZE.ring_at(math.hypot(*true[-1, :2])) == 1
     _, true = drive(machine, 1.0, *tilt)
     assert MAZE.ring_at(math.hypot(*true[-1, :2])) == 2
-
-
-def test_faults_can_be_added_while_running():
-    machine = rig(theta=0.0, faults=[{"kind": "push", "at_s": 0.3, "speed_m_s": 0.2, "direction_deg": 90.0}])
-    _, true = drive(machine, 0.6)
-    assert abs(true[8, 1]) < 1e-3
-    assert true[-1, 1] > 0.02
-    machine = rig()
-    drive(machine, 0.2)
-    machine.inject(Fault(kind="blackout", at_s=0.0, duration_s=10.0))
-    assert machine.observe().x is None

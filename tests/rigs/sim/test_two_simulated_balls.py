@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.conformance import check_rig
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
+from mazeplan.rigs.sim.settings import Fault
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 CME = load_map("cme")
@@ -70,37 +68,6 @@ def test_each_goes_as_alone_while_they_do_not_touch():
     assert math.dist(seen[1], (TWO.track_radius(1) * math.cos(0.4 + math.pi), seen[1][1])) > 0.005  # it rolled
 
 
-def test_both_balls_have_the_same_noise():
-    rig = begun(TWO, SimulatedSettings(camera_noise_mm=0.5))
-    off = []
-    for _ in range(300):
-        sample, truth = rig.observe(), (rig.truth()[:2], rig.others()[0][:2])
-        off.append([(ball.x - x, ball.y - y) for ball, (x, y) in zip((sample, *sample.others), truth, strict=True)])
-    spread = np.std(np.array(off), axis=0)
-    np.testing.assert_allclose(spread, 5e-4, rtol=0.15)
-    assert abs(np.corrcoef(np.array(off)[:, 0, 0], np.array(off)[:, 1, 0])[0, 1]) < 0.2
-
-
-@pytest.mark.parametrize("setting", [{"warp_mm": 1.0}, {"drag_per_s": 0.5}, {"kerb_loss": 0.2}])
-def test_forces_on_one_ball_are_refused_with_two(setting):
-    with pytest.raises(SettingsError, match="balls: got 2, expected 1"):
-        SimulatedRig(TWO, SimulatedSettings(**setting))
-    SimulatedRig(CME, SimulatedSettings(**setting))
-
-
-class Alone(SimulatedRig):
-    """Says that it has two balls, and measures one."""
-
-    def observe(self):
-        return replace(super().observe(), others=())
-
-
-def test_the_conformance_check_asks_for_both_balls():
-    assert all(check.passed for check in check_rig(SimulatedRig(TWO, IDEAL), TWO))
-    found = [check.detail for check in check_rig(Alone(TWO, IDEAL), TWO) if not check.passed]
-    assert any("others: got 0 samples, expected 1 of a rig with balls = 2" in detail for detail in found)
-
-
 def places(rig, samples):
     """(samples, 2, 2) x, y of both balls, NaN where a ball is not seen; the plate is level."""
     out = []
@@ -138,12 +105,6 @@ def test_one_ball_is_glued_and_the_other_rolls():
         last = rig.observe()
     assert math.dist((first.x, first.y), (last.x, last.y)) > 0.02
     assert math.dist(*[(each.others[0].x, each.others[0].y) for each in (first, last)]) < 1e-3
-
-
-def test_a_fault_of_a_missing_ball_is_refused():
-    with pytest.raises(SettingsError, match=r"got 2, expected at most 1 on this map") as told:
-        begun(CME, replace_with(faults=(Fault(kind="push", at_s=0.0, ball=2),)))
-    assert told.value.key == "faults[0].ball"
 
 
 def replace_with(**settings):

@@ -13,9 +13,6 @@ from pages import ROOT
 from mazeplan import check_rig, navigate
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.faults.faulty import FaultyRig, unsupported_faults
-from mazeplan.rigs.faults.kinds import KINDS
-from mazeplan.rigs.faults.schedule import Drawn
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.settings import Fault
 
@@ -117,15 +114,6 @@ def test_a_level_plate_may_have_joints_off_zero(made):
     assert true[-1, 0] > 0.01
 
 
-def test_a_frame_below_the_floor_is_raised(made):
-    rig = placed(made("plate: low", "floor_mm: 3.0"), ring=3, theta=1.0)
-    x, y, z = driven(rig, 0.3)[-1, :3]
-    assert (math.hypot(x, y), z) == pytest.approx((MAZE.track_radius(3), MAZE.ball.radius), abs=2e-4)
-    low = placed(made("plate: low"), ring=3, theta=1.0)
-    assert low.truth()[2] == pytest.approx(MAZE.ball.radius, abs=1e-6)  # stuck in the floor
-    assert driven(low, 0.3)[-1, 2] > MAZE.ball.radius + 2e-3
-
-
 def test_state_of_the_ball_in_a_turning_plate(made):
     rig = placed(made("plate: low", "floor_mm: 3.0"), ring=2, theta=0.4)
     driven(rig, 0.15, 0.08, -0.06)
@@ -150,17 +138,6 @@ def test_faults_act_on_it(made):
     true = driven(rig, 0.1)
     assert math.hypot(*true[1, :2]) == pytest.approx(MAZE.track_radius(3), abs=1e-3)
     assert math.degrees(math.atan2(true[1, 1], true[1, 0])) == pytest.approx(100.0, abs=1.0)
-
-
-def test_an_opening_that_nothing_can_fill_is_refused(made):
-    rig = placed(made())
-    with pytest.raises(SettingsError, match="this model has no plugs"):
-        rig.inject(Fault(kind="blocked", at_s=0.0, opening="1-2@45"))
-    for name in ("gate_blocked", "gates_blocked"):
-        with pytest.raises(SettingsError, match=f"{name}: this rig cannot do that"):
-            FaultyRig(rig, MAZE, [Drawn(KINDS[name], 1.0, 2.0, 0.0, (0,), 3)])
-    assert unsupported_faults(rig) == {"gate_blocked", "gates_blocked"}
-    assert unsupported_faults(make_rig("toy", MAZE)) == set()
 
 
 def test_an_unstable_model_fails_the_rig(made, tmp_path, monkeypatch):

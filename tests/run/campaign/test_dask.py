@@ -98,14 +98,6 @@ def test_a_scheduler_without_workers_is_no_use(scheduler, monkeypatch):
         pass
 
 
-def test_where_nobody_listens_is_said_within_seconds(monkeypatch):
-    monkeypatch.setattr(daskcluster, "CONNECT_S", 0.5)
-    began = time.monotonic()
-    with pytest.raises(InputError, match="no scheduler answers there"), open_executor(dask="127.0.0.1:9"):
-        pass
-    assert time.monotonic() - began < 10.0
-
-
 @pytest.mark.slow
 def test_workers_that_would_compute_something_else_are_refused(site, monkeypatch):
     other = {**program(), "numpy": "1.0"}

@@ -5,13 +5,11 @@ import shutil
 import weakref
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from mazeplan.learning import fast_gp
 from mazeplan.learning.modelfile import PACKAGED
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.one_run import GC_INTERVAL, Campaign, job_of, run_one, setup_of
+from mazeplan.run.campaign.one_run import GC_INTERVAL, Campaign, run_one, setup_of
 from mazeplan.run.loop import Run
 
 MAZE = load_map("cme")
@@ -31,13 +29,6 @@ def test_a_model_is_read_once_and_again_when_it_was_edited(tmp_path):
     assert (first.rate_hz, setup_of(campaign, MAZE).model.rate_hz) == (30.0, 25.0)
 
 
-def test_what_a_planner_writes_into_its_packed_process_is_its_own():
-    process = setup_of(Campaign(1, "toy"), MAZE).model.processes[1]
-    mine, before = fast_gp.pack(process), fast_gp.pack(process)
-    mine[:] = np.nan
-    np.testing.assert_array_equal(fast_gp.pack(process), before)
-
-
 @pytest.mark.slow
 def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
     """The collector by itself would not come: it is switched off here."""
@@ -54,10 +45,3 @@ def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
         gc.enable()
     assert len(kept) == 2 * GC_INTERVAL
     assert sum(ref() is not None for ref in kept) < GC_INTERVAL
-
-
-def test_runs_differ_in_seed_and_start_only():
-    campaign = Campaign(3, "toy", seed=7)
-    jobs = [job_of(campaign, index, MAZE) for index in (0, 1)]
-    assert [job.seed for job in jobs] == [7, 8]
-    assert jobs[0].theta != jobs[1].theta

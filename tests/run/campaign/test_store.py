@@ -112,31 +112,6 @@ def test_a_line_that_a_killed_command_left_incomplete_is_made_again(tmp_path):
     assert list(runs_table(tmp_path)["index"]) == [0, 1]
 
 
-def test_one_command_at_a_time(tmp_path):
-    with open_store(tmp_path, LIGHT):
-        with pytest.raises(InputError, match=r"this campaign is under way in .* already"), open_store(tmp_path, LIGHT):
-            pass
-        with open_store(tmp_path, replace(LIGHT, seed=1)):
-            pass
-
-
-def test_a_damaged_file_is_named(tmp_path):
-    with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7)))
-    store.path.write_text("no runs\n")
-    for campaign in (LIGHT, replace(LIGHT, seed=8)):
-        with pytest.raises(InputError, match=store.path.name), open_store(tmp_path, campaign):
-            pass
-
-
-def test_a_file_of_a_newer_format_is_refused(tmp_path):
-    with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7)))
-    store.path.write_text(store.path.read_text().replace('"format": 1', '"format": 7'))
-    with pytest.raises(InputError, match="format"):
-        runs_table(tmp_path)
-
-
 def test_folders_that_cannot_be_a_store_are_refused(tmp_path):
     (tmp_path / "file").touch()
     for wrong in (tmp_path, tmp_path / "file", tmp_path / "file" / "below"):
