@@ -33,8 +33,6 @@ ALLOWED = {  # who may look at it, and for what
     "apps/cli/map.py": {"import time", "sleep"},  # how often a file is looked at
     "apps/cli/live.py": {"from time import monotonic"},  # how long nobody has looked
     "apps/cli/calibrate.py": {"from datetime import date", "today"},  # when a calibration was made
-    "apps/cli/calibrate_camera.py": {"from datetime import date", "today"},
-    "apps/cli/rig.py": {"from datetime import date", "today"},  # when latencies were measured
 }
 MACHINES = (
     "rigs/link/",

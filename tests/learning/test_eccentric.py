@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plant import play
 
-from mazeplan.apps.cli.compare import report
+from mazeplan.apps.cli.model import report
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.camera_center import Centre, find_centre, smoothing_of, straightened
 from mazeplan.learning.comparison import compare

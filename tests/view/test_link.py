@@ -9,8 +9,7 @@ from time import perf_counter, sleep
 import pytest
 from soon import soon
 
-from mazeplan.apps.view.link import MOST, WAITING, PageLink
-from mazeplan.apps.view.livetab import Offer
+from mazeplan.apps.view.link import MOST, WAITING, Offer, PageLink
 from mazeplan.apps.view.server import listen, port_of
 from mazeplan.maze.mapfile import dump_map, load_map
 

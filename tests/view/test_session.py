@@ -14,7 +14,7 @@ from soon import soon
 
 from mazeplan.apps.cli import live
 from mazeplan.apps.cli.live import READING, LiveSession, exit_status, navigate_live
-from mazeplan.apps.view.livetab import Offer, head_html
+from mazeplan.apps.view.link import Offer, head_html
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, StopRequested
 from mazeplan.core.records import NavigationResult

@@ -12,13 +12,10 @@ from typer.core import TyperCommand
 
 from mazeplan import __version__
 from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, policy, rig
-from mazeplan.apps.cli.collect import collect
-from mazeplan.apps.cli.compare import compare
 from mazeplan.apps.cli.diagnose import diagnose
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.evaluate import evaluate
-from mazeplan.apps.cli.improve import improve
-from mazeplan.apps.cli.learn import learn
+from mazeplan.apps.cli.learning import collect, improve, learn
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.option_checks import check_outputs
 from mazeplan.apps.cli.report import report
@@ -74,7 +71,19 @@ def options(version: Version = False) -> None:
     """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
 
 
-for command in (navigate, evaluate, collect, learn, model.score, compare, diagnose, improve, report, view, doctor):
+for command in (
+    navigate,
+    evaluate,
+    collect,
+    learn,
+    model.score,
+    model.compare,
+    diagnose,
+    improve,
+    report,
+    view,
+    doctor,
+):
     app.command()(command)
 for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])

@@ -66,8 +66,7 @@ class LiveSession:
         from mazeplan.apps.view.server import check_installed, listen, url_of
 
         check_installed()
-        from mazeplan.apps.view.link import PageLink
-        from mazeplan.apps.view.livetab import Offer
+        from mazeplan.apps.view.link import Offer, PageLink
 
         listening = listen(port)
         url = url_of(listening)

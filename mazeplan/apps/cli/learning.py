@@ -1,0 +1,166 @@
+"""`collect`, `learn` and `improve`: from a rig to a record, to a model, and round again."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import print_json, say
+
+if TYPE_CHECKING:
+    from mazeplan.run.collect import Collected
+
+
+def collect(
+    output: opt.CollectedLog,
+    rig: opt.RigName = "toy",
+    seconds: opt.Seconds = 300.0,
+    map_: opt.Map = "cme",
+    ring: opt.FirstRing = "ring1",
+    rings: opt.AllRings = False,
+    place: opt.Place = False,
+    model: opt.Model = None,
+    seed: opt.Seed = 0,
+    tilt: opt.Tilt = None,
+    highest_hz: opt.HighestHz = 1.5,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Excite a rig with 50 random sines per axis and write a log."""
+    from mazeplan.apps.cli.emergency import interrupt, stop_key
+    from mazeplan.apps.cli.navigate import note_missing_model
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.run.commands.collect import collect as record
+
+    if rings and not place:
+        note_missing_model(rig, model)
+    with _report_kept(output), ProgressBar("seconds", transient=False) as bar:
+        done = record(
+            output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed, tilt=tilt,
+            highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
+            advance=bar.advance,
+        )  # fmt: skip
+    if done.tour is not None:
+        report(done.tour)
+    if as_json:
+        print_json(done.document)
+    say(f"wrote {done.document['samples']} samples to {output}")
+
+
+@contextmanager
+def _report_kept(output: Path) -> Iterator[None]:
+    """On Ctrl-C, print the file that holds the samples so far."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if output.exists():
+            say(f"the samples so far are in {output}")
+        raise
+
+
+def report(tour: Collected) -> None:
+    """Print the time in each ring, the drives and the passed openings on stderr."""
+    say("time       " + ", ".join(f"ring {ring} {time:.0f} s" for ring, time in tour.ring_s.items()))
+    say(f"drives     {tour.drives}, {tour.failed} did not arrive; {tour.changes} changes of ring")
+    say("openings   " + ", ".join(f"{name} {count}" for name, count in tour.passed.items()))
+
+
+def learn(
+    logs: opt.Logs,
+    output: opt.OutputFolder,
+    kind: opt.Kind = "sp",
+    device: opt.Device = "cpu",
+    most: opt.LearnRows = 4000,
+    smoothing: opt.Smoothing = "rts",
+    seed: opt.Seed = 0,
+    rig: opt.DrivenRig = None,
+    map_: opt.MapOfLog = None,
+    columns: opt.Columns = None,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Fit the model of a rig, stage and ball, to its logs."""
+    from mazeplan.core.logs.table import check_there
+
+    for log in logs:  # checked before torch loads
+        check_there(log)
+    from mazeplan.apps.cli.model import model_lines
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.report.words import verdict_lines
+    from mazeplan.learning.fits import fits_words
+    from mazeplan.run.commands.learn import learn as fit
+
+    if device == "cuda":
+        say("--device cuda: all kinds train on the processor")
+    with ProgressBar("learning") as bar:
+        learned = fit(
+            logs, output, kind=kind, device=device, most=most, smoothing=smoothing, seed=seed, rig=rig, map=map_,
+            columns=columns or [], progress=bar.show, advance=bar.advance,
+        )  # fmt: skip
+    if as_json:
+        print_json(learned.document)
+        return
+    done, model = learned.learned, learned.model
+    lines = [*model_lines(model), f"fit: {fits_words(model)}", done.judgement.words()]
+    lines += [f"rigid ball: {done.why}"] if model.body is None and done.why else []
+    driven: dict[str, float] = model.scores.get("driven_s", {})
+    lines += [f"driven: {', '.join(f'{name} {time:.2f} s' for name, time in driven.items())}"] if driven else []
+    print("\n".join([*lines, f"wrote {learned.document['model']}", *verdict_lines(learned.document["score"])]))
+
+
+def improve(
+    rig: opt.RigName,
+    model: opt.KnownModel = None,
+    rounds: opt.Rounds = 1,
+    runs: opt.RoundRuns = 16,
+    seconds: opt.Seconds = 400.0,
+    reference: opt.Reference = None,
+    columns: opt.Columns = None,
+    effects: opt.EffectModule = None,
+    map_: opt.Map = "cme",
+    seed: opt.Seed = 0,
+    workers: opt.Processes = 1,
+    output: opt.ReportFolder = None,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Collect, diagnose, update the model, and navigate with the old and the new model.
+
+    Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
+    from mazeplan.apps.cli.navigate import note_missing_model
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.run.commands.improve import improve as run_rounds
+
+    note_missing_model(rig, model)
+    with ProgressBar("improving") as bar:
+        improved = run_rounds(
+            rig, model=model, rounds=rounds, runs=runs, seconds=seconds, reference=reference or [],
+            columns=columns or [], effects=effects, map=map_, seed=seed, workers=workers, output=output,
+            own_process=True, tell=bar.note, progress=bar.show, advance=bar.advance,
+        )  # fmt: skip
+    done = improved.rounds
+    if as_json:
+        print_json({"rounds": done})
+    else:
+        print("\n".join(round_lines(done)))
+    unknown = any(entry["diagnosis"]["verdict"] == "unknown_effect" for entry in done)
+    sys.exit(1 if unknown or done[-1]["navigation"]["after"]["success"] != runs else 0)
+
+
+def round_lines(rounds: list[dict[str, Any]]) -> list[str]:
+    """Lines for each round: the diagnosis, the navigations before and after, and the model."""
+    lines = []
+    for number, entry in enumerate(rounds, start=1):
+        lines.append(f"round {number}: {entry['diagnosis']['sentence']}")
+        for when, n in entry["navigation"].items():
+            mean = n["time_s"]["mean"]
+            lines.append(
+                f"  {when:7s} {n['success']} of {n['runs']} arrived" + (f", mean {mean:.2f} s" if mean else "")
+            )
+        if entry["diagnosis"]["model"]:
+            lines.append(f"  model   {entry['diagnosis']['model']}")
+    return lines
