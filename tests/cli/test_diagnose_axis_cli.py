@@ -53,5 +53,5 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     assert (document["unknown"], document["system"]) == (None, "emps")
     assert json.loads((tmp_path / "report" / "report.json").read_text()) == document
     page = alone(tmp_path / "report" / "report.html")
-    assert "The model lacks viscous asymmetry. Relative force error ||e|| / ||y||: " in page
+    assert "The model lacks viscous asymmetry" in page
     assert "theta" not in page

@@ -147,7 +147,7 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     assert model.ball(1).parameter("dry_friction", "coefficient", 0.0) == pytest.approx(found["value"], rel=1e-4)
     assert model.ball(1).parameter("viscous_friction", "coefficient", 0.0) == 0.35
     page = alone(tmp_path / "report" / "report.html")
-    for words in ("The model lacks dry friction.", measured(found["value"], found["stderr"], "rad/s^2")):
+    for words in ("The model lacks dry friction", measured(found["value"], found["stderr"], "rad/s^2")):
         assert words in page
     assert "dry_friction<wbr>.coefficient" in page  # where a name may be broken
 

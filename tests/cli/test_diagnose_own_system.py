@@ -84,7 +84,7 @@ def test_the_paddle_is_found_and_the_report_stands_alone(call, words, desk):
     assert document["system"].endswith(":Pendulum")
     assert json.loads((desk / "report" / "report.json").read_text()) == document
     page = alone(desk / "report" / "report.html")
-    assert "The model lacks quadratic drag. " in page
+    assert "The model lacks quadratic drag" in page
     assert "angle of the ball" not in page
 
 
