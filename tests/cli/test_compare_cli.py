@@ -6,7 +6,6 @@ import json
 import math
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,17 +112,3 @@ def test_a_long_record_has_intervals_and_a_verdict(compare):
     assert float(said[2]) == pytest.approx(math.degrees(best["less"]), abs=0.02)
     assert best["interval"][0] <= best["less"] <= best["interval"][1]
     assert "samples, degrees" in out
-
-
-@pytest.mark.slow
-def test_the_test_log_is_scored(compare):
-    rows = Path("one.csv").read_text().splitlines(keepends=True)
-    Path("shorter.csv").write_text("".join(rows[:-1]))
-    good, bad = (
-        compare("one.csv", "--test", f"{test}.csv", *QUICK, "--json")[0]["ring2"] for test in ("shorter", "rubbish")
-    )
-    assert good["n_test"] > 850
-    assert good["nrmse_train"] == bad["nrmse_train"]
-    for kind in ("np", "sp"):
-        assert good["nrmse_test"][kind] < 0.5
-        assert bad["nrmse_test"][kind] > 0.9

@@ -88,15 +88,6 @@ def test_the_paddle_is_found_and_the_report_stands_alone(call, words, desk):
     assert "angle of the ball" not in page
 
 
-def test_a_declared_effect_is_fitted(call, words, desk):
-    (desk / "further.csv").write_text((desk / "pendulum.csv").read_text().rstrip().rpartition("\n")[0])
-    given = ("--declare", "quadratic_drag", "--declare", "motion.mass=0.25", "--test", "further.csv")
-    code, out, err = call(*words(*given))
-    assert (code, err) == (0, "")
-    assert out.startswith("Nothing is missing: ")
-    assert " rad off." in out.splitlines()[0]
-
-
 def test_your_own_effects_may_use_inputs(call, words, desk):
     (desk / "more_pendulum.py").write_text(
         "from mazeplan.physics import Effect, Parameter\n"

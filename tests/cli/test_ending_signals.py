@@ -115,20 +115,3 @@ def test_a_key_ends_the_run_also_if_the_rig_does_not_stop(monkeypatch, capsys, w
     assert said in capsys.readouterr().err
     os.close(master)
     os.close(slave)
-
-
-def test_a_rig_without_stop_and_a_program_without_a_terminal_listen_to_no_key(tmp_path):
-    class Stoppable:
-        def stop(self):
-            raise AssertionError
-
-    master, slave = pty.openpty()  # the terminal of another program
-    before = termios.tcgetattr(slave)
-    none, other = str(tmp_path / "none"), os.ttyname(slave)
-    for rig, terminal in ((object(), other), (Stoppable(), none), (Stoppable(), other)):
-        with stop_key(rig, lambda: None, terminal=terminal) as listens:
-            assert not listens
-            os.write(master, b"x\n")
-            assert termios.tcgetattr(slave) == before
-    os.close(master)
-    os.close(slave)

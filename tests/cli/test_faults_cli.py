@@ -20,18 +20,6 @@ def few(tmp_path):
     return path
 
 
-def test_the_table(call, few):
-    code, out, _ = call(*EVALUATE, "--faults", few, "--runs", "1")
-    assert code == 0
-    head, closed, cable = out.splitlines()
-    assert head.split()[:4] == ["fault", "arrived", "noticed", "after"]
-    assert closed.split()[:3] == ["opening_closed", "1/1", "1/1"]
-    assert "replan" in closed
-    assert cable.startswith("cable out ")
-    assert "0/1" in cable
-    assert "rig_failed 1; cannot be survived: the rig itself says that it failed" in cable
-
-
 @pytest.mark.slow
 def test_the_document_has_the_keys_of_evaluate_and_the_faults(call, few):
     code, out, _ = call(*EVALUATE, "--faults", few, "--runs", "2", "--seed", "9", "--json")

@@ -7,12 +7,8 @@ import os
 import subprocess
 import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
-
-import mazeplan.apps.cli
-from mazeplan.apps.cli import keep_compiled
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 SHORT = ["navigate", "--rig", "ideal", "--from", "ring4"]
@@ -67,40 +63,3 @@ def test_help_and_version(call):
     assert code == 0
     assert "navigate" in out
     assert call("--version") == (0, f"mazeplan {version('mazeplan')}\n", "")
-
-
-INTERRUPTED = """
-import sys
-
-class Interrupted:
-    def find_spec(self, name, path=None, target=None):
-        if name == "typer":
-            raise KeyboardInterrupt
-
-sys.meta_path.insert(0, Interrupted())
-from mazeplan.__main__ import main
-main()
-"""
-
-
-def test_ctrl_c_while_the_program_loads_is_one_line():
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "mazeplan: interrupted\n")
-
-
-@pytest.mark.parametrize("writable", ["package", "cache", "nothing", "given"])
-def test_compiled_code_is_kept_in_the_usual_places_else_in_a_temporary_folder(monkeypatch, capsys, writable):
-    package = Path(mazeplan.apps.cli.__file__).parent
-    access = {"package": lambda place: Path(place) == package, "cache": lambda place: Path(place) != package}
-    monkeypatch.setattr(os, "access", lambda place, mode: access.get(writable, lambda place: False)(place))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/mine")
-    if writable != "given":
-        monkeypatch.delenv("NUMBA_CACHE_DIR")
-    keep_compiled()
-    found = os.environ.get("NUMBA_CACHE_DIR")
-    if writable == "nothing":
-        assert Path(str(found)).is_dir()
-        assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
-        Path(str(found)).rmdir()
-    else:
-        assert found == ("/mine" if writable == "given" else None)

@@ -54,17 +54,3 @@ def test_the_written_rig_passes_its_test_and_arrives(new, call, tmp_path, monkey
     code, out, err = call("navigate", "--from", "ring4", "--rig", "my_table.yaml", "--json")
     assert code == 0, err
     assert '"rig": "my_table"' in out
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "packaged"),
-    [
-        ("map", (), "maps/cme.yaml"), ("map", ("detour",), "maps/detour.yaml"),
-        ("tree", (), "behaviors/navigate.xml"), ("tree", ("waypoints",), "behaviors/waypoints.xml"),
-    ],
-)  # fmt: skip
-def test_a_copy_of_a_packaged_map_or_tree_may_be_changed(call, tmp_path, kind, name, packaged):
-    file = tmp_path / f"mine.{packaged.rpartition('.')[2]}"
-    code, out, err = call("new", kind, *name, "-o", file)
-    assert (code, out) == (0, ""), err
-    assert file.read_bytes() == (ROOT / packaged).read_bytes()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
 import subprocess
 import sys
 import typing
@@ -18,7 +17,6 @@ from typer.main import get_command
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
 from mazeplan.control.policy_file import save_policy
-from mazeplan.core.whole_file import whole_file
 
 MINE = b"mine\n"
 RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n"
@@ -127,21 +125,6 @@ def test_an_output_is_never_another_file_of_the_command(refused, line):
 
 
 # -- whole files ----------------------------------------------------------------------------------------------------
-
-
-def test_a_failure_leaves_the_old_file_and_nothing_else():
-    path, _ = there("a.txt")
-    before = sorted(os.listdir())
-
-    def interrupted():
-        with whole_file(path) as beside:
-            beside.write_text("half")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert path.read_bytes() == MINE
-    assert sorted(os.listdir()) == before
 
 
 def test_stdout_may_be_a_pipe():

@@ -35,14 +35,6 @@ class Base(MazeLeaf):
     """Has no step: to be derived from."""
 '''
 )
-RAISES = (
-    IMPORT
-    + """
-class Raises(MazeLeaf):
-    def step(self):
-        return {}["nothing"] if self.context.now > 0.1 else Status.RUNNING
-"""
-)
 MODULE = ("--behavior-module", "mine")
 OWN = ("--rig", "ideal", "--behavior", "tree.xml", *MODULE)
 
@@ -95,28 +87,3 @@ def test_a_run_uses_it(call, place, words):
         assert result["time_s"] == pytest.approx(2 / 30, abs=1e-3)  # two samples after the first
     if "--log" in words:
         assert read_log(place / "run.mcap").header["behavior_modules"] == ["mine"]
-
-
-EXITS = RAISES.replace("return {}", "return __import__('sys').exit(0) if True else {}")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("source", "words", "message"),
-    [
-        (RAISES, "navigate", "KeyError: 'nothing', raised by the leaf at "),
-        (RAISES, "evaluate --runs 2", "KeyError: 'nothing', raised by the leaf at "),
-        (EXITS, "navigate", "RuntimeError: sys.exit(0) in a leaf, which ends no run, raised by the leaf at "),
-        (EXITS, "evaluate --runs 2 --workers 2", "RuntimeError: sys.exit(0) in a leaf, which ends no run, raised by"),
-    ],
-)
-def test_a_leaf_that_raises_or_exits_is_one_line_with_the_place_in_its_code(call, place, source, words, message):
-    (place / "mine.py").write_text(source)
-    tree(place, "<Raises/>")
-    code, out, err = call(*words.split(), *OWN)
-    assert (code, out) == (2, "")
-    assert "Traceback" not in err
-    last = err.splitlines()[-1]
-    assert last.startswith(f"mazeplan: {message}")
-    assert "tree.xml:2: Main/Raises (" in last
-    assert last.endswith("(mine.py:5)")

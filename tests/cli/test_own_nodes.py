@@ -9,9 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from mazeplan.apps.testing import run_tree
-from mazeplan.core.logs.run_log import read_log
-
 ROOT = Path(__file__).resolve().parents[2]
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n{}\n</BehaviorTree></root>'
 MODULE = ("--behavior-module", "nodes")
@@ -53,23 +50,3 @@ def test_they_are_checked_shown_listed_and_in_the_palette(call, refused, place):
     assert "InTurn: got 1 children, expected at least 2" in refused("behavior", "check", "tree.xml", *MODULE)
     (place / "tree.xml").write_text(TREE.format('<Action ID="InTurn"/>'))
     assert 'expected <Control ID="InTurn">' in refused("behavior", "check", "tree.xml", *MODULE)
-
-
-def test_a_run_uses_them(call, place):
-    count = '<Script code="{}"/>'
-    in_turn = f"<InTurn>{count.format('first += 1')}{count.format('second += 1')}</InTurn>"
-    body = f"""<Sequence>
-      <Script code="first := 0; second := 0; pace := BRISK"/>
-      <Repeat num_cycles="5">{in_turn}</Repeat>
-      <ScriptCondition code="first == 3 and second == 2 and pace == 2"/>
-      <Switch2 variable="2" case_1="CALM" case_2="BRISK"><AlwaysFailure/><AlwaysSuccess/><AlwaysFailure/></Switch2>
-      <AlwaysFailure _skipIf="pace == BRISK"/>
-      <Inverter><Repeat num_cycles="3"><AtMost entries="2"><Script code="entered := 1"/></AtMost></Repeat></Inverter>
-      <Script name="done" code="done := 1"/>
-    </Sequence>""".replace(" and ", " &amp;&amp; ")
-    (place / "tree.xml").write_text(TREE.format(body))
-    assert call("behavior", "check", "tree.xml", *MODULE)[0] == 0
-    run = run_tree("tree.xml", behavior_modules=["nodes"], time_limit=2.0, log="run.mcap")
-    assert run.statuses("done") == ["SUCCESS"]
-    assert run.statuses("AtMost")[-3:] == ["SUCCESS", "SUCCESS", "FAILURE"]
-    assert read_log(place / "run.mcap").header["behavior_modules"] == ["nodes"]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
-import os
-import pty
 import re
 import subprocess
 import sys
-import threading
 
 import pytest
 from commands import plain
@@ -97,44 +93,6 @@ def test_a_bar_shows_step_and_share_on_a_terminal_only(work, pattern):
     assert re.search(pattern, plain(terminal.getvalue()))
     work(elsewhere)
     assert elsewhere.getvalue() == ""
-
-
-def on_terminal(script):
-    """What a script prints, and what it draws on the terminal that its stderr is."""
-    keyboard, screen = pty.openpty()
-    drawn: list[bytes] = []
-
-    def read() -> None:
-        with contextlib.suppress(OSError):  # Linux ends a terminal so
-            while part := os.read(keyboard, 4096):
-                drawn.append(part)
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=screen, text=True, check=True)
-    os.close(screen)
-    reader.join()
-    os.close(keyboard)
-    return done.stdout, b"".join(drawn).decode()
-
-
-SCRIPT = """
-from mazeplan.apps.cli.progress import NavigationProgress, ProgressBar, campaign_progress
-with NavigationProgress() as progress:
-    progress.ring_entered(1, 0.0)
-    print("on stdout")
-with campaign_progress(1) as advance:
-    advance(1)
-with ProgressBar("searching") as bar:
-    bar.show("here")
-"""
-
-
-def test_on_a_real_terminal_stdout_stays_clean():
-    out, drawn = on_terminal(SCRIPT)
-    assert out == "on stdout\n"
-    for words in ("ring 1", "100%", r"searching .*here"):
-        assert re.search(words, plain(drawn))
 
 
 def test_rich_and_numpy_are_imported_only_when_used():

@@ -87,20 +87,3 @@ def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_
 
 def _hasty(real):
     return lambda self, **more: real(self, **{"answer_s": 0.6, "listen_s": 0.2} | more)
-
-
-def test_a_board_that_falls_silent_later_is_status_3(check, monkeypatch):
-    """The walk ends there, and keeps its results so far."""
-    monkeypatch.setattr(handshake.Timeouts, "__init__", _hasty(handshake.Timeouts.__init__))
-    with Moving() as board:
-
-        def firmware(self):
-            board.unplug()
-            return "ok"
-
-        monkeypatch.setattr(hardware_check.HardwareCheck, "_firmware", firmware)
-        status, rows, _, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
-    assert status == 3
-    assert rows[-1] == ["FAILED", "beta", "servo"]
-    assert "Traceback" not in err
-    assert board.port in err.splitlines()[-1]

@@ -12,7 +12,7 @@ from planar_rig import PlanarRig
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.identification import fit_rig
-from mazeplan.learning.model_score import RingError, ring_errors, score_document, whole
+from mazeplan.learning.model_score import ring_errors
 from mazeplan.learning.modelfile import save_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.collect import Collection, run_collection
@@ -69,25 +69,3 @@ def test_score_prints_the_errors_and_the_verdict(call, log, fitted, tmp_path):
     assert document["error"] < 0.5 * document["persistence"]
     assert f"{document['error']:.3f} rad" in because
     assert document["because"].endswith("; the log says nothing of ring 4")
-
-
-def errors(error, persistence=1.0, noise=0.01, windows=10):
-    return RingError(windows, 4 / 3, error, persistence, noise)
-
-
-def test_rings_count_by_their_windows_and_a_weak_one_is_named():
-    rings = {1: errors(0.1, windows=30), 2: errors(0.7, windows=10)}
-    assert whole(rings).error == pytest.approx(0.25)
-    document = score_document(rings, "m", "l.mcap")
-    assert document["verdict"] == "good"
-    assert document["advice"][0] == "ring 2 alone is poor: 0.700 rad"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_reference")
-def test_learn_judges_its_model(call, log, tmp_path):
-    code, out, _ = call("learn", "--kind", "pi", log, "-o", tmp_path / "model", "--json")
-    document = json.loads(out)
-    assert code == 0
-    assert document["verdict"] == document["score"]["verdict"] in ("good", "fair")
-    assert document["advice"][-1].endswith(f"mazeplan score {tmp_path / 'model'} NEW.mcap")

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.environment.judging import HOLD, LOST, Judge, Potential, expected_times
-from mazeplan.apps.environment.senses import HIGH, LOW, NAMES, RATE, Senses
+from mazeplan.apps.environment.judging import HOLD, LOST, Judge, Potential
+from mazeplan.apps.environment.senses import NAMES, RATE, Senses
 from mazeplan.apps.environment.task import Task
 from mazeplan.control.estimation.rim_watch import SAMPLES
 from mazeplan.core.records import Observation
-from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
@@ -74,15 +73,6 @@ def test_an_unseen_ball_keeps_its_place_and_speed():
     assert named(senses)["tangential_speed"] == pytest.approx(0.12, abs=0.02)
 
 
-def test_nothing_leaves_the_bounds():
-    senses, _ = begun()
-    for t, x in ((1.0, 1.0), (1.0, -1.0), (1.0, 1.0), (9.0, 0.0)):  # with a clock that stood still
-        senses.take(sample(t, x, x, 3.0 * x, x), STILL)
-        state = senses.state()
-        assert state.dtype == np.float32
-        assert np.all((state >= LOW) & (state <= HIGH))
-
-
 def test_arrival_is_a_hold_inside_the_goal():
     needed = round(30 * HOLD) + 1
     here, gone, beside = (0.0, 0.001), (math.nan, math.nan), (0.0, 0.018)
@@ -123,15 +113,3 @@ def test_the_dense_reward_is_the_sparse_one_and_a_potential():
         factors = 0.97 ** np.arange(last + 1)
         shaped = sum(f * (d.reward - s.reward) for f, d, s in zip(factors, dense, sparse, strict=False))
         assert shaped == pytest.approx(-start, abs=1e-12)
-
-
-def test_the_potential_is_the_expected_time_of_the_fastest_route():
-    times, graph, potential = expected_times(MAZE, 5), RouteGraph(MAZE), Potential(Task(), MAZE)
-    angle = -math.pi + math.tau * 30 / 120
-    route = graph.route(3, 5, angle)
-    assert route is not None
-    assert potential.at(3, angle) == pytest.approx(1.0 - route.expected_s / times.max())
-    assert np.all(times[4] == 0.0)
-    gates = [next(o for o in MAZE.openings if o.outer == ring) for ring in (1, 2, 3, 4)]
-    angles = [math.remainder(gate.angle, math.tau) for gate in gates]  # towards the goal it grows, ring by ring
-    assert np.all(np.diff([potential.at(gate.outer, a) for gate, a in zip(gates, angles, strict=True)]) > 0.0)

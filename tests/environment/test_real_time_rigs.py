@@ -66,15 +66,6 @@ def played():
 
 
 @pytest.mark.realtime
-def test_after_a_reset_the_first_step_may_take_its_time(played):
-    env, rig = played()
-    time.sleep(PAUSE_S)
-    env.step(STILL)
-    assert rig.told == ["reset", "level", "command"]
-    assert rig.reason is None
-
-
-@pytest.mark.realtime
 def test_a_pause_within_an_episode_levels_the_plate(played):
     env, rig = played()
     env.step(STILL)

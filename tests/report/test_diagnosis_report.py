@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from report_documents import diagnosis, evidence, kept
 
 from mazeplan.apps.report.diagnosis import diagnosis_section
@@ -73,26 +70,3 @@ def test_without_evidence_it_is_said_where_to_get_it():
     done = section()
     assert not kept(done.parts, PagePicture)
     assert any(part.code == "mazeplan diagnose LOG -o FOLDER" for part in kept(done.parts, Note))
-
-
-def test_no_name_of_the_program_stands_in_what_people_read():
-    """But for the column of names: in tables, notes, and in what is written into pictures."""
-    shown = evidence()
-    shown["notes"] = ["the new model lacks outer_gates: a model file has no place for it"]
-    shown["axes"] = ["theta, rad", "theta_dot, rad/s"]
-    done = section(shown)
-    told = [done.title, done.lead, *(value for fact in done.facts for value in fact)]
-    for part in done.parts:
-        if isinstance(part, PageTable):
-            told += [part.caption, *part.head]
-            told += [cell for row in part.rows for i, cell in enumerate(row) if i not in part.code]
-        elif isinstance(part, Note):
-            told.append(part.text)
-        else:
-            figure = Figure(part.size)
-            part.draw(figure)
-            told += [part.title, part.alt, *(text.get_text() for text in figure.findobj(Text))]
-    assert "The new model lacks outer gates: a model file has no place for it." in told
-    assert "angle of the ball, degrees" in told
-    assert "angular speed of the ball, rad/s" in told
-    assert not [text for text in told if "_" in text or "theta" in text or re.search(r"\brad\b(?!/s)", text)]

@@ -71,17 +71,6 @@ def test_a_script_leaves_failures_by_kind_and_writes_ports():
     assert failed.events[0].detail["where"] == "PlanRoute"
 
 
-def test_leaves_are_replaced_by_path_before_name_before_kind():
-    body = tree(
-        '<Sequence name="row"><Replan/><Replan name="b"/><Sequence name="in"><Replan name="b"/></Sequence></Sequence>'
-    )
-    record = tick_tree(body, {"Replan": "S", "b": "RS", "row/in/b": "RRS"})
-    assert record.statuses("row/Replan") == ["SUCCESS"]
-    assert record.statuses("row/b") == ["RUNNING", "SUCCESS"]
-    assert record.statuses("row/in/b") == ["RUNNING", "RUNNING", "SUCCESS"]
-    assert {name: players[0].ticks for name, players in record.players.items()} == {"Replan": 1, "b": 2, "row/in/b": 3}
-
-
 def test_what_stands_on_the_blackboard_and_what_failed_before_may_be_given():
     body = tree('<Sequence><FailureIs kinds="stuck" at_most="2"/><Replan _skipIf="mood == \'calm\'"/></Sequence>')
     record = tick_tree(body, failures=["stuck", "stuck"], keys={"mood": "calm"})

@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from mazeplan.apps.testing import LightRig, run_tree, tick_tree
+from mazeplan.apps.testing import run_tree
 from mazeplan.core.errors import InputError
-from mazeplan.run.settings import load_settings
 
 
 def hold(seconds):
@@ -76,46 +75,3 @@ def test_a_name_that_is_nothing_is_refused_or_the_claim_would_hold_for_ever(smoo
             claim("Dithr")
     with pytest.raises(InputError, match="ring: got 'ring7', expected ring1 to ring5"):
         smooth.reaches("ring7")
-
-
-def test_a_run_is_the_same_each_time_whatever_the_machine_does(smooth):
-    hasty = load_settings().with_values({"travel": {"deadline_ms": 0.05}})  # in wall time, so it does not count
-    again = run_tree(settings=hasty)
-    assert again.ticks == smooth.ticks
-    assert again.steps == smooth.steps
-    assert again.timeline() == smooth.timeline()
-    assert smooth.failures == []
-
-
-class Loose(LightRig):
-    """Takes any command, as a rig without a limit of its own would."""
-
-    def command(self, u_beta, u_gamma):
-        self._set(u_beta, u_gamma)
-
-
-def beyond(tmp_path, monkeypatch):
-    (tmp_path / "beyond_leaves.py").write_text(
-        "from mazeplan import MazeLeaf, Status\nfrom mazeplan.core.records import Command\n\n\n"
-        "class Beyond(MazeLeaf):\n    'Too far.'\n\n    def step(self):\n"
-        "        self.context.steer(self.name, Command(0.5, 0.0))\n        return Status.RUNNING\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    return '<root BTCPP_format="4"><BehaviorTree ID="Main"><Beyond/></BehaviorTree></root>'
-
-
-def test_commands_beyond_the_limits_are_seen(tmp_path, monkeypatch, smooth):
-    tree = beyond(tmp_path, monkeypatch)
-    more = {"behavior_modules": ["beyond_leaves"], "time_limit": 0.2}
-    record = run_tree(tree, rig=Loose(smooth.maze), **more)
-    with pytest.raises(
-        AssertionError, match=r"expected no command beyond 0.0873 rad, got \(0.5000, 0.0000\) rad by Beyond"
-    ):
-        record.never("outside limits")
-    refused = run_tree(tree, **more).ends_with("rig_failed")
-    assert refused.events[-1].kind == "rig_failed"
-    with pytest.raises(AssertionError, match=r"rig_failed u_beta: got 0\.5 rad"):
-        refused.reaches()
-    ticked = tick_tree(tree, behavior_modules=["beyond_leaves"], ticks=2)
-    with pytest.raises(AssertionError, match=r"by Beyond at 0\.000 s"):
-        ticked.never("outside limits")

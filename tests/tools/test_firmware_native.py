@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import pytest
 from native_firmware import Native, native
 
 __all__ = ["native"]
@@ -56,23 +55,6 @@ def test_no_limits_are_wider_than_the_hard_ones(native: Native):
     assert one == 15000 + 4000  # 20 000 us/s
 
 
-@pytest.mark.parametrize(
-    ("message", "answer"),
-    [
-        ("L,1,0,18000,12000,15000,500", RANGE), ("L,1,0,12000,18000,19000,500", RANGE),
-        ("L,1,2,12000,18000,15000,500", RANGE), ("L,1,0,12000,18000,15000,0", RANGE),
-        ("L,1,0,12000,18000,15000", FIELDS), ("C,1,15000", FIELDS), ("C,1,15000,15000,1", FIELDS),
-        ("C,1,65536,15000", FIELDS), ("C,1,-5,15000", FIELDS), ("C,1,,15000", FIELDS), ("Z", FIELDS), ("", FIELDS),
-        ("Q,1", 3), ("I,1,2", FIELDS), ("C,1,150x,15000", FIELDS), ("C,0000001,15000,15000", FIELDS),
-    ],
-)  # fmt: skip
-def test_what_makes_no_sense_is_refused_and_moves_nothing(native: Native, message, answer):
-    got = last(native, *LIMITS, "m C,7,15500,15000", f"m {message}")
-    assert got["answer"] == answer
-    assert got["accepted"] == 7
-    assert last(native, *LIMITS, "m C,7,15500,15000", f"m {message}", "p 9")["now"] == (15500, 15000)
-
-
 def test_the_watchdog_levels_after_200_ms(native: Native):
     moved = [*LIMITS, "m C,7,15500,15000", "p 9"]
     assert last(native, *moved, "t 39")["now"] == (15500, 15000)
@@ -87,11 +69,3 @@ def test_the_watchdog_levels_after_200_ms(native: Native):
     assert again["flags"] == 0
     assert again["now"] == (15400, 15000)
     assert last(native, *moved, "t 40", "m C,8,15400,15000", "t 40")["strikes"] == 2
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_anything_may_come_and_pulses_keep_their_limits(native: Native, seed):
-    got = native.run("fuzz", str(seed), "300000").split()
-    counts = dict(zip(got[::2], map(int, got[1::2]), strict=True))
-    assert counts["obeyed"] > 500
-    assert counts["strikes"] > 0

@@ -131,38 +131,6 @@ def scene_box(page):
     return box["x"], box["y"], box["width"], box["height"]
 
 
-OVERLAPPING = """() => {
-  const found = [], boxes = ['#stop-bar', '[data-dock-region="right"]']
-    .map(name => [name, document.querySelector(name).getBoundingClientRect()]);
-  boxes.push(['canvas', document.querySelector('canvas').getBoundingClientRect()]);
-  for (const [a, p] of boxes) for (const [b, q] of boxes)
-    if (a < b && Math.min(p.right, q.right) - Math.max(p.left, q.left) > 1
-        && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 1) found.push(`${a} and ${b}`);
-  for (const [a, p] of boxes)
-    if (p.left < -1 || p.right > innerWidth + 1 || p.bottom > innerHeight + 1) found.push(`${a} outside`);
-  return found;
-}"""
-CUT = """() => [...document.querySelectorAll('button, [data-fact], [data-note], #stop-bar span')]
-  .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1 && e.clientWidth).map(e => e.innerText)"""
-
-
-@pytest.mark.parametrize("width", [1920, 1300])
-def test_at_each_width_the_stop_is_seen_and_nothing_is_cut_or_covered(page, width):
-    page.set_viewport_size({"width": width, "height": 800})
-    page.wait_for_selector("text=Behaviour tree")
-    assert soon(lambda: not page.evaluate(OVERLAPPING)), page.evaluate(OVERLAPPING)
-    assert soon(lambda: scene_box(page)[2] > 0.4 * width), scene_box(page)
-    page.evaluate("document.querySelectorAll('.mantine-ScrollArea-viewport').forEach(e => e.scrollTo(0, 1e6))")
-    stop = page.locator("#emergency-stop")
-    assert stop.inner_text() == "Emergency stop Esc"
-    box = stop.bounding_box()
-    middle = [box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]]
-    assert page.evaluate("([x, y]) => document.elementFromPoint(x, y).id", middle) == "emergency-stop"
-    assert page.evaluate(CUT) == []
-    picture(page, f"width-{width}")
-    page.set_viewport_size(SIZE)
-
-
 def test_it_opens_and_shows_ball_and_tree(page):
     page.wait_for_selector("text=Behaviour tree")
     begun(page)

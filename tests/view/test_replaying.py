@@ -76,23 +76,6 @@ def test_failures_are_marked_with_what_was_done_and_how_it_ended(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("spoil", "problem"),
-    [
-        (lambda data: b"no log", "expected a run log of mazeplan"),
-        (lambda data: data[:40] + bytes([data[40] ^ 255]) + data[41:], "damaged|without the header"),
-        (lambda data: data[: len(data) // 2] + bytes(9) + data[len(data) // 2 + 9 :], "damaged"),
-    ],
-)
-def test_a_damaged_log_is_refused_in_one_line(run, tmp_path, spoil, problem):
-    path = tmp_path / "spoilt.mcap"
-    path.write_bytes(spoil(run.read_bytes()))
-    with pytest.raises(LogError, match=problem) as told:
-        open_recording(path)
-    assert str(told.value).startswith(str(path))
-    assert "\n" not in str(told.value)
-
-
 def test_a_log_without_ticks_has_nothing_to_show(tmp_path):
     path = tmp_path / "empty.mcap"
     sampled(path, [])

@@ -70,15 +70,6 @@ def test_ball_trail_and_plan_lie_where_they_are(drawn):
     assert not node(nodes, "plan").visible
 
 
-def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
-    scene, nodes = drawn
-    scene.show(moment(ball=BallShown(0.09, 0.0, False)))
-    assert node(nodes, "ball").color == rgb("neutral")
-    before = {name: handle.sets for name, handle in nodes.items()}
-    scene.show(moment(ball=BallShown(0.09, 0.0, False)))
-    assert {name: handle.sets for name, handle in nodes.items()} == before
-
-
 def test_openings_show_what_is_known_of_them(drawn):
     scene, nodes = drawn
     name = MAZE.openings[0].name
@@ -116,18 +107,3 @@ def test_names_out_of_files_are_no_html():
     assert "<b>&" not in text
     assert "<i>" not in text
     assert "no tree yet" in tree_html(Moment())
-
-
-def test_radial_walls_are_solid_and_in_their_places():
-    server, maze = FakeServer(), load_map("detour")
-    Scene(server, maze)
-    for i, wall in enumerate(maze.radial_walls):
-        vertices, faces = server.nodes[f"/plate/radial{i}"].values
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        ring, height = maze.ring(wall.ring), vertices[:, 2].max()
-        volume = UNIT**2 * wall.thickness * (ring.outer_radius - ring.inner_radius) * height
-        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.02)
-        x, y = vertices[np.abs(vertices[:, 2]) < 1e-12].mean(axis=0)[:2]
-        assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
-    assert len([name for name in server.nodes if "/radial" in name]) == len(maze.radial_walls)
-    assert f"/plate/ring{len(maze.rings)}" in server.nodes

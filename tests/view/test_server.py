@@ -95,14 +95,6 @@ def test_the_page_is_for_no_frame_and_loads_from_nowhere_else(served):
     assert b"<html" in body
 
 
-def test_another_name_for_this_machine_gets_no_page(served):
-    request = urllib.request.Request(served.url, headers={"Host": f"evil.example:{served.port}"})
-    with pytest.raises(urllib.error.HTTPError) as caught:
-        urllib.request.urlopen(request, timeout=10)
-    assert caught.value.code == 403
-    caught.value.close()
-
-
 def test_the_page_has_the_bar_packed_or_not(served):
     pages = []
     for packing in ("identity", "gzip"):

@@ -183,18 +183,6 @@ def test_orders_before_a_run_wait_for_it(monkeypatch):
     assert run.orders == [GoalChanged(2)]
 
 
-def test_a_script_ends_when_nobody_looks(monkeypatch):
-    monkeypatch.setattr(live, "GRACE_S", 0.1)
-    run = HeldRun()
-    with served(run, monkeypatch, stay=False) as (_, page):
-        threading.Event().wait(0.3)
-        page.press("start")  # somebody looked until now
-        assert run.ready.wait(60.0)
-        page.viewers = 0
-        run.end.set()
-        assert soon(page.ended.is_set)
-
-
 def test_a_run_that_fails_leaves_the_page_and_its_status(monkeypatch):
     results = iter([RigError("no picture"), outcome("stopped"), outcome()])
 
