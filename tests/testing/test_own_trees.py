@@ -37,6 +37,10 @@ def smooth():
     return run_tree().reaches().never("Recover", "outside limits")
 
 
+def already_there():
+    return run_tree(start=5).reaches(within=0.5).never("PlanRoute")
+
+
 def stuck():
     """Held for a second and a half, then shaken free."""
     record = run_tree(mishap=lambda rig: setattr(rig, "glued", rig.t < 1.5))
@@ -136,7 +140,7 @@ def no_way():
 
 
 RUNS = (
-    smooth, stuck, stuck_for_good, blind, blind_for_good, blocked,
+    smooth, already_there, stuck, stuck_for_good, blind, blind_for_good, blocked,
     fell_back, pushed_out_of_the_goal, put_back, not_put_back, no_way,
 )  # fmt: skip
 
