@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import wall_features
-from mazeplan.learning.samples import RingSamples, delayed, filtered
+from mazeplan.learning.samples import RingSamples, delayed
 from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
 
 FURTHEST = 0.4  # maximum distance of the centre, radii
@@ -65,7 +65,7 @@ def straightened(samples: RingSamples, centre: Centre, rates: str, smoothing: Sm
     if rates == "smoothed":
         rate = samples.k.theta_dot * centre.slope(samples.k.theta)
     else:
-        rate = (delayed if rates == "delayed" else filtered)(measured, samples.segment, samples.dt)
+        rate = delayed(measured, samples.segment, samples.dt)
     k = replace(samples.k, theta=centre.straight(samples.k.theta), theta_dot=rate)
     good = samples.good & np.isfinite(smooth.acceleration) & np.isfinite(rate)
     return replace(samples, k=k, measured=measured, theta_ddot=smooth.acceleration, good=good)

@@ -6,8 +6,7 @@ For each ring:
     mean absolute error of theta after 20 and 40 samples of roll-outs from causal estimates
     95 % intervals by block bootstrap
 
-Models are trained on training rows only. The rate of theta (see `samples`) and the family of the kernel are chosen on
-these rows, too.
+Models are trained on training rows only. The rate of theta (see `samples`) is chosen on these rows, too.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from mazeplan.core.logs.table import Table
 from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words, piece
 from mazeplan.learning.camera_center import find_centre, smoothing_of, straightened
 from mazeplan.learning.features import paper_features
-from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.ring_scores import CompareOptions, RingData, RingScores, score
 from mazeplan.learning.rollout import angle_noise
@@ -74,7 +72,7 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    options = replace(options, fit=_best_predictor(options.fit))
+    options = replace(options, fit=replace(options.fit, inputs="local", heavy_tails=True))  # the best predictor
     train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""
@@ -146,15 +144,6 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
     bend = below - 2.0 * here + above
     shift = 0.5 * (below - above) / bend if bend > 0.0 else 0.0
     return float(max(0.0, lags[i] + 0.5 * np.clip(shift, -1.0, 1.0)) * dt)
-
-
-def _best_predictor(fit: FitOptions) -> FitOptions:
-    """The options of the best predictor: local inputs, heavy tails, exponential kernel unless another is given.
-
-    On measured data the exponential kernel predicted other blocks better, although the likelihood of the training rows
-    often prefers the smooth one."""
-    family = "exponential" if fit.training.family == "auto" else fit.training.family
-    return replace(fit, inputs="local", heavy_tails=True, training=replace(fit.training, family=family))
 
 
 def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:

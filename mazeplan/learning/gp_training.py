@@ -37,7 +37,7 @@ class TrainingOptions:
     starts:                  number of starts
     iterations, refinement:  number of iterations of a start, and of the refinement
     seed:                    for the first values of the starts
-    family:                  of the kernel; auto: the likelier family
+    family:                  of the kernel
     terms:                   columns and flip of each term of the kernel"""
 
     first: int = 600
@@ -53,14 +53,8 @@ class TrainingOptions:
         for name in ("first", "rows", "starts", "iterations", "refinement"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
                 raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
-        allowed = (*FAMILIES, "auto")
-        if self.family not in allowed:
-            raise SettingsError(f"got {self.family!r}, expected one of {', '.join(allowed)}", key="family")
-
-    @property
-    def families(self) -> tuple[str, ...]:
-        """The kernel families to try."""
-        return FAMILIES if self.family == "auto" else (self.family,)
+        if self.family not in FAMILIES:
+            raise SettingsError(f"got {self.family!r}, expected one of {', '.join(FAMILIES)}", key="family")
 
 
 @dataclass(frozen=True)
@@ -99,22 +93,21 @@ def train(
     scale = _Scale.of(inputs, features, y, options)
     rng = np.random.default_rng(options.seed)
     few, many = (uniform_downsample(len(y), n) for n in (options.first, options.rows))
-    found: list[tuple[float, Array, str]] = []
+    found: list[tuple[float, Array]] = []
     each, last = (n * len(rows) ** 2 for n, rows in ((options.iterations, few), (options.refinement, many)))
-    whole = each * options.starts * len(options.families) + last  # in proportion to the time
-    for family in options.families:
-        posterior = Posterior(scale.take(inputs, features, y, few), options.terms, family)
-        for start in range(options.starts):
-            progress(f"{family}, start {start + 1} of {options.starts}, {len(few)} rows")
-            share = piece(advance, each * len(found), each, whole)
-            found.append((*posterior.maximise(posterior.start(rng, start), options.iterations, share), family))
-    _, best, family = max(found, key=lambda result: result[0])
-    progress(f"{family}, refinement on {len(many)} rows")
-    posterior = Posterior(scale.take(inputs, features, y, many), options.terms, family)
+    whole = each * options.starts + last  # in proportion to the time
+    posterior = Posterior(scale.take(inputs, features, y, few), options.terms, options.family)
+    for start in range(options.starts):
+        progress(f"start {start + 1} of {options.starts}, {len(few)} rows")
+        share = piece(advance, each * len(found), each, whole)
+        found.append(posterior.maximise(posterior.start(rng, start), options.iterations, share))
+    _, best = max(found, key=lambda result: result[0])
+    progress(f"refinement on {len(many)} rows")
+    posterior = Posterior(scale.take(inputs, features, y, many), options.terms, options.family)
     refined, best = posterior.maximise(best, options.refinement, piece(advance, whole - last, last, whole))
     if not math.isfinite(refined):
         raise InputError("the likelihood of these samples has no finite maximum: are they all alike?")
-    return Training(scale.plain(posterior.hyper(best)), tuple(value for value, *_ in found), refined, len(many))
+    return Training(scale.plain(posterior.hyper(best)), tuple(value for value, _ in found), refined, len(many))
 
 
 @dataclass(frozen=True)

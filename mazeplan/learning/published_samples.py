@@ -27,10 +27,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.sparse.linalg import spsolve
 
 from mazeplan.core.records import Array
-from mazeplan.learning.samples import FILTER
 
 AXES = ("theta", "beta", "gamma")
 RATE_HZ = 30.0  # of camera and tilt sensor
+FILTER = (1.21647638, -0.42187148, 0.2053951)  # v_k = a v_{k-1} + b v_{k-2} + c (x_k - x_{k-1}) / dt; the rig's own
 ACCELERATION = np.array([5, 0, -3, -4, -3, 0, 5]) / 42.0  # Savitzky-Golay, 7 samples, order 2: per sample^2
 RATE = np.arange(-3, 4) / 28.0  # the same window, first derivative: per sample
 EDGE = 3  # samples on either side of the middle of this window

@@ -4,13 +4,12 @@ A stretch ends if the ball changes its ring or is not seen, or if the record is 
 the table are used unchanged. If they are missing, they come from a smoothing, which is acausal: for training and scores
 only. The tilt is taken `delay` earlier than the ball, because the camera is late.
 
-A model may use one of three rates of theta, even for a smoothed target:
+A model may use one of two rates of theta, even for a smoothed target:
 
     smoothed    acausal, of the same moment: the rate of a state
     delayed     (theta_{k-2} - theta_{k-3}) / dt: causal, before the samples that the target averages. At an impact on
                 an edge, the smoothed rate is nearly zero for either direction; this rate separates them. The tilt is
                 averaged with the same weights as the acceleration of the target
-    filtered    by the rig's own causal filter of second order, 77 ms late at 30 Hz, like the published figures
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from mazeplan.core.errors import SettingsError, TableError
 from mazeplan.core.logs.table import Table, stretches
@@ -32,11 +30,9 @@ from mazeplan.physics.formulas.arrays import RingKinematics
 
 SLACK = 2e-3  # m; the camera's noise may move the ball this far into a wall
 SHORTEST = 8  # samples; a shorter stretch has no derivatives
-RATE_RULES = ("smoothed", "delayed", "filtered")
+RATE_RULES = ("smoothed", "delayed")
 LAG = 2  # delay of the delayed rate, samples
-FILTER = (1.21647638, -0.42187148, 0.2053951)  # v_k = a v_{k-1} + b v_{k-2} + c (x_k - x_{k-1}) / dt; the rig's own
 PAST = np.arange(-9, -2)  # lags of the earlier samples whose mean tilt moved the ball across the ring
-SETTLING = 20  # samples until the filter has forgotten its start to 1e-4
 
 
 @dataclass(frozen=True)
@@ -208,8 +204,6 @@ def _signals(table: Table, smoothing: Smoothing, options: SampleOptions) -> dict
         else:
             smooth = derivatives(table[axis], table.dt, smoothing, segment=segment)
             columns = [table[axis], smooth.rate, smooth.acceleration]
-        if options.rates == "filtered":
-            columns[1] = filtered(table[axis], segment, table.dt)
         if options.delay:
             columns = [_late(column, t, segment, options.delay) for column in columns]
         out[f"{axis}_past"] = _averaged(columns[0], segment, PAST, np.full(len(PAST), 1.0 / len(PAST)))
@@ -258,8 +252,8 @@ def _collect(
     else:
         smooth = derivatives(measured, dt, smoothing, segment=run)
         theta, rate, target = smooth.value, smooth.rate, smooth.acceleration
-    if options.rates != "smoothed":
-        rate = (delayed if options.rates == "delayed" else filtered)(measured, run, dt)
+    if options.rates == "delayed":
+        rate = delayed(measured, run, dt)
     state = {name: signals[name][rows] for name in signals}
     k = MatchedKinematics(radius=radius, theta=theta, theta_dot=rate, **state)
     good = np.isfinite(target)
@@ -276,18 +270,6 @@ def delayed(angle: Array, run: Array | IntArray, dt: float) -> Array:
     same = np.zeros(len(angle), dtype=bool)
     same[LAG + 1 :] = run[LAG + 1 :] == run[: len(angle) - LAG - 1]
     return np.where(same, out, np.nan)
-
-
-def filtered(angle: Array, run: Array | IntArray, dt: float) -> Array:
-    """Rate (N,) by the rig's causal filter; NaN until it has settled in a stretch."""
-    out = np.full(len(angle), np.nan)
-    a, b, c = FILTER
-    for number in np.unique(run):
-        rows = np.flatnonzero(run == number)
-        steps = np.diff(angle[rows], prepend=angle[rows[:1]])
-        rate = np.asarray(lfilter([c / dt], [1.0, -a, -b], steps))
-        out[rows[SETTLING:]] = rate[SETTLING:]
-    return out
 
 
 def orientation(found: dict[int, RingSamples]) -> tuple[int, int]:

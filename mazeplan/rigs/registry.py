@@ -23,16 +23,6 @@ from mazeplan.rigs.sim.settings import settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
-TABLE_KEYS = {
-    "port",
-    "servo",
-    "tilt",
-    "camera",
-    "latency",
-    "place_s",
-    "unseen_s",
-    "world",
-}  # keys that only the files of rigs on a table have
 GIVEN: dict[str, Callable[[Maze], Rig]] = {}  # rigs of `named_rig`, by name
 METHODS = ("reset", "observe", "command", "level", "close")
 
@@ -134,9 +124,6 @@ def make_rig(spec: str, maze: Maze) -> Rig:
     assert data is not None
     from mazeplan.rigs.sim.simulated import SimulatedRig
 
-    if TABLE_KEYS & data.keys():
-        what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
-        raise SettingsError(what, file=path, line=1, key="class")
     settings = settings_from(data)
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -100,22 +99,6 @@ def test_weights_of_physics_come_back_with_their_units():
     assert (deviation < [0.1, 0.2, 0.3, 0.01, 0.01]).all(), "an interval as wide as the prior says nothing"
     left = np.sqrt(np.mean((process.mean(x, phi) - phi @ weights - ripple) ** 2))
     assert left < 0.3
-
-
-@pytest.mark.parametrize(("true", "other"), [FAMILIES, FAMILIES[::-1]])
-def test_auto_takes_the_likelier_family(true, other):
-    x, phi, y = draw(plain(np.array([1.0, 15.0]), 3.0, 0.6, family=true), 150, seed=5)
-    said, far = [], []
-    found = train(
-        x, phi, y, replace(QUICK, family="auto", refinement=2),
-        progress=said.append, advance=lambda done, total: far.append(done / total),
-    )  # fmt: skip
-    assert far == sorted(far)
-    assert far[-1] == pytest.approx(1.0)
-    assert sum(0.0 < done < 1.0 for done in far) > 5
-    assert found.hyper.family == true
-    assert len(found.starts) == 2
-    assert Counter(text.split(",")[0] for text in said) == {true: 2, other: 1}, "each is tried, the likelier refined"
 
 
 def test_the_same_seed_gives_the_same_and_starts_are_several():

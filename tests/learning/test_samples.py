@@ -9,8 +9,6 @@ from sample_columns import MAZE, NUDGE, N, columns, samples_of
 
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.samples import (
-    FILTER,
-    SETTLING,
     MatchedKinematics,
     SampleOptions,
     columns_of,
@@ -186,29 +184,6 @@ def test_delayed_rates_are_differences_of_samples_before_those_of_the_target():
             assert not found.good[k]
         else:
             assert found.k.theta_dot[k] == pytest.approx((theta[k - 2] - theta[k - 3]) / DT)
-
-
-def by_hand(x):
-    """The rig's filter as facts about it have it, one sample after the other."""
-    v, out = [0.0, 0.0], []
-    for k in range(len(x)):
-        step = x[k] - x[k - 1] if k else 0.0
-        v.append(1.21647638 * v[-1] - 0.42187148 * v[-2] + 30.0 * 0.2053951 * step)
-        out.append(v[-1])
-    return np.array(out)
-
-
-def test_filtered_rates_are_those_of_the_rigs_recursion():
-    segment = (np.arange(N) >= 25).astype(float)
-    found = samples_of(segment=segment, options=SampleOptions(rates="filtered"))
-    for name, column in (("theta_dot", "theta"), ("beta_dot", "beta"), ("gamma_dot", "gamma")):
-        for part in (slice(0, 25), slice(25, N)):
-            rate, expected = getattr(found.k, name)[part], by_hand(columns()[column][part])
-            assert np.isnan(rate[:SETTLING]).all()
-            assert rate[SETTLING:] == pytest.approx(expected[SETTLING:], rel=1e-9)
-    assert sum(FILTER[:2]) + FILTER[2] == pytest.approx(1.0, abs=1e-6)  # of a ramp it gives the slope
-    ramp = samples_of(theta=0.5 * columns()["t"], options=SampleOptions(rates="filtered"))
-    assert ramp.k.theta_dot[SETTLING:] == pytest.approx(0.5, abs=1e-3)
 
 
 def test_matched_tilt_is_averaged_as_the_target_is():

@@ -94,7 +94,7 @@ def test_roll_outs_grow_and_the_discrete_map_is_the_worst_process(scores):
 # --- which rows are whose
 
 
-@pytest.mark.parametrize("rates", ["smoothed", "delayed", "filtered"])
+@pytest.mark.parametrize("rates", ["smoothed", "delayed"])
 def test_no_row_is_trained_and_tested_on_and_the_guard_is_kept(table, rates):
     for samples in ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=rates)).values():
         data = module.prepare(samples, None, QUICK)
