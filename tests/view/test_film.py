@@ -9,8 +9,7 @@ import pytest
 from commands import call
 
 from mazeplan.apps.view.film import END_S, HZ, at_even_times, write_film
-from mazeplan.apps.view.moment import Moment
-from mazeplan.apps.view.story import moments
+from mazeplan.apps.view.story import Moment, moments
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.navigate import navigate
 

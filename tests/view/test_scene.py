@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.view.moment import BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.scene import UNIT, Scene, attitude, wall_mesh
+from mazeplan.apps.view.story import BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 

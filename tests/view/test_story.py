@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.view.moment import TRAIL_S, BallShown, TreeShown
-from mazeplan.apps.view.story import Story, moments
+from mazeplan.apps.view.story import TRAIL_S, BallShown, Story, TreeShown, moments
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.navigate import navigate

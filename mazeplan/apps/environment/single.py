@@ -30,12 +30,9 @@ class CircularMazeEnv(gymnasium.Env):
 
     Raises SettingsError or MapError for an option that cannot be used, RigError when the rig fails."""
 
-    metadata = {"render_modes": ["ansi"], "render_fps": 30}  # noqa: RUF012  Gymnasium has it so
+    metadata = {"render_modes": [], "render_fps": 30}  # noqa: RUF012  Gymnasium has it so
 
-    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
-        if render_mode not in (None, "ansi"):
-            raise SettingsError(f"got {render_mode!r}, expected ansi", key="render_mode")
-        self.render_mode = render_mode
+    def __init__(self, **options: Any) -> None:
         self.task = Task.of(options)
         self.maze = load_map(self.task.map)
         if self.maze.balls > 1:
@@ -116,15 +113,6 @@ class CircularMazeEnv(gymnasium.Env):
         if self._sample is None:
             raise RuntimeError("reset() comes first")
         return self._sample
-
-    def render(self) -> Any:
-        """For ansi a line of text."""
-        if self.render_mode is None:
-            return None
-        sample = self.measured()
-        where = "not seen" if sample.x is None else f"x {1e3 * sample.x:6.1f} y {1e3 * (sample.y or 0.0):6.1f} mm"
-        beta, gamma = (float(np.degrees(angle)) for angle in (sample.beta, sample.gamma))
-        return f"t {sample.t:6.2f} s  {where}  beta {beta:5.2f} gamma {gamma:5.2f} deg\n"
 
     def _rest(self) -> None:
         """Answer the last sample with a level plate. A simulation waits for nobody, and keeps its tilt."""

@@ -161,7 +161,6 @@ def tick_tree(
     closed: Sequence[str] = (),
     behavior_modules: Sequence[str] = (),
     ticks: int = 100,
-    halt: bool = False,
 ) -> Record:
     """Tick a tree without a rig, at 30 Hz of rig time, until it ends or `ticks` are over.
 
@@ -173,7 +172,6 @@ def tick_tree(
     keys: values on the blackboard
     closed: openings that are closed
     ticks: maximum number of ticks
-    halt: whether to halt the tree at the end, as another goal would
 
     Raises InputError for arguments that cannot be used."""
     maze = map if isinstance(map, Maze) else load_map(map)
@@ -204,8 +202,6 @@ def tick_tree(
         if loaded.tick().name != "RUNNING":
             break
     reason = watch.ticks[-1].status if watch.ticks else ""
-    if halt:
-        loaded.halt()
     return _record(watch, maze, aim, reason, reason == "SUCCESS")
 
 

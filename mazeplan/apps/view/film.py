@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import SIGNS
-from mazeplan.apps.view.story import maze_of, moments
+from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.core.records import Array

@@ -227,7 +227,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     from mazeplan.apps.view.server import STOP_BAR
 
     line = _PageEnd(pipe)
-    page = Page(listening, [LiveTab(offer, line.drain, line.order)], bar=STOP_BAR)
+    page = Page(listening, LiveTab(offer, line.drain, line.order), bar=STOP_BAR)
     viewers = -1
 
     def on() -> bool:

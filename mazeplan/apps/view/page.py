@@ -1,23 +1,19 @@
-"""A page: a server, and tabs that one thread draws.
-
-A tab has the methods `build` and `draw` (`Tab`). `build` gets the page, whose `server` is viser's, and adds the tab to
-`page.tabs`, the group of tabs in the right panel. All tabs share one scene. Therefore only one tab may draw in it.
-"""
+"""A page: a server, and a tab that one thread draws. The tab has the methods `build` and `draw` (`Tab`)."""
 
 from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Protocol
 
-from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import HtmlPanel, facts_html, tree_html
 from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
 from mazeplan.apps.view.server import open_server
+from mazeplan.apps.view.story import Moment
 from mazeplan.core.errors import InputError
 from mazeplan.maze.geometry import Maze
 
@@ -44,10 +40,10 @@ class Tab(Protocol):
 class Page:
     """An open page. bar: HTML above the page. Raises what `open_server` raises."""
 
-    def __init__(self, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
+    def __init__(self, listening: socket.socket, tab: Tab, *, bar: str = "") -> None:
         ready = Event()
         self.server: ViserServer = open_server(listening, ready, bar)
-        self._tabs = tuple(tabs)
+        self._tab = tab
         self._printed = False
         gui, scene = self.server.gui, self.server.scene
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 95, 153))
@@ -60,22 +56,20 @@ class Page:
         scene.add_light_ambient("/light", intensity=0.9)
         scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
         self.tabs: GuiTabGroupHandle = gui.add_tab_group()
-        for tab in self._tabs:
-            tab.build(self)
+        tab.build(self)
         ready.set()
 
     def draw(self) -> None:
-        """Draw all tabs once. If a tab fails, print its exception (only the first one) and draw the other tabs."""
-        for tab in self._tabs:
-            try:
-                with self.server.atomic():
-                    tab.draw(monotonic())
-            except Exception as problem:  # a picture that fails must not end the page, which has the emergency stop
-                if not self._printed:
-                    self._printed = True
-                    why = problem if isinstance(problem, InputError) else traceback.format_exc()
-                    with suppress(OSError):
-                        print(f"mazeplan: the page could not draw: {why}", file=sys.stderr)
+        """Draw the tab once. If it fails, print its exception (only the first one)."""
+        try:
+            with self.server.atomic():
+                self._tab.draw(monotonic())
+        except Exception as problem:  # a picture that fails must not end the page, which has the emergency stop
+            if not self._printed:
+                self._printed = True
+                why = problem if isinstance(problem, InputError) else traceback.format_exc()
+                with suppress(OSError):
+                    print(f"mazeplan: the page could not draw: {why}", file=sys.stderr)
 
     def loop(self, on: Callable[[], bool]) -> None:
         """Draw while `on()` is true."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from html import escape
 from typing import TYPE_CHECKING
 
-from mazeplan.apps.view.moment import Moment, NodeShown
+from mazeplan.apps.view.story import Moment, NodeShown
 from mazeplan.core.palette import COLOURS, INKS
 
 if TYPE_CHECKING:

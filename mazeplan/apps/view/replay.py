@@ -6,7 +6,7 @@ The time is that of the rig's clock, s.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
@@ -16,29 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.page import FONT, Page, RunView
 from mazeplan.apps.view.server import check_installed, listen, url_of
-from mazeplan.apps.view.story import maze_of, moments
+from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import LogError
-from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
 from mazeplan.core.logs.run_log_reader import checked_fields, read_messages
 from mazeplan.core.palette import INKS
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # s of the run in 1 s of wall time
-MOST_BUTTONS = 30  # failures with a button of their own
 _NEAR = 1e-6  # s; times that are no farther apart are the same tick
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A failure to jump to: its time, a short text, and a full text."""
-
-    t: float
-    brief: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -50,7 +38,6 @@ class RecordedRun:
     moments:  one for each tick
     times:    of the ticks, (N,), never decreasing
     maze:     None if the log has no map that can be read
-    failures: with their recoveries; if the run did not arrive, also its end
     complete: whether the program finished the log"""
 
     name: str
@@ -58,8 +45,13 @@ class RecordedRun:
     moments: Sequence[Moment]
     times: Array
     maze: Maze | None
-    failures: tuple[Mark, ...]
     complete: bool
+
+    @property
+    def failures(self) -> list[float]:
+        """Times at which something failed."""
+        found = {moment.failure.t for moment in self.moments if moment.failure is not None}
+        return sorted(t for t in found if self.times[0] <= t <= self.times[-1])
 
     def tick_at(self, t: float) -> int:
         """The number, from 0, of the last tick until time t; before the first tick, 0."""
@@ -71,33 +63,13 @@ def open_recording(path: str | Path) -> RecordedRun:
     path = Path(path)
     header, messages, complete = read_messages(path)
     with checked_fields(path):
-        shown, failures = moments(messages), tuple(_failures(messages))
+        shown = moments(messages)
     if not shown:
         raise LogError("holds no tick, there is nothing to show", file=path)
     times = np.array([moment.t for moment in shown])
     if not np.isfinite(times).all():
         raise LogError("damaged: a tick without a time", file=path)
-    return RecordedRun(path.name, header, shown, np.maximum.accumulate(times), maze_of(header), failures, complete)
-
-
-def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:
-    marks: list[Mark] = []
-    for topic, document in messages:
-        if topic == "/result" and not document["success"]:
-            last = max((mark.t for mark in marks), default=0.0)
-            how = f"ended: {document.get('reason') or 'no reason given'}"
-            marks.append(Mark(max(float(document.get("time_s", last)), last), how, how))
-        if topic != "/event":
-            continue
-        timed = TimedEvent.from_document(document)
-        event = timed.event
-        if isinstance(event, FailureReported):
-            why = f": {event.detail}" if event.detail else ""
-            marks.append(Mark(timed.t, event.kind, f"{event.kind} at {event.where}{why}"))
-        elif isinstance(event, RecoveryChosen) and marks:
-            then = f" → {event.recovery}"
-            marks[-1] = Mark(marks[-1].t, marks[-1].brief + then, marks[-1].text + then)
-    return marks
+    return RecordedRun(path.name, header, shown, np.maximum.accumulate(times), maze_of(header), complete)
 
 
 class Playback:
@@ -134,12 +106,12 @@ class ReplayTab:
         self._before, self._drawn = 0.0, ()
 
     def build(self, page: Page) -> None:
-        """Add scene, controls of time, failures, facts and tree to the page."""
-        gui, player, failures = page.server.gui, self._player, self._recording.failures
+        """Add scene, controls of time, facts and tree to the page."""
+        gui, player = page.server.gui, self._player
         with page.tabs.add_tab("Replay"):
             self._head = gui.add_html("")
             first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
-            marks = tuple(round(mark.t, 2) for mark in failures if player.first <= mark.t <= player.last)
+            marks = tuple(round(t, 2) for t in self._recording.failures)
             self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
             self._slider.on_update(self._pressed(lambda event: player.seek(event.target.value)))
             self._play = gui.add_button("Play", color="blue", hint="space")
@@ -149,10 +121,6 @@ class ReplayTab:
             speeds = [f"{speed:g}×" for speed in SPEEDS]
             speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
             speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
-            with gui.add_folder(f"Failures: {len(failures) or 'none'}"):
-                for mark in failures[:MOST_BUTTONS]:
-                    button = gui.add_button(f"{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
-                    button.on_click(self._pressed(lambda event, mark=mark: player.seek(mark.t)))
             self._view = RunView(page, self._recording.maze)
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
@@ -197,7 +165,7 @@ def show_log(recording: RecordedRun, port: int) -> None:
     """Show a run until Ctrl-C. Raises InputError for a port that cannot be used, and without viser."""
     check_installed()
     with listen(port) as listening:
-        page = Page(listening, [ReplayTab(recording)])
+        page = Page(listening, ReplayTab(recording))
         try:
             with suppress(OSError):  # stderr may be closed; the page goes on
                 print(f"page: {url_of(listening)}", file=sys.stderr, flush=True)

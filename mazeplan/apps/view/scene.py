@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.moment import Moment, OpeningShown
+from mazeplan.apps.view.story import Moment, OpeningShown
 from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
