@@ -11,15 +11,14 @@ import typer
 from typer.core import TyperCommand
 
 from mazeplan import __version__
-from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, policy, rig
+from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, rig
 from mazeplan.apps.cli.diagnose import diagnose
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.evaluate import evaluate
-from mazeplan.apps.cli.learning import collect, improve, learn
+from mazeplan.apps.cli.learning import collect, improve, learn, policy_app
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.option_checks import check_outputs
-from mazeplan.apps.cli.report import report
-from mazeplan.apps.cli.view import view
+from mazeplan.apps.cli.report import report, view
 
 WIDEST = 120  # columns of a help text; longer lines are hard to read
 NAMED = re.compile(r"[a-z]\w*=[^=]+")  # a value of --columns; a log has no such name
@@ -85,7 +84,8 @@ for command in (
     doctor,
 ):
     app.command()(command)
-for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
+for group in (map, log, behavior, rig, model, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
+app.add_typer(policy_app, name="policy")
 for command in _commands(app):
     command.cls = Command

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import listed, listed_rings
+from mazeplan.apps.cli.option_checks import listed
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import InputError, RigError
 
@@ -51,7 +51,7 @@ def navigate(
 
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
-        tuple(listed(close)), tuple(listed_rings(via, "--via")), balls, seed, time_limit, log, memory,
+        tuple(listed(close)), tuple(listed(via)), balls, seed, time_limit, log, memory,
     )  # fmt: skip
     if video is not None:
         from mazeplan.apps.view.film import check_film

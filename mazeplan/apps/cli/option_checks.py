@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -139,16 +138,6 @@ def _named_paths(ctx: Context) -> Iterator[tuple[str, Path, bool]]:
 def listed(values: Iterable[str] | None) -> tuple[str, ...]:
     """The names of a repeatable option. Each value may have several names, separated by commas."""
     return tuple(name.strip() for text in values or () for name in text.split(","))
-
-
-def listed_rings(values: Iterable[str] | None, option: str) -> tuple[str, ...]:
-    """The same as `listed`, for rings. Raises InputError for rings without commas between them."""
-    rings = listed(values)
-    for name in rings:
-        found = re.findall(r"ring ?[0-9]+|centre|center", name.lower())
-        if len(found) > 1:
-            raise InputError(f"got {name!r}, expected {','.join(found)}: separate rings by commas", key=option)
-    return rings
 
 
 def ring(text: str) -> int:
