@@ -46,8 +46,7 @@ def lab(rgb):
 
 def test_every_name_has_a_colour_and_nothing_else_has_a_style():
     assert set(palette.COLOURS) == set(NAMES.split())
-    for styles in (palette.DASHES, palette.MARKERS, palette.HATCHES):
-        assert set(styles) <= set(palette.COLOURS)
+    assert set(palette.DASHES) <= set(palette.COLOURS)
     assert palette.rgb("planned") == (0xD5, 0x5E, 0x00)
 
 
@@ -107,8 +106,7 @@ def test_it_stays_apart_in_grey(group):
         assert abs(lab(linear(a))[0] - lab(linear(b))[0]) > 7, (a, b)
 
 
-@pytest.mark.parametrize("styles", ["DASHES", "MARKERS"])
 @pytest.mark.parametrize("group", [g for g in TOGETHER if "idle" not in g], ids=" ".join)
-def test_lines_and_points_differ_in_more_than_colour(group, styles):
-    drawn = [getattr(palette, styles).get(name) for name in group]
+def test_lines_differ_in_more_than_colour(group):
+    drawn = [palette.DASHES.get(name) for name in group]
     assert len(set(drawn)) == len(drawn)

@@ -101,14 +101,6 @@ DASHES: dict[str, tuple[float, ...]] = {
     "sixth": (4.0, 1.0, 1.0, 1.0, 1.0, 1.0),
 }
 
-# in Matplotlib's notation
-MARKERS: dict[str, str] = {
-    "planned": "s", "commanded": "s", "real": "o", "measured": "o", "good": "o", "bad": "X", "unsure": "^",
-    "neutral": ".", "second": "D", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "sixth": "P",
-    "running": ">", "success": "o", "failure": "X", "skipped": "|", "idle": ".",
-}  # fmt: skip
-HATCHES: dict[str, str] = {"failure": "xxx", "bad": "xxx", "skipped": "...", "unsure": "//", "running": "//"}
-
 
 def dashes(name: str) -> tuple[float, ...]:
     """Lengths of dash and gap of the line `name`, in widths of the line; () for a solid line."""

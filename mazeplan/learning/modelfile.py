@@ -26,7 +26,7 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -39,8 +39,19 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
+from mazeplan.learning.model_document import (
+    AXIS_MORE,
+    AXIS_UNITS,
+    BODY_UNITS,
+    CAMERA_MORE,
+    CAMERA_UNITS,
+    FORMAT,
+    SENSOR_UNITS,
+    ModelDumper,
+    model_document,
+)
 from mazeplan.learning.rig_model import RigModel
-from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
+from mazeplan.learning.rigid_body_entries import KEPT, Body
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Effect, Term
@@ -51,23 +62,10 @@ from mazeplan.physics.rig.stage import ORDERS, PROMPT, StageAxis, StageModel
 
 Part = TypeVar("Part")
 RATES = (1.0, 1000.0)  # Hz, samples of a rig
-FORMAT = 1
 ROUNDED = 1e-6  # s; precision of a delay in a file
 PROCESSES = ("np", "sp")
 KINDS = ("p", "pi", *PROCESSES)
 PACKAGED = resources.PACKAGE / "learning" / "packaged"
-AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
-AXIS_MORE = {
-    "backlash": "rad",
-    "deadband": "rad",
-    "coupling": "1",
-    "rate_limit": "rad/s",
-    "resolution": "rad",
-}  # unless default
-CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
-CAMERA_MORE = {"scale": "1", "distortion": "1/m^2", "distortion_x": "m", "distortion_y": "m"}  # written if not default
-SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
-BODY_UNITS = {name: PARAMETERS[name].unit for name in KEPT}
 ATTACHED, MEDIA_TYPE = "model.zip", "application/zip"
 LARGEST = 32 * 2**20  # maximum bytes of an unpacked model; packaged models have one or two MB
 MEMBER = re.compile(r"model\.yaml|ring[0-9]{1,3}\.npz")
@@ -285,81 +283,6 @@ class _Reader:
         return self.part(node, key, units, lambda v, s: (effect(**v), s))
 
 
-def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
-    entry: dict[str, Any] = {"value": float(f"{value:.6g}")}
-    if stderr is not None and math.isfinite(stderr):
-        entry["stderr"] = float(f"{stderr:.2g}")
-    return {**entry, "unit": unit}
-
-
-def _entries(
-    part: StageAxis | Camera | TiltSensor, units: Mapping[str, str], more: Mapping[str, str]
-) -> dict[str, Any]:
-    """The entries of a part; those of `more` only if they differ from their default."""
-    usual = type(part)()
-    chosen = {**units, **{name: unit for name, unit in more.items() if getattr(part, name) != getattr(usual, name)}}
-    return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
-
-
-def _axis_entries(axis: StageAxis) -> dict[str, Any]:
-    """The entries of an axis, without numbers that its kind does not have."""
-    entries = _entries(axis, AXIS_UNITS, AXIS_MORE)
-    if axis.dead_time == 0.0:
-        del entries["dead_time"]
-    if axis.order < 2:
-        del entries["damping"]
-        if axis.order == 0:
-            entries["natural_frequency"] = {"faster_than": axis.natural_frequency, "unit": "rad/s"}
-        return {"follows": ORDERS[axis.order], **entries}
-    return entries
-
-
-def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-    return {
-        term.name: {
-            k: _entry(value, stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
-            for k, value in term.values().items()
-        }
-        for term in terms
-    }
-
-
-def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
-    """The content of model.yaml; processes: entries of the learned parts, from `write_process`."""
-    out: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": model.kind,
-        "rate_hz": model.rate_hz,
-        "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
-        "stage": {name: _axis_entries(getattr(model.stage, name)) for name in ("beta", "gamma")},
-    }
-    if model.camera != Camera():
-        out["camera"] = _entries(model.camera, CAMERA_UNITS, CAMERA_MORE)
-    if model.tilt_sensor != TiltSensor():
-        out["tilt_sensor"] = _entries(model.tilt_sensor, SENSOR_UNITS, {})
-    out["rings"] = {ring: _term_entries(ball.effects, ball.stderr) for ring, ball in sorted(model.balls.items())}
-    if model.body is not None:
-        values, stderr = model.body.values, model.body.stderr
-        numbers = {name: _entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
-        terms = {"terms": _term_entries(model.body.terms, {})} if model.body.terms else {}
-        out["body"] = {"of": model.body.of, **numbers, **terms}
-    if processes:
-        out["processes"] = processes
-    return {**out, "data": [dict(entry) for entry in model.data], "scores": dict(model.scores)}
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes innermost mappings on one line."""
-
-
-def _mapping(dumper: _Dumper, data: Mapping[str, Any]) -> yaml.Node:
-    flat = bool(data) and all(not isinstance(value, dict | list) for value in data.values())
-    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flat)
-
-
-_Dumper.add_representer(dict, _mapping)
-
-
 def save_model(model: RigModel, folder: str | Path) -> Path:
     """Write the folder, created if missing. Returns the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
@@ -368,7 +291,7 @@ def save_model(model: RigModel, folder: str | Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = {ring: write_process(path.parent, ring, part) for ring, part in sorted(model.processes.items())}
-        text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
+        text = yaml.dump(model_document(model, beside), Dumper=ModelDumper, sort_keys=False, width=120)
         with whole_file(path) as part:
             part.write_text(text, encoding="utf-8")
     except OSError as problem:

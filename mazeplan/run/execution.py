@@ -7,15 +7,16 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from mazeplan.btree.blame import blames_a_node, exception_line
 from mazeplan.core.display import Display, NullDisplay
-from mazeplan.core.errors import RigError
+from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log import RunLogWriter, RunMessages, Sink
-from mazeplan.core.records import NavigationResult
+from mazeplan.core.records import Failure, FailureKind, NavigationResult
 from mazeplan.learning.modelfile import ATTACHED, MEDIA_TYPE
 from mazeplan.rigs.interface import Rig
 from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
-from mazeplan.run.specification import Job, Setup, log_header, model_to_keep
+from mazeplan.run.specification import CRASHED, Job, Setup, log_header, model_to_keep
 
 
 def run_job(
@@ -62,15 +63,28 @@ def attempt_job(
         try:
             ended.append((run.drive(), None))
         except RigError as error:
-            ended.append((run.result_after_rig_failure(error), error))
+            run.context.failed(Failure(FailureKind.RIG_FAILED, "rig", run.context.now, str(error)))
+            ended.append((run.result(False, str(FailureKind.RIG_FAILED)), error))
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
                 messages.result(run.result(False, "interrupted").json())
             elif isinstance(error, Exception):
-                messages.result(run.result_after_error(error).json())
+                messages.result(_result_after(run, error).json())
             raise
         messages.result(ended[0][0].json())
     return ended.pop()  # an error that stays in this frame would be in a cycle with it, and keep the rig
+
+
+def _result_after(run: Run, error: Exception) -> NavigationResult:
+    """The result of a run that an error of the log, of a leaf, or of the program itself ended."""
+    if blames_a_node(error):
+        failure = Failure(FailureKind.LEAF_FAILED, "tree", run.context.now, exception_line(error))
+    elif isinstance(error, LogError):
+        failure = Failure(FailureKind.LOG_FAILED, "log", run.context.now, str(error))
+    else:
+        return run.result(False, CRASHED)
+    run.context.failed(failure)
+    return run.result(False, str(failure.kind))
 
 
 def _level(rig: Rig, ended: list[tuple[NavigationResult, RigError | None]]) -> None:

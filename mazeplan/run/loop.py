@@ -8,7 +8,7 @@ The rig owns the clock. This module reads wall time only to measure how long a t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from time import perf_counter
 from weakref import WeakMethod
@@ -20,14 +20,13 @@ from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import read_tree
 from mazeplan.behavior.winding import WindDown
-from mazeplan.btree.blame import blame_no_node, blames_a_node, exception_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.display import Display
-from mazeplan.core.errors import LogError, RigError
+from mazeplan.core.errors import RigError
 from mazeplan.core.events import (
     DoubtRaised,
     GoalChanged,
@@ -55,10 +54,9 @@ from mazeplan.rigs.interface import Rig
 from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of
 from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
-from mazeplan.run.recorder import RunRecorder
+from mazeplan.run.recorder import RunRecorder, weak_reporter
 from mazeplan.run.specification import Job, Setup
 
-CRASHED = "crashed"  # the reason of a run that an unexpected exception of the program itself ended
 HALTED = "HALTED"  # in the log, the status in the ticks that level the plate after the tree was halted
 
 
@@ -155,7 +153,7 @@ class Run:
             goal=goal,
             steering=self._steering,
             ahead=self._balls.ahead[0],
-            report=_weak_reporter(WeakMethod(self._report)),
+            report=weak_reporter(WeakMethod(self._report)),
             policy=setup.policy,
             balls=BallRoles(aheads=self._balls.ahead),
         )
@@ -318,21 +316,6 @@ class Run:
         self._rig.level()
         return result
 
-    def result_after_rig_failure(self, error: RigError) -> NavigationResult:
-        """The result of a run whose rig failed."""
-        self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
-        return self.result(False, str(FailureKind.RIG_FAILED))
-
-    def result_after_error(self, error: Exception) -> NavigationResult:
-        """The result of a run that an error of the log, of a leaf, or of the program itself ended."""
-        if isinstance(error, LogError) and not blames_a_node(error):
-            self.context.failed(Failure(FailureKind.LOG_FAILED, "log", self.context.now, str(error)))
-            return self.result(False, str(FailureKind.LOG_FAILED))
-        if not blames_a_node(error):
-            return self.result(False, CRASHED)
-        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, exception_line(error)))
-        return self.result(False, str(FailureKind.LEAF_FAILED))
-
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig and write the log. Returns the tree's status: SUCCESS, FAILURE,
         RUNNING or SKIPPED.
@@ -411,16 +394,3 @@ class Run:
             self.context, self._job, success, reason,
             rig=self._setup.rig_name, goals=self._goals, doubts=self._sample_check.doubts, misfits=self._misfits,
         )  # fmt: skip
-
-
-def _weak_reporter(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
-    """A function that passes a tree's reports on to its run. It refers to the run weakly: else run and tree would keep
-    each other, and the rig with them. After the run is gone it does nothing."""
-
-    def passed_on(event: RunEvent | Plan) -> None:
-        to = report()
-        if to is not None:
-            with blame_no_node():
-                to(event)
-
-    return passed_on

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from weakref import WeakMethod
 
 from mazeplan.behavior.context import RunContext
+from mazeplan.btree.blame import blame_no_node
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.tracking import plan_step
 from mazeplan.core.display import Display
@@ -234,3 +236,16 @@ def _planned_theta(context: RunContext) -> float | None:
     if context.leg.plan is None or not context.leg.followed:
         return None
     return float(context.leg.plan.states[plan_step(context.leg.plan, context.here.t), 0])
+
+
+def weak_reporter(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
+    """A function that passes a tree's reports on to its run. It refers to the run weakly: else run and tree would keep
+    each other, and the rig with them. After the run is gone it does nothing."""
+
+    def passed_on(event: RunEvent | Plan) -> None:
+        to = report()
+        if to is not None:
+            with blame_no_node():
+                to(event)
+
+    return passed_on

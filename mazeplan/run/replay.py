@@ -42,10 +42,10 @@ from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.physics.registry import own_effects
 from mazeplan.run.goals import RecordedRequests
-from mazeplan.run.loop import CRASHED, Run
+from mazeplan.run.loop import Run
 from mazeplan.run.resolve import model_from
 from mazeplan.run.settings import settings_from_text
-from mazeplan.run.specification import REPLAY_FORMAT, Job, ReplayFacts, Setup, file_sha256, replay_facts
+from mazeplan.run.specification import CRASHED, REPLAY_FORMAT, Job, ReplayFacts, Setup, file_sha256, replay_facts
 
 Message = tuple[str, dict[str, Any]]
 

@@ -33,6 +33,7 @@ from mazeplan.run.settings import Settings, load_settings
 
 PUT_BACK_S = 10.0  # s that a run on a real rig waits for a ball that left the maze
 REPLAY_FORMAT = 1  # format number of the header's part `replay`
+CRASHED = "crashed"  # the reason of a run that an unexpected exception of the program itself ended
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 

@@ -43,7 +43,8 @@ def list_models(as_json: opt.AsJson = False) -> None:
 @app.command("show")
 def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
     """Show a model: plate, camera, and the effects on the ball in each ring, with standard errors and units."""
-    from mazeplan.learning.modelfile import load_model, model_document
+    from mazeplan.learning.model_document import model_document
+    from mazeplan.learning.modelfile import load_model
 
     model = load_model(name)
     if as_json:
@@ -56,7 +57,7 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
 
 def model_lines(model: RigModel) -> list[str]:
     """Plate, camera and effects in each ring, with standard errors and units."""
-    from mazeplan.learning.modelfile import model_document
+    from mazeplan.learning.model_document import model_document
 
     document, lines = model_document(model), list[str]()
     for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):

@@ -16,8 +16,9 @@ from mazeplan.core.results import DocumentResult
 from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
-from mazeplan.learning.modelfile import RigModel, model_document, save_model
+from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.torch_device import DEVICES
 from mazeplan.maze.geometry import Maze
