@@ -125,8 +125,8 @@ def main() -> None:
         ("runs", 24, "that each candidate drives"), ("seed", 1, "of rigs, starts and candidates"),
     ):  # fmt: skip
         parser.add_argument(f"--{name}", type=int, default=default, help=f"{what}; default {default}")
-    parser.add_argument("--workers", type=int, help="default: 2; with --dask local: one a core")
-    parser.add_argument("--dask", help="a scheduler's address, or local")
+    parser.add_argument("--workers", type=int, help="default: 2")
+    parser.add_argument("--dask", help="a scheduler's address")
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
     parser.add_argument("--sigma", type=float, default=0.12, help="first step, of the range of each key; default 0.12")
     o = parser.parse_args()

@@ -159,10 +159,10 @@ FirstSeed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    Option("--workers", min=1, metavar="N", help="Number of processes. Default: 1; one per core with --dask local."),
+    Option("--workers", min=1, metavar="N", help="Number of processes. Default: 1."),
 ]
 Dask = Annotated[
-    str | None, Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786, or local.")
+    str | None, Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786.")
 ]
 Store = Annotated[
     Path | None,

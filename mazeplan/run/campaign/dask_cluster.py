@@ -26,7 +26,6 @@ from mazeplan.run.campaign.identity import program, program_mismatch
 if TYPE_CHECKING:
     from distributed import Client
 
-LOOPBACK = "127.0.0.1"
 CONNECT_S = 5.0  # s within which a scheduler must answer
 WORKERS_S = 10.0  # s within which the first worker must come
 POLL_S = 1.0  # s between looks for the scheduler while no task ends
@@ -35,18 +34,13 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": CONNECT_S,
     "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
     "distributed.admin.large-graph-warning-threshold": 1 << 30,
-    # for workers on this machine: profiling them a hundred times a second takes a tenth of their time
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-    "distributed.worker.memory.monitor-interval": "1s",
 }
 _one_at_a_time = threading.Lock()  # a process does one run at a time
 
 
 @contextmanager
-def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any], say: Words) -> Iterator[Executor]:
-    """An executor with the workers of a scheduler. address: None: start a cluster on this machine. Raises as
-    `executor.open_executor`."""
+def dask_executor(address: str, carry: Sequence[Any], say: Words) -> Iterator[Executor]:
+    """An executor with the workers of a scheduler. Raises as `executor.open_executor`."""
     try:
         import cloudpickle
         import distributed
@@ -56,8 +50,7 @@ def dask_executor(address: str | None, workers: int | None, carry: Sequence[Any]
     with ExitStack() as stack:
         stack.enter_context(_silence())
         stack.enter_context(config.set(SETTINGS))
-        target: Any = _checked(address) if address is not None else stack.enter_context(_own_cluster(workers))
-        address = address or "local"
+        target = _checked(address)
         try:
             client = stack.enter_context(distributed.Client(target, timeout=CONNECT_S, set_as_default=False))
         except (OSError, ValueError, TypeError, ImportError) as problem:
@@ -93,23 +86,8 @@ def _checked(address: str) -> str:
     protocol, _, place = full.partition("://")
     host, _, port = place.rpartition(":")
     if not (protocol in PROTOCOLS and host and port.isdecimal() and 0 < int(port) < 65536):
-        raise InputError(f"--dask: got {address!r}, expected local or an address such as tcp://scheduler:8786")
+        raise InputError(f"--dask: got {address!r}, expected an address such as tcp://scheduler:8786")
     return full
-
-
-def _own_cluster(workers: int | None) -> Any:
-    """A scheduler and workers on this machine that nobody else can reach."""
-    import distributed
-
-    return distributed.LocalCluster(
-        n_workers=workers or _cores(), threads_per_worker=1, processes=True, host=LOOPBACK,
-        silence_logs=logging.CRITICAL, dashboard_address=f"{LOOPBACK}:0", worker_dashboard_address=f"{LOOPBACK}:0",
-    )  # fmt: skip
-
-
-def _cores() -> int:
-    """The number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _line(problem: BaseException) -> str:

@@ -22,7 +22,6 @@ from threadpoolctl import ThreadpoolController
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words, no_words
 
-LOCAL = "local"  # in place of the address of a scheduler: start a cluster on this machine
 MOST_DEATHS = 3  # maximum number of processes that may die before a task ends
 WAKE_S = 1.0  # s, longest wait without a break: on some systems signals do not interrupt a wait
 
@@ -46,8 +45,8 @@ def open_executor(
 ) -> AbstractContextManager[Executor]:
     """An executor, as a context manager.
 
-    workers: number of processes; None or 1: this process. With dask="local", None means one process for each core
-    dask: address of a Dask scheduler; "local" starts a scheduler and worker processes on this machine; None: no Dask
+    workers: number of processes; None or 1: this process
+    dask: address of a Dask scheduler; None: no Dask
     carry: modules whose functions travel with the tasks, because workers on other machines cannot import them
     say: gets messages for people
 
@@ -57,9 +56,9 @@ def open_executor(
         return _here(workers or 1)
     from mazeplan.run.campaign.dask_cluster import dask_executor
 
-    if dask != LOCAL and workers is not None:
+    if workers is not None:
         raise InputError(f"--workers: got {workers} with --dask {dask}, whose workers are as many as they are")
-    return dask_executor(None if dask == LOCAL else dask, workers, carry, say)
+    return dask_executor(dask, carry, say)
 
 
 @contextmanager

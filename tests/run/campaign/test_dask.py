@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from campaign_work import deadly, refuse
+from campaign_work import refuse
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import NavigationResult
@@ -139,14 +139,3 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
         with pytest.raises(RigError, match=r"the scheduler at .* does not answer any more"):
             evaluate(more, executor=executor, store=store, progress=end)
     assert len(runs_table(tmp_path)) >= RUNS + 2
-
-
-@pytest.mark.slow
-def test_work_that_ends_its_worker_again_and_again_ends_on_a_cluster_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        daskcluster, "_check_workers", lambda *arguments: None
-    )  # which takes a second of processor time
-    notes = tmp_path / "notes"
-    notes.touch()
-    with open_executor(1, "local") as executor, pytest.raises(RigError):
-        list(executor.each(deadly, [(99, str(notes), 0)]))
