@@ -8,10 +8,9 @@ error, such as `never("blal_lost")`, would always hold.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NoReturn
 
-from mazeplan.apps.testing.leafscript import Player
 from mazeplan.apps.testing.watch import HALTED, NodeInfo, Step, Tick
 from mazeplan.btree.ports import shown
 from mazeplan.core.errors import InputError
@@ -35,8 +34,7 @@ class Record:
     reason: with a rig, why the navigation ended (arrived, stuck, out_of_time ...; rig_failed after a RigError);
         without a rig, the last status of the root
     goal: the goal ring
-    result: of the navigation; None without a rig, or if the rig failed
-    players: the leaves that played a script, by the name given with the script"""
+    result: of the navigation; None without a rig, or if the rig failed"""
 
     tree: str
     nodes: tuple[NodeInfo, ...]
@@ -48,7 +46,6 @@ class Record:
     goal: int
     maze: Maze
     result: NavigationResult | None = None
-    players: dict[str, list[Player]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Record of {self.tree}: {self.reason} after {self.time_s:.3f} s, {len(self.ticks)} ticks>"

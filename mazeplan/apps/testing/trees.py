@@ -128,7 +128,7 @@ def _record(
 ) -> Record:
     return Record(
         watch.tree_name, tuple(watch.nodes), tuple(watch.ticks), tuple(watch.steps), tuple(watch.events), reason,
-        success, goal, maze, result, watch.players,
+        success, goal, maze, result,
     )  # fmt: skip
 
 

@@ -98,7 +98,6 @@ class Watch:
         self.nodes: list[NodeInfo] = []
         self.ticks: list[Tick] = []
         self.events: list[TimedEvent] = []
-        self.players: dict[str, list[Player]] = {}
         self._steps: list[Step] = []
 
     @property
@@ -111,13 +110,12 @@ class Watch:
         self.tree_name, self._context, nodes = tree.name, context, list(tree.nodes())
         if not self.nodes:
             self.nodes = list(_described(tree.root))
-        self.players = {}
         unused = set(self._scripts)
         for info, node in zip(self.nodes, nodes, strict=True):
             name = self._script_for(info)
             if name is not None and isinstance(node, Leaf):
                 unused.discard(name)
-                self.players.setdefault(name, []).append(Player(node, self._scripts[name]))
+                Player(node, self._scripts[name])  # keeps itself alive in the leaf
             self._watch_node(info.index, node)
         self._refuse(unused)
         self._watch_tree(tree)
