@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mazeplan.core.errors import InputError
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
-from mazeplan.learning.torch_device import require_device
+from mazeplan.core.resources import to_install
 
 if TYPE_CHECKING:
     import torch
 
+DEVICES = ("cpu", "cuda")
 BEYOND = 0.05  # share that counts of the part of a command beyond the limits
 WIDTH = 0.1  # of the limit; smaller errors count by their square
 BATCH, RATE = 512, 3e-3
@@ -111,3 +113,21 @@ def fit_network(
     torch.set_num_threads(threads)
     arrays = [p.detach().cpu().numpy() for p in parameters]
     return Fit(tuple(zip(arrays[::2], arrays[1::2], strict=True)), mean, scale, error)
+
+
+def require_torch() -> None:
+    """Raise InputError, with the command to install, if torch is missing or broken."""
+    try:
+        import torch  # noqa: F401  only to see whether it loads
+    except ImportError as problem:
+        raise InputError(f"networks need torch: {to_install('learn')} ({problem})") from None
+
+
+def require_device(device: str) -> None:
+    """Raise InputError for an unknown device, and for cuda if torch sees no such device."""
+    import torch
+
+    if device not in DEVICES:
+        raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device: got cuda, but torch sees no such device; expected cpu")

@@ -117,19 +117,10 @@ def line(text):
     ("name", "spoil", "message"),
     [
         ("alpha", line("one"), r"alpha_hat_SP_ring1_toy.txt:5: got 'one', expected a number"),
-        ("alpha", line("nan"), r"txt:5: got 'nan', expected finite numbers"),
-        ("alpha", line("1e400"), r"txt:5: got '1e400', expected finite"),
         ("alpha", line("1 2"), r"txt:5: got 2 numbers, expected 1"),
-        ("alpha", line(""), r"txt:5: got 0 numbers, expected 1"),
-        ("alpha", line("1e300"), r"not finite at its own inputs"),
         ("alpha", lambda lines: lines.pop(), r"got \d+ rows, expected \d+ as in .*data_X"),
-        ("inputs", line("1 2 3"), r"data_X.*txt:5: got 3 numbers, expected 9"),
-        ("inputs", line("0 0 0 9 9 0 1 0 1"), r"txt:5: columns 4 and 5: .* expected a sine and a cosine"),
         ("inputs", lambda lines: lines.__delitem__(slice(5, None)), r"got 5 rows, expected 8 to 50000"),
-        ("weights", lambda lines: lines.pop(), r"w_hat.*txt: got 6 numbers, expected 7"),
-        ("weights", line("33"), r"w_hat_SP does not follow from alpha_hat_SP"),
         ("target_scale", lambda lines: lines.__setitem__(0, "0.001"), r"no noise gives targets of 0.001 rad/s\^2"),
-        ("kernel_scale", lambda lines: lines.__setitem__(0, "-1"), r"kernel_scale: got -1, expected numbers > 0"),
     ],
 )
 def test_a_spoilt_file_is_told_with_its_line(model, name, spoil, message):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -103,22 +102,3 @@ def test_the_odd_term_flips_what_a_mirror_flips_and_sees_no_place_but_that_in_a_
     for column, sign in zip(*odd[0], strict=True):
         assert sign == (-1.0 if LOCAL[column] in ODD else 1.0), LOCAL[column]
         assert LOCAL[column] not in ("sin_theta", "cos_theta")
-
-
-def test_local_inputs_by_hand():
-    k: Any = motion()
-    columns = dict(zip(LOCAL, local_inputs(k).T, strict=True))
-    np.testing.assert_allclose(columns["along"] * GRAVITY / RADIUS, gravity_part(k), rtol=1e-12)
-    at = replace(k, theta=0.0 * k.theta)  # across is then along x, beta lowers that side
-    columns = dict(zip(LOCAL, local_inputs(at).T, strict=True))
-    np.testing.assert_allclose(columns["across"], np.sin(k.beta), rtol=1e-12)
-    np.testing.assert_allclose(columns["across_dot"], k.beta_dot, rtol=1e-12)
-    np.testing.assert_allclose(columns["along_dot"], -k.gamma_dot, rtol=1e-12)
-    np.testing.assert_allclose(columns["across_past"], k.beta_past, rtol=1e-12)
-    np.testing.assert_allclose(
-        columns["outward"], RADIUS * k.theta_dot**2 + 5.0 / 9.0 * GRAVITY * np.sin(k.beta), rtol=1e-12
-    )
-    at = replace(motion(past=False), theta=np.full(50, np.pi / 2.0))  # and along y, where gamma lifts
-    columns = dict(zip(LOCAL, local_inputs(at).T, strict=True))
-    np.testing.assert_allclose(columns["across"], -np.sin(at.gamma), atol=1e-12)
-    np.testing.assert_allclose(columns["across_past"], -at.gamma, atol=1e-12)

@@ -19,8 +19,8 @@ from mazeplan.learning.features import (
 from mazeplan.learning.fitting import FitOptions, fit_kind
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.policy_training import require_torch
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
-from mazeplan.learning.torch_device import require_torch
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
 
 RADIUS = 0.0892

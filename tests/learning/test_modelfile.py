@@ -10,11 +10,9 @@ import pytest
 import yaml
 from stage_kinds import KINDS
 
-from mazeplan.control.estimation.rigid_body_parameters import body_of, value_of, with_body, with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.learning.modelfile import RigModel, load_model, model_names, save_model
-from mazeplan.learning.rigid_body_entries import LEAST_INERTIA
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia
@@ -67,25 +65,6 @@ def test_an_axis_that_a_person_writes_as_one_that_follows_at_once(tmp_path):
     assert load_model(tmp_path).stage.gamma == StageAxis(1.0, 80.0, 1.0, order=0)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "stderr", "kept"),
-    [
-        ("rolling", 0.0, 0.01, 0.0), ("viscous", 0.0, None, 0.0), ("wall", 0.3, 5.0, 0.0), ("hold", 0.0, None, 0.0),
-        ("rolling", 0.05, 0.01, 0.05), ("delay", -0.01, 0.001, -0.01), ("inertia", LEAST_INERTIA, None, LEAST_INERTIA),
-        ("restitution", 0.95, 0.01, 0.95),
-    ],
-)  # fmt: skip
-def test_numbers_of_the_ball_that_a_record_does_not_show_are_left_out(tmp_path, name, value, stderr, kept):
-    """What does not act is 0. A ball that slides, or that loses no speed, is at a bound because it is so."""
-    toy = load_model("toy")
-    ball = with_values(body_of(toy), {name: value + (toy.camera_delay if name == "delay" else 0.0)})
-    errors = {key: error for key, error in toy.body.stderr.items() if key != name} | ({name: stderr} if stderr else {})
-    document = yaml.safe_load(save_model(with_body(toy, ball, errors), tmp_path).read_text())
-    assert kept != 0.0 or name not in document["body"]
-    late = toy.camera_delay if name == "delay" else 0.0  # of the picture as a whole
-    assert value_of(body_of(load_model(tmp_path)), name) == pytest.approx(kept + late, abs=1e-6)
-
-
 HAND = """\
 format: 1
 kind: pi
@@ -103,51 +82,22 @@ rings:
     ("old", "new", "where", "said"),
     [
         ("format: 1\n", "", "1: ", "format is missing"),
-        ("format: 1", "format: 3", "1: format: ", "got 3"),
-        ("format: 1", "format: 0", "1: format: ", "got 0"),
         ("kind: pi", "kind: magic", "2: kind: ", "got 'magic'"),
-        ("kind: pi", "kind: [pi]", "2: kind: ", "got a list"),
-        ("kind: pi", "kin: pi", "2: kin: ", "unknown key"),
         ("gain: 1.0", "gain: {value: 1.0, unit: Hz}", "4: stage.beta.gain.unit: ", "got 'Hz'"),
-        ("value: 0.3", "value: 0.3, unit: kg", "9: rings.1.dry_friction.coefficient.unit: ", "expected rad/s^2"),
-        ("kind: pi", "rate_hz: 0", "2: rate_hz: ", "got 0"),
         ("kind: pi", "rate_hz: 0.033", "2: rate_hz: ", "got 0.033"),
-        ("kind: pi", "data: 5", "2: data: ", "got 5"),
-        ("kind: pi", "data: [log]", "2: data[0]: ", "got 'log'"),
         ("kind: pi", "scores: [0.3]", "2: scores: ", "got a list"),
-        ("kind: pi", "camera_delay_s: true", "2: camera_delay_s: ", "got true"),
-        ("kind: pi", "camera_delay_s: -0.01", "2: camera_delay_s: ", "0 to 0.5 s"),
         ("kind: pi", "camera_delay_s: {stderr: 0.1}", "2: camera_delay_s: ", "value is missing"),
-        ("kind: pi", "camera_delay_s: {value: 0.1, error: 1}", "2: camera_delay_s.error: ", "unknown key, expected"),
-        ("  gamma: {}\n", "", "3: stage: ", "gamma is missing"),
         ("gain: 1.0", "gain: 99", "4: stage.beta: ", "gain: got 99.0"),
-        ("gain: 1.0", "gain: .nan", "4: stage.beta.gain: ", "expected a finite number"),
-        ("gain: 1.0", "strength: 1.0", "4: stage.beta.strength: ", "unknown key, expected one of gain"),
         ("gamma: {}", "gamma: 3", "5: stage.gamma: ", "got 3"),
-        ("  1:\n", "  0:\n", "7: rings.0: ", "got '0'"),
-        ("  1:\n", "  ²:\n", "7: rings.²: ", "expected a ring number"),
         ("  1:\n", "  1: {}\n  01:\n", "8: rings.01: ", "expected a ring number"),
-        ("rolling_inertia:", "magic:", "8: rings.1.magic: ", "got effect 'magic'"),
-        ("factor:", "mass:", "8: rings.1.rolling_inertia", "expected one of factor"),
         ("factor: 0.6", "factor: .nan", "8: rings.1.rolling_inertia.factor: ", "expected a finite number"),
-        ("factor: 0.6", "factor: 60", "8: rings.1.rolling_inertia: ", "factor: got 60.0"),
-        (
-            "rolling_inertia: {factor: 0.6}",
-            "tilt_offset: {beta: 0.166}",
-            "8: rings.1.tilt_offset: ",
-            "beta: got 0.166",
-        ),
         ("{factor: 0.6}", "0.6", "8: rings.1.rolling_inertia: ", "got 0.6"),
-        ("value: 0.3", "value: [0.3]", "9: rings.1.dry_friction.coefficient: ", "got a list"),
-        ("stderr: 0.1", "stderr: -1", "9: rings.1.dry_friction.coefficient.stderr: ", "got -1"),
         (
             "stderr: 0.1",
             "stderr: much",
             "9: rings.1.dry_friction.coefficient.stderr: ",
             "got 'much'",
         ),
-        (HAND, "[1, 2]\n", "1: ", "got a list"),
-        (HAND, "format: [\n", "2: ", "not valid YAML"),
         (HAND, "format: !!python/object/apply:os.getcwd []\n", "1: ", "not allowed"),
     ],
 )

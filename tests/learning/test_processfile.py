@@ -91,14 +91,8 @@ def test_the_file_tells_people_what_is_in_the_arrays(folder):
     ("old", "new", "key"),
     [
         (r"rows: 50", "rows: 51", "rows"),
-        (r"kernel: rbf", "kernel: exponential", "kernel"),
-        (r"amplitude: \{value: 1.73205", "amplitude: {value: 1.74", "amplitude"),
         (r"amplitude: \{value: 1.73205", "amplitude: {value: .nan", "amplitude"),
-        (r"amplitude: \{value: 1.73205, unit: rad/s\^2\}", "amplitude: 2", "amplitude"),
-        (r"noise: \{value: 0.314159, unit: rad/s\^2\}", "noise: {value: 0.314159, unit: m}", "noise"),
         (r"theta_dot: \{value: [0-9.]+", "theta_dot: {value: 9.0", "lengthscales"),
-        (r"theta_dot: \{", "theta_dott: {", "lengthscales"),
-        (r"lengthscales:", "lengthscale:", "lengthscale"),
         (r"    kernel: rbf\n", "    kernel: rbf\n    extra: 3\n", "extra"),
     ],
 )
@@ -116,14 +110,8 @@ def test_hyperparameters_changed_by_hand_are_refused(folder, old, new, key):
     ("entry", "key", "said"),
     [
         ("5", "processes", "got 5, expected a mapping"),
-        ("{1: 5}", "processes.1", "got 5, expected a mapping"),
-        ("{1: {file: ring1.npz}}", "processes.1", "sha256 is missing"),
         ("{1: {sha256: ab}}", "processes.1", "file is missing"),
-        ("{1: {file: [a], sha256: ab}}", "processes.1", "expected the name of an .npz file beside model.yaml"),
-        ("{1: {file: ring9.npz, sha256: ab}}", "processes.1", "ring9.npz cannot be read: No such file"),
         ("{1: {file: ring1.npz, sha256: ab}}", "processes.1", "its sha256 differs"),
-        ("{1: {file: ring1.npz, sha256: 5}}", "processes.1", "its sha256 differs"),
-        ("{1: {file: ring2.npz, sha256: SHA}}", "processes.1", "its sha256 differs"),
     ],
 )
 def test_entries_that_lead_nowhere(folder, entry, key, said):

@@ -9,13 +9,12 @@ from sample_columns import MAZE, NUDGE, N, columns, samples_of
 
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.samples import (
-    MatchedKinematics,
     SampleOptions,
     columns_of,
     joined,
     ring_samples,
 )
-from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
+from mazeplan.learning.smoothing import Smoothing, derivatives
 
 
 def changed(name, value, at):
@@ -184,24 +183,3 @@ def test_delayed_rates_are_differences_of_samples_before_those_of_the_target():
             assert not found.good[k]
         else:
             assert found.k.theta_dot[k] == pytest.approx((theta[k - 2] - theta[k - 3]) / DT)
-
-
-def test_matched_tilt_is_averaged_as_the_target_is():
-    rng = np.random.default_rng(6)
-    beta = rng.uniform(-0.05, 0.05, N)
-    segment = (np.arange(N) >= 25).astype(float)
-    given = {"beta_dot": rng.standard_normal(N), "beta_ddot": rng.standard_normal(N)}
-    found = samples_of(beta=beta, segment=segment, **given, options=SampleOptions(rates="delayed"))
-    assert isinstance(found.k, MatchedKinematics)
-    weights = acceleration_kernel(7, 2)
-    for k in (0, 2, 12, 24, 25, 26, 40, N - 1):
-        first, last = (0, 25) if k < 25 else (25, N)
-        near = [(j, weights[j - k + 3]) for j in range(k - 3, k + 4) if first <= j < last]
-        for name, values in (("beta", beta), ("beta_dot", given["beta_dot"]), ("beta_ddot", given["beta_ddot"])):
-            expected = sum(w * values[j] for j, w in near) / sum(w for _, w in near)
-            assert getattr(found.k, name)[k] == pytest.approx(expected)
-        before = [beta[j] for j in range(k - 9, k - 2) if first <= j]
-        assert found.k.beta_past[k] == pytest.approx(np.mean(before) if before else beta[k])
-    plain = samples_of(beta=beta, segment=segment)
-    assert plain.k.beta_past[20] == pytest.approx(np.mean(beta[11:18]))
-    assert np.array_equal(plain.k.beta, beta)

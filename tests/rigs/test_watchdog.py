@@ -127,28 +127,6 @@ def test_another_programs_loop_is_not_woken(rig):
     assert outer.reason is None
 
 
-def test_a_loop_in_another_thread_gets_the_error_later(rig):
-    inner, _ = rig
-    outer, said = WatchedRig(inner), []
-
-    def loop():
-        outer.reset(ring=1, theta=0.0, rng=None)
-        outer.observe()
-        time.sleep(0.5)
-        try:
-            outer.command(0.1, 0.1)
-        except RigError as problem:
-            said.append(str(problem))
-        outer.close()
-
-    thread = threading.Thread(target=loop)
-    thread.start()
-    thread.join()
-    assert said == [outer.reason]
-    assert "command" not in inner.names()
-    assert "level" in inner.names()
-
-
 def test_only_the_time_from_sample_to_command_counts(rig):
     inner, outer = rig
     outer.observe()

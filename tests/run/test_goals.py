@@ -6,13 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from planar_rig import PlanarRig
-from talking import FIRST, MAZE, SETUP, go, said
+from talking import FIRST, MAZE, go, said
 
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
-from mazeplan.run.specification import Job
 
 # -- another goal ------------------------------------------------------------------------------------------------------
 
@@ -89,26 +86,6 @@ def test_each_goal_has_the_time_limit_of_its_own():
     assert (result.success, result.reason) == (False, "out_of_time")
     assert rig.t == pytest.approx(2.0 + 1.5, abs=0.04)
     assert "ring 3" in result.failures[-1].words
-
-
-def test_a_goal_that_waits_when_the_ball_arrives_is_not_lost():
-    plain, rig = go({}, goal=2)
-    last = len(rig.commands) - 1
-    goals, taken = Goals(MAZE), []
-
-    class AtTheLastMoment(PlanarRig):  # between the tick's look into the mailbox and its end
-        def command(self, u_beta, u_gamma):
-            super().command(u_beta, u_gamma)
-            if len(self.commands) - 1 == last:
-                taken.append(goals.aim(3))
-
-    rig = AtTheLastMoment(MAZE)
-    result = run_job(rig, SETUP, Job(1, 2, 0.3), goals=goals)
-    assert taken == [True]
-    assert result.success
-    assert rig.ring == 3
-    assert result.goals[-1].t == pytest.approx(plain.time_s + 1 / 30)
-    assert goals.aim(2) is False  # nobody reads any more
 
 
 def test_goals_before_the_run_begins_are_read_at_its_first_tick():

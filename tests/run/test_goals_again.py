@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from planar_rig import PlanarRig, known
-from talking import MAZE, NAMES, SETUP, go
+from planar_rig import known
+from talking import MAZE, NAMES, go
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_messages
-from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
-from mazeplan.run.specification import Job
 
 # -- told again --------------------------------------------------------------------------------------------------------
 
@@ -57,28 +55,6 @@ def test_a_run_with_two_other_goals_and_edited_openings_decides_again(tmp_path):
         replay(changed(path, "closed", opening="1-2"), model=known(MAZE))
     with pytest.raises(LogError, match="opening: got '1-2', expected one of"):
         replay(changed(path, "opened", opening="1-2"), model=known(MAZE))
-
-
-def test_a_run_that_was_stopped_or_went_on_after_it_had_arrived_decides_again(tmp_path):
-    path = tmp_path / "stopped.mcap"
-    assert talked_to(path, {20: lambda goals: goals.stop()}).reason == "stopped"
-    outcome = replay(path, model=known(MAZE))
-    assert outcome.identical, outcome.difference
-    assert (outcome.ticks, outcome.reason) == (21, "stopped")
-    _, rig = go({}, goal=2)
-    goals, last = Goals(MAZE), len(rig.commands)
-
-    class AtTheLastMoment(PlanarRig):
-        def command(self, u_beta, u_gamma):
-            super().command(u_beta, u_gamma)
-            if len(self.commands) == last:
-                goals.aim(3)
-
-    path = tmp_path / "on.mcap"
-    result = run_job(AtTheLastMoment(MAZE), SETUP, Job(1, 2, 0.3), goals=goals, log=path)
-    assert [g.ring for g in result.goals] == [2, 3]
-    outcome = replay(path, model=known(MAZE))
-    assert outcome.identical, outcome.difference
 
 
 @pytest.mark.slow

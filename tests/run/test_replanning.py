@@ -83,47 +83,6 @@ def test_an_opening_that_fails_is_left_for_another_route(tmp_path):
     assert run.result.rings[0].opening == routes[-1]
 
 
-def test_a_ball_that_falls_back_is_routed_from_there(tmp_path):
-    done = []
-
-    def knock(rig):
-        if rig.ring == 3 and not done:
-            done.append(rig.t)
-            rig.place(1, 2.0)
-
-    run = Recorded(tmp_path, knock)
-    assert run.result.success
-    route, opening, leaf = run.replanned("fell_back")
-    assert route[0].startswith("1-2")
-    assert len(route) == 4
-    assert opening.startswith("1-2")
-    assert leaf == "Track"
-    assert run.recoveries == ["replan"]
-    assert run.result.failures[0].t - done[0] < 0.1
-
-
-@pytest.mark.parametrize(
-    ("start", "goal", "at", "to", "kind", "legs"),
-    [(1, 5, 1, 3, "wrong_ring", 2), (3, 1, 3, 4, "fell_back", 3), (2, 5, 2, 1, "fell_back", 4)],
-)
-def test_another_ring_entered_by_accident_is_where_the_route_begins(tmp_path, start, goal, at, to, kind, legs):
-    done = []
-
-    def slip(rig):
-        if rig.ring == at and rig.t > 0.2 and not done:
-            done.append(rig.t)
-            rig.place(to, 0.9)
-
-    run = Recorded(tmp_path, slip, start, goal)
-    assert run.result.success
-    assert run.kinds == [kind]
-    route, opening, leaf = run.replanned(kind)
-    assert len(route) == legs
-    assert str(to) in opening.split("@")[0]
-    assert leaf in ("Track", "Align", "PassOpening")  # where it was put an opening may be near
-    assert run.result.failures[0].t - done[0] < 0.1
-
-
 def at_tick(k, deed):
     return lambda rig, goals: deed(goals) if len(rig.commands) == k else None
 

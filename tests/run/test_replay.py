@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from replayed import MAZE, again, of, other_end, planar, rewritten, tick
 
-from mazeplan.core.errors import LogError, RigError
+from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
@@ -72,26 +72,6 @@ def test_runs_that_went_wrong_on_the_way_decide_again(tmp_path, mishap, limit, r
     outcome = again(tmp_path / "run.mcap")
     assert outcome.identical, outcome.difference
     assert outcome.reason == reason
-
-
-@pytest.mark.parametrize(("error", "reason"), [(KeyboardInterrupt, "interrupted"), (RigError, "rig_failed")])
-def test_runs_that_were_ended_decide_again_up_to_there(tmp_path, error, reason):
-    def end(rig):
-        if rig.t > 0.8:
-            raise error("enough")
-
-    path = tmp_path / "run.mcap"
-    with pytest.raises(error):
-        planar(path, mishap=end)
-    outcome = again(path)
-    assert outcome.identical
-    assert outcome.ticks == 25
-    assert outcome.reason == reason
-
-    def other(header, messages):
-        [d for t, d in messages if t == "/tick"][-1]["u_beta"] += 0.001
-
-    assert not again(rewritten(path, other)).identical
 
 
 def test_closed_openings_seed_and_start_decide_again(tmp_path):

@@ -42,20 +42,10 @@ def test_a_file_says_only_what_it_wants_otherwise(tmp_path):
     ("text", "message"),
     [
         ("gates: {kp: 1}", r"mine.yaml:1: gates: unknown section, expected one of cost, travel, gate"),
-        ("gate:\n  kq: 1", r"mine.yaml:2: gate.kq: unknown key, expected one of kp, kd"),
-        ("gate:\n  kd: 1\n  kp: -2", r"mine.yaml:3: gate.kp: got -2"),
         ("gate:\n  kp: strong", r"mine.yaml:2: gate.kp: got 'strong'"),
-        ("cost: {control: 0}", r"mine.yaml:1: cost.control: got 0"),
-        ("tracking: {replan_every: 1.5}", r"tracking.replan_every: got 1.5"),
         ("rollout: {grid: 1000}", r"rollout.grid: got 1000"),
-        ("travel: {planned_choices: 100000}", r"travel.planned_choices: got 100000"),
-        ("travel: {horizon: 0}", r"travel.horizon: got 0"),
         ("travel: {horizon: 40.5}", r"travel.horizon: got 40.5"),
-        ("gate: {lead_s: 8e6}", r"gate.lead_s: got 8e"),
-        ("gate: {kp: 1.0e+300}", r"gate.kp: got 1e\+300"),
         ("gate: 3", r"mine.yaml:1: gate: got 3"),
-        ("- 1", r"mine.yaml:1: got a list"),
-        ("estimator: {plate: {a: 1}}", r"estimator.plate: unknown key"),
     ],
 )
 def test_what_is_wrong_is_said_with_file_line_and_key(tmp_path, text, message):

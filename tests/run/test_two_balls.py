@@ -10,12 +10,10 @@ from commands import call as run_command
 from planar_rig import PATIENT
 
 import mazeplan
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.mapfile import check_text, dump_map, load_map
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.settings import Fault
-from mazeplan.run.goals import Goals
 from mazeplan.run.replay import replay
 
 CME = load_map("cme")
@@ -104,27 +102,6 @@ def test_what_cannot_be_done_with_two_balls_is_refused(call, more, said):
     assert (status, out) == (2, "")
     assert said in err
     assert len(err.strip().splitlines()) == 1
-
-
-def test_another_goal_of_two_balls_is_the_centre_too():
-    refused = "goal: got ring3, expected ring5: 2 balls go to the centre"
-    goals = Goals(TWO)
-    with pytest.raises(SettingsError, match=refused):
-        goals.aim("ring3")
-    assert goals.aim("centre")
-    late = Goals("cme")  # made before anybody spoke of two balls
-    assert late.aim(3)
-    with pytest.raises(SettingsError, match=refused):
-        late.begin(TWO)
-    late = Goals("cme")
-    late.begin(TWO)
-    with pytest.raises(SettingsError, match=refused):
-        late.aim(3)
-    assert late.take(0.0) == ()
-    late.end()
-    assert late.aim(3) is False, "over"
-    late.begin(CME)
-    assert late.aim(3)
 
 
 @pytest.fixture

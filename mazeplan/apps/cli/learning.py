@@ -80,7 +80,6 @@ def learn(
     most: opt.LearnRows = 4000,
     smoothing: opt.Smoothing = "rts",
     seed: opt.Seed = 0,
-    rig: opt.DrivenRig = None,
     map_: opt.MapOfLog = None,
     columns: opt.Columns = None,
     force: opt.Force = False,
@@ -101,7 +100,7 @@ def learn(
         say("--device cuda: all kinds train on the processor")
     with ProgressBar("learning") as bar:
         learned = fit(
-            logs, output, kind=kind, device=device, most=most, smoothing=smoothing, seed=seed, rig=rig, map=map_,
+            logs, output, kind=kind, device=device, most=most, smoothing=smoothing, seed=seed, map=map_,
             columns=columns or [], progress=bar.show, advance=bar.advance,
         )  # fmt: skip
     if as_json:
@@ -110,8 +109,6 @@ def learn(
     done, model = learned.learned, learned.model
     lines = [*model_lines(model), f"fit: {fits_words(model)}", done.judgement.words()]
     lines += [f"rigid ball: {done.why}"] if model.body is None and done.why else []
-    driven: dict[str, float] = model.scores.get("driven_s", {})
-    lines += [f"driven: {', '.join(f'{name} {time:.2f} s' for name, time in driven.items())}"] if driven else []
     print("\n".join([*lines, f"wrote {learned.document['model']}", *verdict_lines(learned.document["score"])]))
 
 
@@ -202,7 +199,7 @@ def train(
     note_missing_model(rig, model)
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
-    from mazeplan.learning.torch_device import require_device, require_torch
+    from mazeplan.learning.policy_training import require_device, require_torch
     from mazeplan.run.campaign.imitation import Options
     from mazeplan.run.campaign.imitation import train as train_policy
     from mazeplan.run.campaign.one_run import Campaign

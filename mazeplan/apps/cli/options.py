@@ -24,12 +24,6 @@ MapOfLog = Annotated[
 RigName = Annotated[
     str, Option("--rig", metavar="RIG", help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")
 ]
-DrivenRig = Annotated[
-    str | None,
-    Option(
-        "--rig", metavar="RIG", help="Simulated rig on which to drive a few runs; the model that drives best is kept."
-    ),
-]
 RigFileName = Annotated[
     str, Option("--rig", metavar="RIG", help="YAML file of the rig; `hardware` means ./hardware.yaml.")
 ]

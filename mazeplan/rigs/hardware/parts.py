@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING
 
 from mazeplan.core.errors import RigError
@@ -23,15 +21,13 @@ if TYPE_CHECKING:  # OpenCV is not needed to talk to the board
     from mazeplan.rigs.camera.source import FrameSource, NewestPicture
 
 AUTO = "auto"
-KEPT = 10_000  # round trips that are kept
 
 
 @dataclass
 class Parts:
     """Open parts of a rig.
 
-    port, camera: names for messages.
-    trips: times from a command to its confirmation, s; the newest KEPT ones."""
+    port, camera: names for messages."""
 
     board: Board
     pictures: NewestPicture
@@ -39,21 +35,10 @@ class Parts:
     track: TiltTrack
     port: str
     camera: str
-    trips: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
-    _sent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=KEPT))
-
-    def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> None:
-        """Send pulses to the servos. Raises RigError if the board is lost."""
-        now = monotonic()
-        self._sent.append((self.board.command(pulse_beta_us, pulse_gamma_us), now))
 
     def listen(self) -> None:
         """Take the board's new reports into the track of the tilt. Raises RigError if the board is lost."""
-        reports = self.board.recent()
-        self.track.take(reports)
-        for report in reports:
-            while self._sent and report.sequence >= self._sent[0][0]:
-                self.trips.append(report.received_s - self._sent.popleft()[1])
+        self.track.take(self.board.recent())
 
     def close(self) -> None:
         """Level the plate, and close everything."""

@@ -265,7 +265,7 @@ class HardwareRig:
         if self._stopped:
             parts.board.level()
             return
-        parts.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
+        parts.board.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
 
     def level(self) -> None:
         """Level the plate now."""

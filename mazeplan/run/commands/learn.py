@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,19 +18,12 @@ from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
 from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.learning.policy_training import DEVICES
 from mazeplan.learning.smoothing import Smoothing
-from mazeplan.learning.torch_device import DEVICES
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.interface import Rig, traits
-from mazeplan.rigs.registry import make_rig, named_rig
-from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.commands.log_context import logged_map
-from mazeplan.run.execution import attempt_job
-from mazeplan.run.learn import Drive, Learned
+from mazeplan.run.learn import Learned
 from mazeplan.run.learn import learn as learn_model
-from mazeplan.run.specification import Job, Setup
-
-RUNS = 8  # of each model on a simulated rig
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,6 @@ def learn(
     most: int = 4000,
     smoothing: str = "rts",
     seed: int = 0,
-    rig: str | Path | Rig | type | None = None,
     map: str | Path | Maze | None = None,
     columns: Iterable[str] | Mapping[str, str] = (),
     progress: Words = no_words,
@@ -70,7 +61,6 @@ def learn(
     kind: p, pi, np or sp
     most: most training rows of a Gaussian process, per ring
     smoothing: rts or savgol, for missing derivatives
-    rig: simulated rig on which to drive a few runs; the model that drives best is kept
     columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
 
     Raises InputError, TableError."""
@@ -82,14 +72,10 @@ def learn(
     maze = logged_map(map, *given).maze
     progress("reading")
     tables = [as_table(log, named) for log in given]
-    with named_rig(rig or "") as name:
-        drive = None if rig is None else _drive(name, maze)
-        try:
-            done = learn_model(
-                tables, maze, kind, options, smoothing=chosen, progress=progress, advance=advance, drive=drive
-            )
-        except ValueError as problem:
-            raise TableError(str(problem), file=", ".join(_place(log) for log in given)) from None
+    try:
+        done = learn_model(tables, maze, kind, options, smoothing=chosen, progress=progress, advance=advance)
+    except ValueError as problem:
+        raise TableError(str(problem), file=", ".join(_place(log) for log in given)) from None
     path = None if output is None else save_model(done.model, output)
     kept = None if output is None else _keep_reference(done, Path(output))
     progress("judging")
@@ -104,22 +90,6 @@ def learn(
 
 def _place(log: Any) -> str:
     return str(log) if isinstance(log, str | Path) else name_of(log)
-
-
-def _drive(rig: str, maze: Maze) -> Drive:
-    """Does a few runs on a simulated rig. Raises InputError for a rig in real time."""
-    if traits(make_rig(rig, maze)).realtime:
-        raise InputError(f"got {rig}, a rig in real time; expected a simulated one: learn would drive it", key="--rig")
-
-    def times(model: RigModel) -> list[float]:
-        out = []
-        for i in range(RUNS):
-            job = Job(1, len(maze.rings), start_angle(i), i)
-            result, _ = attempt_job(make_rig(rig, maze), Setup(maze, model, rig_name=rig), job)
-            out.append(result.time_s if result.success else math.inf)
-        return out
-
-    return times
 
 
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: str) -> dict[str, Any]:

@@ -199,31 +199,3 @@ def test_closing_levels_and_may_come_twice(table):
     rig.close()
     rig.close()
     assert parts.board.told == ["close"]
-
-
-def test_closing_ends_a_reset_that_waits(table, monkeypatch):
-    rig, parts = table()
-    opened, ended = [], []
-    monkeypatch.setattr(rig, "_open_board", lambda: opened.append("board"))
-    monkeypatch.setattr(module, "assemble", lambda *given: opened.append("parts"))
-    monkeypatch.setattr(rig, "ready", lambda: None)
-    parts.detector.ball = None
-
-    def reset():
-        try:
-            rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-        except RigError as problem:
-            ended.append(str(problem))
-
-    placing = threading.Thread(target=reset)
-    placing.start()
-    while rig.sighting is None:
-        time.sleep(0.01)
-    rig.close()
-    placing.join()
-    assert ended == ["the rig is closed; the next reset opens it again"]
-    for use in (lambda: rig.board, rig.observe, lambda: rig.command(0.0, 0.0)):
-        with pytest.raises(RigError, match="is closed"):
-            use()
-    assert opened == []
-    rig.level()

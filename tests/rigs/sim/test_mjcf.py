@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from mazeplan.maze.geometry import Ball, Maze, Opening, Ring
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.sim.mjcf import CHEEK, mjcf
 from mazeplan.rigs.sim.settings import settings_from
@@ -19,7 +18,6 @@ from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZES = {name: load_map(name) for name in ("cme", "lopsided")}
 OPENINGS = [(name, opening.name) for name, maze in MAZES.items() for opening in maze.openings]
-HEIGHT = 6.35e-3  # m, of rays: where the ball touches a wall
 PLACES = ("inner", "middle", "outer")
 
 every_opening = pytest.mark.parametrize(("name", "opening"), OPENINGS, ids=[f"{m}-{o}" for m, o in OPENINGS])
@@ -47,16 +45,6 @@ def frame(opening):
     """Unit vectors along the opening's middle line and across it."""
     c, s = math.cos(opening.angle), math.sin(opening.angle)
     return np.array([c, s]), np.array([-s, c])
-
-
-def ray(simulation, start, direction):
-    """Distance from a point of the plate to the first wall that way."""
-    model, data = simulation
-    model.geom_group[[i for i in range(model.ngeom) if (model.geom(i).name or "").startswith("plug:")]] = 5
-    groups = np.array([1, 1, 1, 1, 1, 0], dtype=np.uint8)
-    found = np.zeros(1, dtype=np.int32)
-    at = np.array([*start, HEIGHT])
-    return mujoco.mj_ray(model, data, at, np.array([*direction, 0.0]), groups, 1, -1, found, None)
 
 
 def solid(simulation, points, margin):
@@ -126,23 +114,3 @@ def test_the_ball_slides_along_a_cheek_without_a_catch(name, opening, place):
             data.qpos[2:4] += forward * (along - data.qpos[2:4] @ forward)  # stays where it is along the opening
             data.qvel[2:4] = sideways * side * 0.02
         assert side * (rig.truth()[:2] @ sideways) == pytest.approx(half - ball, abs=0.1e-3)
-
-
-def test_openings_that_nearly_touch_have_a_pillar_between_them():
-    """Too close for a whole box between them: what is left of the wall stands, and the rest of the ring is closed."""
-    ball = Ball(6.35e-3, 8.4e-3)
-    width = 15.3e-3
-    pair = [Opening(f"1-2@{angle}", 1, 2, math.radians(angle), width) for angle in (0.0, 56.6)]
-    maze = Maze("pillar", ball, (Ring(1, 21.11e-3, 36.23e-3), Ring(2, 0.0, 16.11e-3)), tuple(pair), 0.087, 0.02)
-    simulation = built(maze)
-    middle = math.radians(28.3)
-    direction = np.array([math.cos(middle), math.sin(middle)])
-    assert ray(simulation, 25e-3 * direction, -direction) == pytest.approx(25e-3 - 21.11e-3, abs=1e-4)
-    for opening in pair:
-        forward, sideways = frame(opening)
-        for side in (-1.0, 1.0):
-            assert ray(simulation, 17e-3 * forward, side * sideways) == pytest.approx(0.5 * width, abs=1e-6)
-        assert ray(simulation, [0.0, 0.0], forward) > 30e-3
-    for angle in np.radians(np.arange(90.0, 325.0, 1.7)):
-        direction = np.array([math.cos(angle), math.sin(angle)])
-        assert ray(simulation, [0.0, 0.0], direction) == pytest.approx(16.11e-3, abs=1e-4)

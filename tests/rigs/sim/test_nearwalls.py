@@ -9,12 +9,11 @@ from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS
 from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
-from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
+from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 CME = load_map("cme")
 TOY = make_rig("toy", CME).settings  # pyright: ignore[reportAttributeAccessIssue]
-OPENING = CME.openings[0]
 
 
 def whole(maze, settings):
@@ -56,26 +55,3 @@ def test_it_goes_the_same_way_among_radial_walls():
     maze = load_map("detour")
     settings = SimulatedSettings(magnet_m_s2=0.5, magnet_mm=(40.0, 20.0), contact_damping_ratio=0.5)
     assert same_way(maze, settings, 2, 1.0, drawn(maze, 60, 1)) >= 2
-
-
-def test_a_plug_holds_the_ball_and_is_taken_out_again():
-    """Before a plugged opening the plate is tilted towards it; later the plug is gone and the ball falls in."""
-    ring, inwards = OPENING.outer, OPENING.angle + np.pi
-    push = CME.tilt_limit * np.array([np.cos(inwards), -np.sin(inwards)])  # beta lowers +x, gamma lifts +y
-    fault = Fault(kind="blocked", at_s=0.0, duration_s=0.7, opening=OPENING.name)
-    settings = SimulatedSettings(faults=(fault,))
-    assert same_way(CME, settings, ring, OPENING.angle, [push] * 60) >= 2
-    rig = SimulatedRig(CME, settings)
-    rig.reset(ring=ring, theta=OPENING.angle, rng=np.random.default_rng(0))
-    inner = CME.ring(ring).inner_radius
-    for samples in (20, 40):  # .67 s with the plug, then without
-        for _ in range(samples):
-            rig.observe()
-            rig.command(*push)
-        radius = float(np.hypot(*rig.truth()[:2]))
-        assert (radius > inner) == (samples == 20), radius
-    rig.reset(ring=ring, theta=OPENING.angle, rng=np.random.default_rng(0))
-    for _ in range(20):
-        rig.observe()
-        rig.command(*push)
-    assert np.hypot(*rig.truth()[:2]) > inner  # a run that begins anew has its plug again

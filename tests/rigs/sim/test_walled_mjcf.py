@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
-from test_mjcf import built, ray
+from test_mjcf import built
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("detour")
 WALLS = MAZE.radial_walls
+HEIGHT = 6.35e-3  # m, of rays: where the ball touches a wall
+
+
+def ray(simulation, start, direction):
+    """Distance from a point of the plate to the first wall that way."""
+    model, data = simulation
+    model.geom_group[[i for i in range(model.ngeom) if (model.geom(i).name or "").startswith("plug:")]] = 5
+    groups = np.array([1, 1, 1, 1, 1, 0], dtype=np.uint8)
+    found = np.zeros(1, dtype=np.int32)
+    at = np.array([*start, HEIGHT])
+    return mujoco.mj_ray(model, data, at, np.array([*direction, 0.0]), groups, 1, -1, found, None)
 
 
 @pytest.fixture(scope="module")
