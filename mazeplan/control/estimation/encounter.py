@@ -48,7 +48,7 @@ def update_balls(
     _together([e.advance for e in pair], z, pair[0].measured_at or now, now, radius)
     for estimator, state in zip(pair, z, strict=True):
         estimator.set_tilt(state)
-    _together([e.predict_queued for e in pair], z, pair[0].known_until(now), now + pair[0].dead_time, radius)
+    _together([e.predict_queued for e in pair], z, pair[0].known_until(now), now + pair[0].acts_after, radius)
     return [e.finish(sample, state) for e, sample, state in zip(pair, samples, z, strict=True)]
 
 

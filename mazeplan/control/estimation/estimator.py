@@ -32,6 +32,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact, predict, predict_given_tilt, ring_index
 
+HOLD_S = 1.0 / 30.0  # s; of a command, with which the settings of navigation were found
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
 HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
 
@@ -92,6 +93,14 @@ class Estimator:
         """Seconds between sending a command and its first effect on the plate."""
         return self._model.stage.dead_time
 
+    @property
+    def acts_after(self) -> float:
+        """Seconds from a sample to the moment for which a command is computed.
+
+        The settings of navigation hold for commands that stay for HOLD_S; half of it is part of every lead. At 60 Hz
+        a command acts that much earlier on average. At 15 Hz a later moment made runs slower, so it stays as it is."""
+        return self.dead_time + 0.5 * min(self._dt - HOLD_S, 0.0)
+
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
         twin = self._twin()
@@ -139,11 +148,11 @@ class Estimator:
         """State (9,) when a command sent at t will act, predicted from the last measured moment; zeros before it.
 
         until: the moment of the state, s, in place of that when the command acts"""
-        z = self.ball()
+        z, end = self.ball(), t + self.acts_after if until is None else until
         if self._z is not None:
-            self.advance(z, self._measured_at, t)
+            self.advance(z, self._measured_at, min(t, end))
         self.set_tilt(z)
-        self.predict_queued(z, self.known_until(t), t + self.dead_time if until is None else until)
+        self.predict_queued(z, self.known_until(t), end)
         return z
 
     def known_until(self, t: float) -> float:
@@ -153,7 +162,7 @@ class Estimator:
     def finish(self, observation: Observation, z: Array) -> State:
         """The state for z (9,), which is kept for `ahead`."""
         t, measured = observation.t, self.ball()
-        self._acting_z, self._acts_at = z, t + self.dead_time
+        self._acting_z, self._acts_at = z, t + self.acts_after
         lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
         self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
         self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
