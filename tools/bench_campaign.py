@@ -1,6 +1,6 @@
-"""Section `campaign`: runs a second of `evaluate` with one worker, two workers, and two workers of Dask.
+"""Section `campaign`: runs a second of `evaluate` with one worker and with two workers.
 
-The three ways do the same runs in turn, a block each, so that other work on the machine slows all of them. The start
+Both ways do the same runs in turn, a block each, so that other work on the machine slows all of them. The start
 of the workers is measured by itself, with one run for each worker, and subtracted from each block.
 """
 
@@ -15,7 +15,6 @@ BLOCK, BLOCKS = 250, 4
 WAYS = {
     "one worker": (),
     "two workers": ("--workers", "2"),
-    "two workers of Dask": ("--workers", "2", "--dask", "local"),
 }
 CLOCKS = ("planner_ms", "tick_ms", "log")  # of a result: what differs from one computer to the next
 

@@ -90,6 +90,6 @@ def rig_section(quick: bool) -> Section:
             kills.add(trial, f"{1e3 * found[0]:.0f}", f"{found[1]:.2f}")
     notes = (
         "`mazeplan navigate --from ring1 --to ring5 --rig tools/emulated.yaml --seed N`, at 30 Hz by the clock on the",
-        "wall. Round trip: from a command to the report that confirms it.",
+        "wall.",
     )
     return Section("The rig on a table (emulated)", notes, (runs, kills))

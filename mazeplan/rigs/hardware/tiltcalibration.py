@@ -1,8 +1,7 @@
 """Fits tilt sensor and servos to readings of a clinometer.
 
-Terms of the polynomial: there are four sets of terms (affine, with the product, with squares, with cubes). Each axis
-gets the smallest set that predicts a left-out reading nearly as well as the best set. `e_i / (1 - h_ii)` is the error
-of the fit without reading i (Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980).
+Terms of the polynomial: as many as the readings determine twice over, up to cubes. `e_i / (1 - h_ii)` is the error of
+the fit without reading i (Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980).
 
 Outliers: wrong readings are reported and not used. Two steps find them. The first is the least median of squares over
 small random subsets (Rousseeuw, 1984); it works with up to one half of wrong readings. The second removes one reading
@@ -27,12 +26,9 @@ from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.hardware.tiltsensor import DiodeSensor, design
 from mazeplan.rigs.link.messages import HARD_US
 
-SETS: tuple[tuple[str, ...], ...] = (
-    ("one", "a", "b"),
-    ("one", "a", "b", "ab"),
-    ("one", "a", "b", "ab", "aa", "bb"),
-    ("one", "a", "b", "ab", "aa", "bb", "aaa", "aab", "abb", "bbb"),
-)
+LINEAR: tuple[str, ...] = ("one", "a", "b")
+SQUARES: tuple[str, ...] = (*LINEAR, "ab", "aa", "bb")
+CUBES: tuple[str, ...] = (*SQUARES, "aaa", "aab", "abb", "bbb")
 COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
 PULSES = ("pulse_beta_us", "pulse_gamma_us")
 LEAST = 8  # minimum number of readings
@@ -41,7 +37,6 @@ VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # allowed range of 
 LEAST_RANGE_V = 0.02  # V, minimum range of each channel
 ENDS_V = (0.02, 4.98)  # V; beyond these, a channel is at an end of the board's converter
 MOST_STUCK = 0.3  # largest share of readings at an end of the converter
-ENOUGH = 1.05  # a larger set of terms must predict better by more than this factor
 CLINOMETER = 0.1  # deg, last digit of the clinometer
 GROSS, FINE = 5.0, 4.5  # standard deviations beyond which a reading is an outlier, in the first and second step
 VISIBLE = 0.2  # deg; smaller errors are no outliers in the second step
@@ -252,27 +247,23 @@ def _fit_axis(
     v: Array, y: Array, centre: Array, scale: Array, rng: np.random.Generator
 ) -> tuple[AxisFit, np.ndarray, Array]:
     """The fit of one axis, which readings it uses (N,) bool, and its value at each reading (N,)."""
-    largest = max((s for s in SETS if len(y) >= 2 * len(s)), key=len, default=SETS[0])
-    coarse = max((s for s in SETS[:3] if len(y) >= 2 * len(s)), key=len, default=SETS[0])
-    good = _within_median(design(coarse, v, centre, scale), y, rng)
+    terms = next((s for s in (CUBES, SQUARES) if len(y) >= 2 * len(s)), LINEAR)
+    good = _within_median(design(SQUARES if terms == CUBES else terms, v, centre, scale), y, rng)
+    x = design(terms, v, centre, scale)
     while True:
-        sets = [s for s in SETS if len(s) <= len(largest) and good.sum() >= len(s) + 3]
-        trials = [_leave_one_out(design(s, v, centre, scale), y, good) for s in sets]
-        best = max(min(rms for _, rms, _ in trials), 0.1 * CLINOMETER)
-        chosen = next(i for i, (_, rms, _) in enumerate(trials) if rms <= ENOUGH * best)
-        k, rms, studentised = trials[chosen]
-        said = design(sets[chosen], v, centre, scale) @ k
+        k, rms, studentised = _leave_one_out(x, y, good)
+        said = x @ k
         worst = int(np.argmax(np.abs(studentised)))
         out = abs(studentised[worst]) > FINE and abs(y[worst] - said[worst]) > VISIBLE
-        if not out or good.sum() - 1 < LEAST or good.sum() - 1 < 0.6 * len(y):
+        if not out or good.sum() - 1 < max(LEAST, len(terms) + 3) or good.sum() - 1 < 0.6 * len(y):
             break
         good[worst] = False
     good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # take back readings that were excluded wrongly
-    k, rms, _ = _leave_one_out(design(sets[chosen], v, centre, scale), y, good)
-    said = design(sets[chosen], v, centre, scale) @ k
+    k, rms, _ = _leave_one_out(x, y, good)
+    said = x @ k
     left = (y - said)[good]
-    terms = dict(zip(sets[chosen], (float(c) for c in k), strict=True))
-    fit = AxisFit(terms, float(np.sqrt(np.mean(left**2))), float(np.max(np.abs(left))), rms, int(good.sum()))
+    named = dict(zip(terms, (float(c) for c in k), strict=True))
+    fit = AxisFit(named, float(np.sqrt(np.mean(left**2))), float(np.max(np.abs(left))), rms, int(good.sum()))
     return fit, good, said
 
 
