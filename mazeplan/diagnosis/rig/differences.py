@@ -16,6 +16,7 @@ from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.search import (
     ENOUGH,
     MOST_FOUND,
+    NEEDED,
     NOISE,
     STDERR_SCALE,
     STEPS,
@@ -93,10 +94,13 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     part = alternate(then)
     # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
     missed = part.innovations(found).minus2 < part.innovations(start).minus2
-    free = sizes if missed else [name for name in sizes if name not in was.stderr]
-    if not free:
-        return was, list(searched.found)
-    fit = fit_body(part, found if missed else start, (*NOISE, *free), STEPS, ENOUGH)
+    names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
+    names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
+    if missed:
+        fit = fit_body(part, found, (*NOISE, *sizes), STEPS, ENOUGH)
+    else:  # the fit of the reference may have ended in another valley: are the found numbers likelier with all free?
+        fit, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
+        fit = other if other.minus2 < fit.minus2 - NEEDED else fit
 
     def reference(fit: BodyFit) -> Reference:
         return replace(was, model=fit.model, stderr={**was.stderr, **{name: fit.stderr[name] for name in fit.free}})
@@ -104,6 +108,5 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     moved = reference(fit)
     news = [c for c in searched.found if surely_differs(now, searched.fit.stderr, moved, c.sizes)]
     if len(news) < len(searched.found):  # their numbers change the others
-        names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
         moved = reference(fit_body(then, fit.model, (*NOISE, *sizes, *names), STEPS, ENOUGH))
     return moved, news
