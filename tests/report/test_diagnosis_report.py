@@ -4,42 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import pytest
 from report_documents import diagnosis, evidence, kept
 
 from mazeplan.apps.report.diagnosis import diagnosis_section
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageTable
-from mazeplan.diagnosis.coordinate.evidence import Evidence, spectrum
-from mazeplan.diagnosis.coordinate.screening import PEAK
 
 
 def section(shown=None, document=None):
     return diagnosis_section(Input("diagnosis", Path("d"), "d", document or diagnosis(), shown))
-
-
-def of(residual, dt=0.04):
-    t = dt * np.arange(len(residual))
-    return Evidence(residual, np.zeros(len(t)), np.ones(len(t)), t)
-
-
-def test_a_vibration_is_a_peak_at_its_frequency_and_noise_has_none():
-    noise = np.random.default_rng(0).normal(size=4000)
-    hz, highest, mean = spectrum(of(noise))
-    assert highest.max() < PEAK
-    assert np.average(mean) == pytest.approx(1.0, abs=0.02)
-    swing = noise + 0.4 * np.sin(2 * np.pi * 3.7 * 0.04 * np.arange(4000))
-    hz, highest, _ = spectrum(of(swing))
-    assert highest.max() > PEAK
-    assert hz[np.argmax(highest)] == pytest.approx(3.7, abs=0.1)
-
-
-def test_a_spectrum_of_gaps_and_of_nothing():
-    noise = np.random.default_rng(0).normal(size=500)
-    noise[::7] = np.nan
-    assert all(np.isfinite(part).all() for part in spectrum(of(noise)))
-    assert all(len(part) == 0 for part in spectrum(of(np.full(50, np.nan))))
 
 
 def test_a_placebo_is_shown_though_it_is_far_behind():

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mazeplan.diagnosis.coordinate.evidence import Evidence, number
-from mazeplan.diagnosis.coordinate.screening import ACCEPT, PEAK
+from mazeplan.diagnosis.coordinate.evidence import Evidence
 from mazeplan.diagnosis.coordinate.search import Finding
 from mazeplan.diagnosis.effect_entry import Entry, why_not_planned
 from mazeplan.physics.effect import Effect
@@ -25,12 +24,10 @@ KEYS = (  # of the document, in this order
 class Score(ABC):
     """Errors of a model on some rows.
 
-    drawn: name of the error that a report draws
     digits: decimal places in the document"""
 
-    drawn: ClassVar[str]
     digits: ClassVar[int]
-    floor: float  # noise floor of the drawn error, NaN if unknown
+    floor: float  # noise floor of the error by which a reader judges, NaN if unknown
 
     @property
     @abstractmethod
@@ -118,8 +115,8 @@ class Diagnosis(ABC):
         """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
         scores, trials = self.after, [t for t in self.finding.ranked if math.isfinite(t.gain)]
         return {
-            "title": title, "notes": [*self.remarks, *notes], "labels": dict(scores.labels), "drawn": scores.drawn,
-            "floor": number(scores.floor), "accept": ACCEPT, "peak": PEAK, "axes": list(scores.axes),
+            "title": title, "notes": [*self.remarks, *notes], "labels": dict(scores.labels),
+            "axes": list(scores.axes),
             "candidates": [
                 {"name": t.candidate.name, "gain": round(t.gain, 2), "named": t.candidate.named,
                  "placebo": t.candidate.placebo}

@@ -13,8 +13,6 @@ from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 
 BINS = 24
 FEWEST = 12  # minimum number of samples in a bin that is shown
-LAGS = 30  # samples
-BANDS = 150  # maximum number of bands of the spectrum
 
 
 @dataclass(frozen=True)
@@ -30,22 +28,12 @@ class Evidence:
     time: Array
 
     def document(self) -> dict[str, Any]:
-        """Correlations, means of the residual against three variables, and spectrum."""
-        hz, highest, mean = spectrum(self)
+        """Means of the residual against three variables."""
         return {
-            "correlations": numbers(self.correlations()),
-            "white": number(2.0 / math.sqrt(max(np.isfinite(self.residual).sum(), 1))),  # two standard errors
             "position": self._against(self.position, self.residual),
             "speed": self._against(self.speed, self.residual),
             "time": self._against(self.time, -self.residual * np.sign(self.speed)),  # against the motion
-            "spectrum": {"hz": numbers(hz), "highest": numbers(highest), "mean": numbers(mean)},
         }
-
-    def correlations(self) -> Array:
-        """Correlations (LAGS,) of residuals 1 to LAGS samples apart."""
-        e = self.residual - np.nanmean(self.residual)
-        power = float(np.nanmean(e * e))
-        return np.array([float(np.nanmean(e[lag:] * e[:-lag])) / max(power, 1e-300) for lag in range(1, LAGS + 1)])
 
     def _against(self, variable: Array, residual: Array) -> dict[str, list[float | None]]:
         """Mean of the residual, in standard deviations, in bins of a variable. All bins have equally many samples."""
@@ -74,29 +62,7 @@ def evidence_of(likelihood: Likelihood, found: Fit) -> Evidence:
     return Evidence(np.asarray(residual / max(found.noise, 1e-300)), position, states[:, 1].copy(), time)
 
 
-def spectrum(evidence: Evidence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Periodogram of the residual over its mean, in up to BANDS bands: middle frequency (Hz), highest and mean power.
-
-    A white residual has 1 everywhere and seldom a peak as high as `screening.PEAK`."""
-    e, t = evidence.residual, evidence.time
-    good = np.isfinite(e)
-    e = np.where(good, e - np.mean(e[good]), 0.0) if good.any() else np.zeros(len(e))
-    if len(e) < 4 or not e.any():
-        return np.empty(0), np.empty(0), np.empty(0)
-    power = np.abs(np.fft.rfft(e))[1:] ** 2
-    power /= power.mean()
-    hz = np.fft.rfftfreq(len(e), float(t[1] - t[0]))[1:]
-    bands = [part for part in np.array_split(np.arange(len(hz)), min(BANDS, len(hz))) if len(part)]
-    middle, highest, mean = np.array([(hz[b].mean(), power[b].max(), power[b].mean()) for b in bands]).T
-    return middle, highest, mean
-
-
 def number(value: float) -> float | None:
     """Five digits of a value; None if not finite."""
     value = float(value)
     return float(f"{value:.5g}") if math.isfinite(value) else None
-
-
-def numbers(values: np.ndarray) -> list[float | None]:
-    """Five digits of each value."""
-    return [number(value) for value in values]

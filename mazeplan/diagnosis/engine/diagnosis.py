@@ -130,8 +130,8 @@ class MotionDiagnosis:
         tried = [{"name": t.name, "gain": round(t.gain, 2)} for t in self.finding.tried]
         unit = self.after.unit
         return {
-            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(), "drawn": "nrmse",
-            "floor": _rounded(self.noise_floor), "axes": [f"position, {unit}", f"speed, {unit}/s"],
+            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(),
+            "axes": [f"position, {unit}", f"speed, {unit}/s"],
             "candidates": [*found, *tried],
             **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
         }  # fmt: skip

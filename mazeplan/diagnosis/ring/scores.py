@@ -56,7 +56,6 @@ class RingScore(Score):
     rollout40: float
     floor: float
     windows: int
-    drawn: ClassVar[str] = "rollout40"
     digits: ClassVar[int] = 5
 
     @property

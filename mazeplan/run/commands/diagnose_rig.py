@@ -41,7 +41,7 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> Diagnosi
     needed = {"--model MODEL (the folder of `mazeplan learn`)": known, "-o FOLDER": request.output}
     add = " and ".join(option for option, value in needed.items() if value is None)
     document["advice"] = advice(done, document["model"], add, shlex.join(map(_typed, request.logs)))
-    evidence = rig_evidence(done, maze, found.text, title)
+    evidence = rig_evidence(done, title)
     if request.output is not None:
         write_reports(document, evidence, request.output)
     on_test = lines_of_test(words_on_test(done))
