@@ -41,11 +41,6 @@ class Registry(dict[str, type[TreeNode]]):
         super().__init__(known)
         self.enums = dict(enums)
 
-    @property
-    def of_modules(self) -> frozenset[str]:
-        """Names of the nodes from users' modules."""
-        return frozenset(name for name in self if name not in REGISTRY)
-
 
 def registry_with(modules: Iterable[str] = ()) -> Registry:
     """The nodes that a tree may name: packaged leaves, and nodes of the modules.

@@ -12,13 +12,6 @@ from types import ModuleType
 
 from mazeplan.core.errors import InputError
 
-_module_folders: set[Path] = set()
-
-
-def user_module_folders() -> tuple[Path, ...]:
-    """Folders that may hold modules of users: the current folder, and folders of files that named a module."""
-    return (Path.cwd().resolve(), *sorted(_module_folders))
-
 
 def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
     """Import a module. Raises InputError, which begins with the option and names the place of the fault.
@@ -33,7 +26,6 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
         sys.path.insert(0, here)
     place = None if folder is None else folder.resolve()
     if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else installed
-        _module_folders.add(place)
         sys.path.insert(0, str(place))
         importlib.invalidate_caches()
     try:

@@ -69,19 +69,6 @@ def radial_outline(maze: Maze, wall: RadialWall) -> Array:
     return np.vstack(ends)
 
 
-def maze_outlines(maze: Maze, step: float = _ARC_STEP) -> list[Array]:
-    """Closed outlines of all walls of a maze, each (N, 2) in m; a wall without openings has two.
-
-    step: rad from point to point of an arc"""
-    found: list[Array] = []
-    angles = np.arange(0.0, 2.0 * math.pi, step)
-    for wall in maze.walls:
-        radii = () if wall.openings else (wall.inner_radius, wall.outer_radius)
-        found += [radius * np.column_stack([np.cos(angles), np.sin(angles)]) for radius in radii]
-        found += wall_outlines(wall, step)
-    return found + [radial_outline(maze, wall) for wall in maze.radial_walls]
-
-
 def draw_maze(
     maze: Maze, ax: Axes | None = None, *, labels: bool = True, names: bool = False, path: Array | None = None,
     ball: bool = True,

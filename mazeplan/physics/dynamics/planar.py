@@ -35,7 +35,6 @@ from mazeplan.physics.rig.entries import RigNumbers
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # share of the velocity into a wall; steel on printed plastic, slow
 ROUNDED = 1e-5  # precision of a factor in a model file
-STATE_SIZE = 8
 # columns of a wall between two rings: radii; rows of `gaps`, from and up to: its openings, then the radial walls of the
 # ring outside it
 LOW, HIGH, OPENINGS_FROM, OPENINGS_TO, RADIAL_FROM, RADIAL_TO = range(6)
