@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from mazeplan.control.opening import opening_frame
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Plan, State
 from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.maze.graph import RouteGraph
+
+if TYPE_CHECKING:
+    from mazeplan.maze.graph import RouteGraph
 
 ENTERING = 0.24  # s that a ball may take from the middle of an opening into the next ring
 

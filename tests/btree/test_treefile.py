@@ -227,21 +227,6 @@ def test_hostile_files_are_refused_at_once(tmp_path, data):
     assert "\n" not in str(error.value)
 
 
-def test_subtrees_that_multiply_are_refused(tmp_path):
-    body = main("<SubTree ID='T0'/>")
-    for i in range(30):
-        inner = f"<SubTree ID='T{i + 1}'/>" * 2 if i < 29 else "<Say word='a'/>"
-        body += f"<BehaviorTree ID='T{i}'><Sequence>{inner}</Sequence></BehaviorTree>"
-    with pytest.raises(TreeError, match="more than 5000 nodes"):
-        load(tmp_path, body)
-
-
-def test_missing_file_and_directory(tmp_path):
-    for wrong in ("nowhere", tmp_path, tmp_path / "no.xml"):
-        with pytest.raises(TreeError, match="navigate"):
-            load_tree(wrong, LEAVES, Run())
-
-
 def test_packaged_trees_load_and_can_be_shown():
     assert "navigate" in tree_names()
     for name in tree_names():

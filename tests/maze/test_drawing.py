@@ -5,12 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from mazeplan.core.errors import InputError
 from mazeplan.maze.drawing import (
     draw_maze,
-    draw_route,
     draw_trail,
     radial_outline,
     route_points,
@@ -18,7 +15,6 @@ from mazeplan.maze.drawing import (
     wall_outlines,
 )
 from mazeplan.maze.graph import Route, RouteGraph
-from mazeplan.maze.label_places import number_places
 from mazeplan.maze.mapfile import load_map
 
 CME, LOPSIDED, DETOUR = load_map("cme"), load_map("lopsided"), load_map("detour")
@@ -91,69 +87,6 @@ def test_labels_name_rings_angles_axes_and_scale():
     assert len(draw_maze(CME, labels=False).texts) == 0
 
 
-@pytest.mark.parametrize("name", ["cme", "lopsided", "detour", "seven"])
-def test_ring_numbers_stand_in_their_rings_beside_route_and_walls(name):
-    maze = load_map(name)
-    for start in range(0, 360, 30):
-        route = RouteGraph(maze).route(1, len(maze.rings), math.radians(start))
-        assert route is not None
-        path = route_points(maze, route)
-        for ring, place in zip(maze.rings, number_places(maze, path), strict=True):
-            assert maze.ring_at(float(np.hypot(*place))) == ring.number
-            assert np.linalg.norm(path - place, axis=1).min() > 1.2 * maze.ball.radius
-            angle = math.atan2(place[1], place[0])
-            for wall in maze.radial_walls_of(ring.number):
-                assert abs(math.remainder(wall.angle - angle, math.tau)) * np.hypot(*place) > 0.006
-
-
-def texts_of(monkeypatch, tmp_path, maze, **what):
-    """Boxes (4,) of all texts of a picture by their text, as drawn, in mm, and the picture."""
-    figures = []
-    save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: figures.append(self) or save(self, *a, **k))
-    save_drawing(maze, tmp_path / "maze.png", **what)
-    figures[0].draw_without_rendering()
-    axes = figures[0].axes[0]
-    back = axes.transData.inverted()
-    boxes = [(text.get_text(), back.transform(text.get_window_extent()).ravel()) for text in axes.texts]
-    return boxes, figures[0]
-
-
-def test_each_name_stands_at_its_opening(monkeypatch, tmp_path):
-    boxes, _ = texts_of(monkeypatch, tmp_path, CME, names=True)
-    by_name = {opening.name: opening for opening in CME.openings}
-    middles = {n: 1e3 * CME.threshold_radius(o) * np.array([math.cos(o.angle), math.sin(o.angle)])
-               for n, o in by_name.items()}  # fmt: skip
-    for text, (x0, y0, x1, y1) in boxes:
-        if text in by_name:
-            at = np.array([x0 + x1, y0 + y1]) / 2
-            assert min(middles, key=lambda n: np.linalg.norm(middles[n] - at)) == text
-
-
-def test_the_scale_of_degrees_stands_where_the_names_of_openings_say(monkeypatch, tmp_path):
-    boxes, _ = texts_of(monkeypatch, tmp_path, CME, names=True)
-    for text, (x0, y0, x1, y1) in boxes:
-        if text.endswith("°"):
-            angle = math.degrees(math.atan2(y0 + y1, x0 + x1)) % 360.0
-            assert abs((angle - float(text[:-1]) + 180.0) % 360.0 - 180.0) < 1.0
-            assert 0.0 <= float(text[:-1]) < 360.0
-
-
-@pytest.mark.slow
-def test_a_legend_tells_the_planned_route_from_the_path_of_the_ball(monkeypatch, tmp_path):
-    route = RouteGraph(CME).route(1, 5, 0.0)
-    trail = np.column_stack([np.full(9, 0.09), np.linspace(0.0, 0.02, 9), np.arange(9.0)])
-    for what, words in (
-        ({"route": route}, ["planned route"]),
-        ({"route": route, "trail": trail}, ["planned route", "path of the ball", "its end"]),
-    ):
-        figure = texts_of(monkeypatch, tmp_path, CME, title="map cme", **what)[1]
-        assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == words
-        assert figure._suptitle.get_text() == "map cme"
-    assert figure.axes[1].get_ylabel() == "time, s"
-    assert texts_of(monkeypatch, tmp_path, CME)[1].axes[0].get_legend() is None
-
-
 def test_ball_is_to_scale_and_lies_where_the_path_starts():
     from matplotlib.patches import Circle
 
@@ -179,33 +112,6 @@ def test_trail_breaks_where_the_ball_was_not_seen():
     draw_trail(ax, np.full((4, 3), np.nan))
     draw_trail(ax, np.zeros((1, 2)))
     assert len(ax.collections) == before
-
-
-def test_empty_route_draws_nothing():
-    ax = draw_maze(CME)
-    before = len(ax.patches)
-    draw_route(ax, CME, Route((), 0.0))
-    assert len(ax.patches) == before
-
-
-def test_drawing_leaves_global_state_of_matplotlib_alone(tmp_path):
-    import matplotlib as mpl
-
-    before = dict(mpl.rcParams)
-    save_drawing(LOPSIDED, tmp_path / "a.png")
-    assert dict(mpl.rcParams) == before
-
-
-def test_refusals(tmp_path):
-    with pytest.raises(InputError, match=r"got the suffix '.gif', expected one of .png, .svg, .pdf"):
-        save_drawing(CME, tmp_path / "a.gif")
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="cannot be written"):
-        save_drawing(CME, tmp_path / "file" / "a.png")
-    save_drawing(CME, tmp_path / "new" / "folder" / "a.png")
-    assert (tmp_path / "new" / "folder" / "a.png").is_file()
-    with pytest.raises(ValueError, match=r"expected \(N, 2\) or \(N, 3\)"):
-        save_drawing(CME, tmp_path / "a.png", trail=np.zeros((5, 4)))
 
 
 @pytest.mark.parametrize("wall", DETOUR.radial_walls, ids=lambda wall: wall.name)

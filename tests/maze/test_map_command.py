@@ -1,17 +1,13 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from mazeplan.apps.cli.map import app
 from mazeplan.core.errors import InputError
-from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.commands.log_context import parse_opening
 from mazeplan.run.resolve import ring_number
@@ -112,11 +108,6 @@ def test_no_route_is_exit_status_1():
     assert json.loads(result.stdout)["found"] is False
 
 
-def test_several_openings_are_closed_with_commas():
-    one = run("route", "--json", "--close", "1-2@45, 1-2@135")
-    assert one.stdout == run("route", "--json", "--close", "1-2@45", "--close", "1-2@135").stdout
-
-
 def test_show(tmp_path):
     plain, routed = tmp_path / "plain.png", tmp_path / "routed.png"
     assert run("show", "lopsided", "-o", str(plain)).exit_code == 0
@@ -146,22 +137,6 @@ def test_a_watched_map_is_drawn_again_at_each_save(tmp_path, monkeypatch):
     assert "openings[0].angle_deg: got 400" in ran.output
 
 
-def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, tmp_path):
-    trail = np.array([[math.nan, 0.0, 0.0], [CME.track_radius(2), 0.0, 0.1], [0.0, 0.0, 9.0]])
-    log = SimpleNamespace(
-        header={"rig": "toy", "seed": 3, "goal_ring": 4}, ticks=dict(zip("xyt", trail.T, strict=True)),
-        result={"success": True, "time_s": 8.9, "failures": []},
-    )  # fmt: skip
-    monkeypatch.setattr("mazeplan.apps.cli.map._log_of", lambda log_, maze: log)
-    drawn = {}
-    monkeypatch.setattr("mazeplan.maze.drawing.save_drawing", lambda maze, path, **what: drawn.update(what))
-    assert run("show", "--route", "--log", "x.mcap", "-o", str(tmp_path / "x.png")).exit_code == 0
-    expected = RouteGraph(CME).route(2, 4, 0.0)  # to the goal of the run
-    assert expected is not None
-    assert drawn["route"].legs == expected.legs
-    assert drawn["title"] == "map cme, rig toy, seed 3\nThe ball arrived after 8.90 s; nothing went wrong."
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -181,12 +156,3 @@ def test_bad_input_is_an_input_error(words):
 @pytest.mark.parametrize("words", [("route", "--start-angle", "nan"), ("show", "-o", "maze.gif")])
 def test_an_option_that_cannot_be_read_is_a_usage_error(words):
     assert run(*words).exit_code == 2
-
-
-def test_a_route_that_is_not_told_where_begins_beside_the_wall_that_is_there():
-    done = run("route", "detour", "--from", "ring2", "--json")  # a radial wall at 0 degrees
-    angle = json.loads(done.stdout)["start_angle_deg"]
-    assert 5.0 < min(angle, 360.0 - angle) < 15.0
-    assert 0.0 <= angle < 360.0
-    assert load_map("detour").has_room(2, math.radians(angle))
-    assert json.loads(run("route", "--json").stdout)["start_angle_deg"] == 0.0

@@ -9,7 +9,7 @@ import pytest
 from mazeplan.core.errors import TableError
 from mazeplan.maze.bands import Bands, Edges, fit_bands
 from mazeplan.maze.geometry import RadialWall
-from mazeplan.maze.learnedmap import _completed, learn_map, map_text
+from mazeplan.maze.learnedmap import learn_map, map_text
 from mazeplan.maze.mapfile import check_text, load_map
 from mazeplan.maze.transitions import BallTrack, cluster, find_openings, find_passages, rings_of
 
@@ -274,21 +274,6 @@ def test_width_and_angle_from_a_ball_that_leans_on_the_sides():
     assert opening.width_stderr < 4e-4
 
 
-def test_a_ball_that_passes_in_the_middle_tells_no_width(monkeypatch):
-    journey = Journey(seed=1)
-    for k in range(16):
-        journey.round(1.0).through(1.0, 1 + (k + 1) % 2, play=0.0, step=0.5e-3)
-        n = len(journey.theta)
-        journey.theta[n - 40 :] = (1.0 + journey.rng.triangular(-1.4e-3, 0.0, 1.4e-3, 40) / 0.0484).tolist()
-    track = journey.round(0.0).track()
-    (opening,) = find_openings(find_passages(track, BANDS), track, BANDS, BALL, [0.02, 0.02])
-    assert opening.width is None
-    assert opening.angle == pytest.approx(1.0, abs=6e-4 / 0.0484)  # four times .6 mm / sqrt(16)
-    monkeypatch.setattr("mazeplan.maze.transitions.SHARP", -1e9)
-    (opening,) = find_openings(find_passages(track, BANDS), track, BANDS, BALL, [0.02, 0.02])
-    assert opening.width is not None  # it was only the shape of the spread that told
-
-
 def test_a_width_that_was_measured_is_that_of_other_openings_in_the_wall():
     journey = wander(60)
     for k in range(16):
@@ -334,31 +319,6 @@ def test_a_ring_in_which_the_ball_never_was_makes_a_suspicious_wall():
     )
 
 
-def test_a_wall_that_was_not_touched_is_put_where_its_other_side_says():
-    edges = BANDS.edges
-    untouched = Bands((Edges(edges[0].low + 2e-3, edges[0].high, 3.0, 500.0), *edges[1:]), (0.0, 0.0), 5e-4)
-    completed, notes = _completed(untouched, PRIOR)
-    # the wall inside ring 1 is taken to be as thick as the other, which was measured: 5 mm; in truth it is 4
-    assert completed.edges[0].low == pytest.approx(TRUTH.rings[1].outer_radius + 5e-3 + BALL)
-    assert notes == {0: ["inner wall hardly touched: from the wall's other side and the thickness of other walls"]}
-    untouched = Bands((*edges[:2], Edges(0.0, edges[2].high - 2e-3, 0.0, 3.0)), (0.0, 0.0), 5e-4)
-    completed, notes = _completed(untouched, PRIOR)
-    assert completed.edges[2].high == pytest.approx(TRUTH.rings[1].inner_radius - 4e-3 - BALL)
-    assert list(notes) == [2]
-
-
-def test_a_ring_where_only_one_wall_was_touched_is_as_wide_as_others():
-    journey = wander(60)
-    for k in range(len(journey.r)):  # in ring 1 the ball now only leans outwards
-        if BANDS.edges[0].low - 1e-6 <= journey.r[k]:
-            journey.r[k] = BANDS.edges[0].high
-    learned = learn(journey.track())
-    ring = learned.rings[0]
-    assert (ring.inner_stderr, ring.outer_stderr) == (None, None)
-    assert ring.outer_radius - ring.inner_radius == pytest.approx(2 * BALL + 2.7e-3, abs=3e-4)
-    assert learned.warnings == ("ring 1: only one wall shows: its width is that of other rings",)
-
-
 def test_tracks_that_show_no_rings():
     track = Journey().round(0.0).track()
     with pytest.raises(TableError, match="the ball was seen in 60 samples, expected at least 200"):
@@ -373,11 +333,6 @@ def test_tracks_that_show_no_rings():
         fit_bands(np.full(200, 59.0), np.zeros(200), BALL)
     with pytest.raises(TableError, match="min_count: got 0, expected at least 1"):
         learn(wander(40).track(), min_count=0)
-
-
-def test_the_same_track_gives_the_same_map():
-    track = wander(30).track()
-    assert learn(track) == learn(track)
 
 
 def test_radial_walls_are_the_priors_where_they_fit_and_it_is_said():
