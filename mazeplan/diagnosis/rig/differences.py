@@ -96,11 +96,13 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     missed = part.innovations(found).minus2 < part.innovations(start).minus2
     names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
     names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
-    if missed:
-        fit = fit_body(part, found, (*NOISE, *sizes), STEPS, ENOUGH)
-    else:  # the fit of the reference may have ended in another valley: are the found numbers likelier with all free?
-        fit, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
-        fit = other if other.minus2 < fit.minus2 - NEEDED else fit
+    free, fit = sizes if missed else [name for name in sizes if name not in was.stderr], None
+    if not missed:  # its fit may have ended in another valley: are the found numbers likelier with all others free?
+        own, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
+        fit = other if other.minus2 < own.minus2 - NEEDED else None
+    if fit is None and not free:
+        return was, list(searched.found)
+    fit = fit or fit_body(part, found if missed else start, (*NOISE, *free), STEPS, ENOUGH)
 
     def reference(fit: BodyFit) -> Reference:
         return replace(was, model=fit.model, stderr={**was.stderr, **{name: fit.stderr[name] for name in fit.free}})
