@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from html import escape
 from importlib import import_module
@@ -22,14 +23,14 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-class Result:
+class Result(ABC):
     """The result of a command. kind: of its page, as in `apps.report.inputs`"""
 
     kind: ClassVar[str] = ""
 
+    @abstractmethod
     def json(self) -> dict[str, Any]:
         """The document that the command prints with `--json`."""
-        raise NotImplementedError
 
     def report(self, path: str | Path) -> Path:
         """Write a page (HTML) without external content, and return its path. Raises InputError."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mazeplan.physics.effect import Effect, Parameter
@@ -55,3 +55,16 @@ def with_plan(entry: Entry) -> Entry:
     """The entry, and whether a planner can use the effect."""
     why = why_not_planned(entry["name"])
     return {**entry, "planned": not why, **({"why_not": why} if why else {})}
+
+
+def lacking(verdict: str, names: str, description: str, alike: Sequence[Sequence[str]], change: str) -> str:
+    """What a model lacks, in one sentence.
+
+    names: of the found effects, in words; description: of a cause without a name; alike: names that a record cannot
+    tell apart; change: of the errors, in words"""
+    if verdict == "unknown_effect":
+        also = f" besides {names}" if names else ""
+        return f"Something is there that has no name{also}: {description}; {change}."
+    groups = "; ".join(" from ".join(group) for group in alike)
+    doubt = f" (this record cannot tell {groups})" if verdict == "ambiguous" else ""
+    return f"The model lacks {names}{doubt}: {change}."

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from mazeplan.diagnosis.coordinate.evidence import Evidence
 from mazeplan.diagnosis.coordinate.search import Finding
-from mazeplan.diagnosis.effect_entry import Entry, why_not_planned
+from mazeplan.diagnosis.effect_entry import Entry, lacking, why_not_planned
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
 
@@ -130,13 +130,7 @@ class Diagnosis(ABC):
         if self.verdict == "nothing_missing":
             return self.before.nothing_found()
         names, change = ", ".join(map(effect_words, self.effects)), self.before.change(self.after)
-        if self.verdict == "unknown_effect":
-            also = f" besides {names}" if names else ""
-            return f"Something is there that has no name{also}: {self.description}; {change}."
-        doubt = ""
-        if self.verdict == "ambiguous":
-            doubt = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
-        return f"The model lacks {names}{doubt}: {change}."
+        return lacking(self.verdict, names, self.description, self.finding.alike, change)
 
 
 def effect_words(effect: Entry) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.coordinate.evidence import Evidence
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
 from mazeplan.diagnosis.engine.record import Record, noise_of
 from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
@@ -143,14 +143,8 @@ class MotionDiagnosis:
             return f"Nothing is missing: {self.before.alone()}."
         names = ", ".join(map(_words, self.effects))
         change = f"{self.before.both(self.after)}; {left}" if self.effects else f"{self.after.alone()}; {left}"
-        if self.verdict == "unknown_effect":
-            also = f" besides {names}" if names else ""
-            description = (self.unknown or {}).get("description", "")
-            return f"Something is there that has no name{also}: {description}; {change}."
-        doubt = ""
-        if self.verdict == "ambiguous":
-            doubt = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
-        return f"The model lacks {names}{doubt}: {change}."
+        description = (self.unknown or {}).get("description", "")
+        return lacking(self.verdict, names, description, self.finding.alike, change)
 
 
 def _words(effect: Entry) -> str:
