@@ -95,7 +95,6 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
     missed = part.innovations(found).minus2 < part.innovations(start).minus2
     names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
-    names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
     free, fit = sizes if missed else [name for name in sizes if name not in was.stderr], None
     if not missed:  # its fit may have ended in another valley: are the found numbers likelier with all others free?
         own, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
