@@ -6,6 +6,7 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from commands import plain
@@ -55,6 +56,27 @@ def test_each_event_of_a_run_is_a_plain_line(stream):
         "   1.50 s  in ring 2",
         "   2.00 s  arrived (rig toy, seed 3, 1 failure)",
     ]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "reason", "log", "command"),
+    [
+        (["missed_opening", "missed_opening", "stuck", "out_of_time"], "out_of_time", "a.mcap", "report a.mcap"),
+        (["missed_opening", "out_of_time"], "out_of_time", None, "report run.mcap"),
+        (["misfit"], "misfit", "a.mcap", "rig check toy"),
+        (["ball_lost", "out_of_time"], "out_of_time", None, "rig check toy"),
+        (["no_route"], "no_route", None, "map route"),
+        (["out_of_time"], "out_of_time", None, "--time-limit"),
+    ],
+)
+def test_a_run_that_does_not_arrive_ends_with_what_to_look_at_next(kinds, reason, log, command):
+    failures = tuple(Failure(FailureKind(kind), "Track", 1.2) for kind in kinds)
+    stream = io.StringIO()
+    with NavigationProgress(stream) as progress:
+        progress.finished(replace(outcome(success=False), failures=failures, reason=reason, log=log))
+    last = stream.getvalue().splitlines()[-1]
+    assert last.startswith("next: ")
+    assert command in last
 
 
 def campaign(stream):

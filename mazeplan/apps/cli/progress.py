@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
+from mazeplan.apps.cli.advice import next_step
 from mazeplan.apps.cli.output import plural, say
 
 if TYPE_CHECKING:
@@ -62,6 +63,8 @@ class NavigationProgress:
         failures = plural(len(result.failures), "failure")
         goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
         self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures}{goals})")
+        if advice := next_step(result):
+            self._print(f"next: {advice}")
 
 
 class ProgressBar:
