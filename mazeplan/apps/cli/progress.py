@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
-from mazeplan.apps.cli.advice import next_step
 from mazeplan.apps.cli.output import plural, say
 
 if TYPE_CHECKING:
@@ -59,6 +58,8 @@ class NavigationProgress:
 
     def finished(self, result: NavigationResult) -> None:
         """Print the result."""
+        from mazeplan.apps.cli.advice import next_step
+
         outcome = "arrived" if result.success else f"did not arrive: {result.reason}"
         failures = plural(len(result.failures), "failure")
         goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
