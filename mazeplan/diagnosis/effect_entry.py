@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mazeplan.physics.effect import Effect, Parameter
@@ -57,6 +57,12 @@ def with_plan(entry: Entry) -> Entry:
     return {**entry, "planned": not why, **({"why_not": why} if why else {})}
 
 
+def untold(group: Iterable[str]) -> str:
+    """A group of names that a record cannot tell apart, in words."""
+    *others, last = group
+    return f"cannot tell {', '.join(others)} and {last} apart"
+
+
 def lacking(verdict: str, names: str, description: str, alike: Sequence[Sequence[str]], change: str) -> str:
     """What a model lacks, in one sentence.
 
@@ -65,6 +71,5 @@ def lacking(verdict: str, names: str, description: str, alike: Sequence[Sequence
     if verdict == "unknown_effect":
         also = f" besides {names}" if names else ""
         return f"Something is there that has no name{also}: {description}; {change}."
-    groups = "; ".join(" from ".join(group) for group in alike)
-    doubt = f" (this record cannot tell {groups})" if verdict == "ambiguous" else ""
+    doubt = f" (this record {'; '.join(map(untold, alike))})" if verdict == "ambiguous" else ""
     return f"The model lacks {names}{doubt}: {change}."

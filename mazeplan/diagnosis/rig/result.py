@@ -9,7 +9,7 @@ from typing import Any
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.core.logs.table import Table
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.diagnosis.effect_entry import Entry, values_of
+from mazeplan.diagnosis.effect_entry import Entry, untold, values_of
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import SLIDES, RigReference
@@ -23,7 +23,7 @@ from mazeplan.physics.rig.stage import StageModel
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the earlier one; above 2, it is too large
 LEAST_GAIN = 0.5  # of a tilt sensor; below this, or above its inverse, swapped columns are more likely
-CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors: minimum for "certain", for "sure", for any word
+CERTAIN, BARELY = 8.0, 0.5  # standard errors: minimum for "certain", for any word
 DEG = 180.0 / math.pi
 SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
 SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
@@ -199,7 +199,7 @@ def sentence(done: RigVerdict) -> str:
     if done.unknown is not None:
         parts += [f"something without a name ({done.unknown.description})"] if done.unknown.description else []
         parts += done.unknown.servos
-    doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
+    doubt = "".join(f" But this record {untold(map(_plain, group))}." for group in done.alike)
     error = ""
     if round(DEG * after, 1) != round(DEG * before, 1) and not _by_tilt_alone(done):
         error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
@@ -246,7 +246,7 @@ def _surely(done: RigVerdict) -> str:
         size, why = min(sizes, default=0.0), "is a change of {}"
     if size < BARELY:
         return ""
-    word = "likely" if size <= SURE or done.misfit else "sure" if size <= CERTAIN else "certain"
+    word = "likely" if size <= CERTAIN or done.misfit else "certain"
     errors = "1 standard error" if f"{size:.0f}" == "1" else f"{size:.0f} standard errors"
     return f" The finding is {word}: it {why.format(errors if size < 1000.0 else 'over 1000 standard errors')}."
 
