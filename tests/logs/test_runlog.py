@@ -270,3 +270,15 @@ def test_an_interrupt_inside_a_chunk_leaves_a_readable_file(tmp_path, monkeypatc
     got = read_log(log.path)
     assert len(got.ticks["t"]) == 9
     assert not got.complete
+
+
+def test_a_log_that_another_run_writes_is_refused_and_stays_whole(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RunLogWriter(path, {"rig": "toy"}) as first:
+        with pytest.raises(LogError):
+            RunLogWriter(path, {"rig": "rough"})
+        first.result({"success": True})
+    assert read_log(path).header["rig"] == "toy"
+    with RunLogWriter(path, {"rig": "rough"}):
+        pass
+    assert read_log(path).header["rig"] == "rough"

@@ -33,6 +33,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -47,6 +48,7 @@ from mcap.writer import CompressionType, Writer
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
+from mazeplan.core.file_lock import lock
 from mazeplan.core.hard_end import save_at_hard_end
 from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
@@ -225,7 +227,12 @@ class RunLogWriter(RunMessages):
         self._pending_ticks = 0
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            self._stream = Path(path).open("wb")  # noqa: SIM115  (closed in `close`)
+            self._stream = Path(path).open("ab")  # noqa: SIM115  (closed in `close`)
+            if not lock(self._stream):  # nothing of the file has changed yet
+                self._stream.close()
+                raise LogError("another process writes this log", file=self.path)
+            if os.fstat(self._stream.fileno()).st_size:
+                self._stream.truncate(0)
         except (OSError, ValueError) as problem:
             raise self._failed(problem) from None
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=COMPRESSION, enable_data_crcs=True)

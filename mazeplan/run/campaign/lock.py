@@ -1,4 +1,4 @@
-"""A lock on a file, for one process at a time. The system releases it when the process ends in any way."""
+"""A lock on a folder, for one process at a time."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.file_lock import lock
 
 
 @contextmanager
@@ -15,17 +16,10 @@ def exclusive_lock(path: Path, option: str, what: str) -> Iterator[None]:
 
     option, what: for the error: the option that names the folder, and the work that is under way there."""
     try:
-        import fcntl
-    except ImportError:  # not on this system: no lock
-        yield
-        return
-    try:
         file = path.open("a")
     except OSError as problem:
         raise InputError(f"{option}: {path.parent} cannot be written to: {problem.strerror}") from None
     with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{option}: {what} is under way in {path.parent} already") from None
+        if not lock(file):
+            raise InputError(f"{option}: {what} is under way in {path.parent} already")
         yield
