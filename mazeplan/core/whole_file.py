@@ -82,6 +82,22 @@ def whole_folder(folder: Path) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def named_when_whole(folder: Path) -> Iterator[None]:
+    """If the block fails, rename the folder that it made to NAME.part. So the same work can begin again, and nothing
+    that was measured is lost."""
+    new = not folder.exists()
+    try:
+        yield
+    except BaseException as problem:
+        if new and folder.exists():
+            part = folder.with_name(f"{folder.name}.part")
+            shutil.rmtree(part, ignore_errors=True)
+            folder.rename(part)
+            problem.add_note(f"what was made so far is in {part}")
+        raise
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a whole file and the folders above it. Raises InputError."""
     try:

@@ -19,6 +19,7 @@ from mazeplan.apps.cli.groups import grouped
 from mazeplan.apps.cli.learning import collect, improve, learn, policy_app
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.option_checks import check_outputs
+from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.report import report, view
 
 EVERYTHING = "--help-all"
@@ -52,9 +53,14 @@ class Command(TyperCommand):
             formatter.write_text(f"{hidden} more options: {ctx.command_path} {EVERYTHING}")
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command."""
+        """Run the command. Notes on an exception are lines of their own."""
         check_outputs(ctx)
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        except BaseException as problem:
+            for note in getattr(problem, "__notes__", ()):
+                say(note)
+            raise
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take several values after one `--columns`, as if each had the option."""

@@ -13,6 +13,7 @@ from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.table import as_table, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.results import DocumentResult
+from mazeplan.core.whole_file import named_when_whole
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -79,6 +80,7 @@ def improve(
         make_rig(named.rig, load_map(named.map))
         options = campaign.Options(rounds, runs, seconds, seed, workers, named.map, own_process, effects)
         kept = output or stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-"))
+        stack.enter_context(named_when_whole(Path(kept)))
         known = [as_table(log, parse_columns(columns)) for log in several(reference)]
         shown: dict[str, Any] = {"tell": tell, "working": progress, "advance": advance}
         done = campaign.improve(
