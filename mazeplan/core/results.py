@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
+from mazeplan.core.errors import InputError
+
 PAGES = "mazeplan.apps.report.write"  # writes pages; it stands above and is loaded by name, as a rig is
 SHOWN, LONGEST = 12, 300  # most rows in a notebook, and most characters of a text
 
@@ -44,7 +46,12 @@ class Result(ABC):
     def _repr_html_(self) -> str:
         rows = [(name, text) for name, value in self.facts().items() if (text := _short(value))]
         cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows[:SHOWN])
-        return f"<b>{escape(type(self).__name__)}</b><table>{cells}</table>"
+        try:
+            picture = import_module(PAGES).picture_of(self)
+        except (InputError, ImportError):  # no file any more, or no library that draws
+            picture = ""
+        shown = f'<br><img src="{picture}" style="max-width: 100%">' if picture else ""
+        return f"<b>{escape(type(self).__name__)}</b><table>{cells}</table>{shown}"
 
 
 @dataclass(frozen=True)

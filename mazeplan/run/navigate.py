@@ -32,7 +32,7 @@ def navigate(
     goal: int | str | None = None,
     *,
     map: str | Path | Maze = "cme",  # the contract's option names
-    rig: str | Rig = "toy",
+    rig: str | Path | Rig = "toy",
     model: str | Path | RigModel | None = None,
     policy: str | Path | Policy | None = None,
     behavior: str = "navigate",
@@ -79,7 +79,8 @@ def navigate(
     Raises InputError for an argument that cannot be used, RigError when the rig fails.
     """
     request = NavigationRequest(
-        start, goal, map, rig, model, policy, behavior, tuple(behavior_modules), effects, settings, start_angle_deg,
+        start, goal, map, str(rig) if isinstance(rig, Path) else rig, model, policy, behavior, tuple(behavior_modules),
+        effects, settings, start_angle_deg,
         tuple(closed), tuple(via), balls, seed, time_limit, log, memory,
     )  # fmt: skip
     company = Company(display, goals, own_process, guard, feed, around, watch)

@@ -61,7 +61,9 @@ def shown(result, tmp_path):
     """A result has a page, words for a notebook, and cannot be changed."""
     page = result.report(tmp_path / "page.html")
     assert page.read_text(encoding="utf-8").startswith("<!")
-    assert 50 < len(result._repr_html_()) < 3000
+    words, _, picture = result._repr_html_().partition("<br>")
+    assert 50 < len(words) < 3000
+    assert not picture or picture.startswith('<img src="data:image/svg+xml;base64,')
     with pytest.raises((FrozenInstanceError, AttributeError)):
         result.document = {}
 

@@ -1,9 +1,22 @@
-"""The sections about a record of `collect` and a model of `learn`: tables of what their documents have."""
+"""The sections about a record of `collect` and a model of `learn`: pictures and tables of what their documents have."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mazeplan.apps.report.drawing import legend_beside
 from mazeplan.apps.report.inputs import Input, read_as_printed
-from mazeplan.apps.report.page import Note, PageSection, PageTable
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
+from mazeplan.core.logs.table import read_table
+from mazeplan.core.palette import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BARS = (("error", "with the model", "real"), ("persistence", "without", "neutral"), ("noise", "noise", "unsure"))
 
 
 def record_section(given: Input) -> PageSection:
@@ -19,7 +32,18 @@ def record_section(given: Input) -> PageSection:
         PageTable("Passages", ("opening", "passages"), passed),
     ]
     facts = [(name, str(document[name])) for name in ("rig", "map", "seed", "log")]
-    return PageSection(f"Record of {document['rig']}", lead, facts, [table for table in tables if table.rows])
+    log = Path(str(document["log"]))
+    places = [PagePicture("places", "Where the ball was", "Each dot is one sample.", partial(_places, log), (4.6, 4.4))]
+    parts = [*(places if log.exists() else []), *(table for table in tables if table.rows)]
+    return PageSection(f"Record of {document['rig']}", lead, facts, parts)
+
+
+def _places(log: Path, figure: Figure) -> None:
+    """Measured positions of the ball in a log."""
+    table = read_table(log)
+    axes = figure.subplots()
+    axes.plot(1e3 * table["x"], 1e3 * table["y"], ".", markersize=1.5, color=COLOURS["real"])
+    axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
 
 
 def model_section(given: Input) -> PageSection:
@@ -40,4 +64,18 @@ def model_section(given: Input) -> PageSection:
         PageTable("Errors of the fit, in times the noise", ("part", "times"), fits),
     ]
     facts = [("model", str(document["model"])), ("kind", str(document["kind"]))]
-    return PageSection("Learned model", lead, facts, [*(table for table in tables if table.rows), *notes])
+    words = "In each ring: with the model, without a model, and the noise."
+    errors = [PagePicture("errors", "Error of the angle after 40 samples", words, partial(_errors, score["rings"]))]
+    parts = [*(errors if rows else []), *(table for table in tables if table.rows), *notes]
+    return PageSection("Learned model", lead, facts, parts)
+
+
+def _errors(rings: Mapping[str, Mapping[str, float]], figure: Figure) -> None:
+    """Bars of the errors of each ring, rad."""
+    axes = figure.subplots()
+    for i, (key, name, colour) in enumerate(BARS):
+        axes.bar([j + 0.27 * (i - 1) for j in range(len(rings))], [r[key] for r in rings.values()], 0.25,
+                 label=name, color=COLOURS[colour])  # fmt: skip
+    axes.set_xticks(range(len(rings)), [f"ring {ring}" for ring in rings])
+    axes.set_ylabel("mean error, rad")
+    legend_beside(axes)

@@ -11,14 +11,14 @@ from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input, of_document
 from mazeplan.apps.report.learning import model_section, record_section
 from mazeplan.apps.report.models import models_section
-from mazeplan.apps.report.page import PageSection, write_page
+from mazeplan.apps.report.page import PagePicture, PageSection, write_page
 from mazeplan.apps.report.run import run_section
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.progress import no_words
 from mazeplan.core.results import Result
 
-__all__ = ["page_sections", "write_diagnosis", "write_inputs", "write_result"]
+__all__ = ["page_sections", "picture_of", "write_diagnosis", "write_inputs", "write_result"]
 SECTIONS = {
     "comparison": models_section, "diagnosis": diagnosis_section, "evaluation": evaluation_section,
     "model": model_section, "record": record_section,
@@ -52,14 +52,24 @@ def page_sections(given: Sequence[Input], show: Callable[[str], None] = no_words
 
 def write_result(result: Result, path: Path) -> None:
     """Write the page of a result. Raises InputError, also for a navigation without a log."""
+    if result.kind == "run" and result.json()["log"] is None:
+        raise InputError("got a run without a log, expected navigate(log=FILE.mcap)", key="report")
+    write_inputs(_inputs(result, path), path)
+
+
+def picture_of(result: Result) -> str:
+    """The first picture on the page of a result, as a data URL; empty without one."""
+    if result.kind == "run" and result.json()["log"] is None:
+        return ""
+    sections = page_sections(_inputs(result, Path(result.kind or "result")))
+    return next((part.source() for s in sections for part in s.parts if isinstance(part, PagePicture)), "")
+
+
+def _inputs(result: Result, path: Path) -> list[Input]:
     document: dict[str, Any] = result.json()
     if result.kind == "run":
-        if document["log"] is None:
-            raise InputError("got a run without a log, expected navigate(log=FILE.mcap)", key="report")
         log = Path(document["log"])
-        inputs = [Input("run", log, log.stem)]
-    elif result.kind:
-        inputs = [Input(result.kind, path, path.stem, document, getattr(result, "evidence", None))]
-    else:
-        inputs = of_document(document, path)
-    write_inputs(inputs, path)
+        return [Input("run", log, log.stem)]
+    if result.kind:
+        return [Input(result.kind, path, path.stem, document, getattr(result, "evidence", None))]
+    return of_document(document, path)
