@@ -1,11 +1,11 @@
-"""Gaussian processes for tests: plain hyperparameters, likelihood, variance given the nearest rows."""
+"""Gaussian processes for tests: plain hyperparameters, likelihood, derivatives."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.stats import multivariate_normal
 
-from mazeplan.learning.gaussian_process import Hyperparameters, KernelTerm, kernel, prior_variance
+from mazeplan.learning.gaussian_process import Hyperparameters, KernelTerm, kernel
 
 
 def plain(lengthscales, amplitude, noise, weight_sigma=None, family="rbf"):
@@ -14,18 +14,10 @@ def plain(lengthscales, amplitude, noise, weight_sigma=None, family="rbf"):
     return Hyperparameters((term,), noise, np.zeros(0) if weight_sigma is None else weight_sigma, family)
 
 
-def log_likelihood(process, y):
-    """Log marginal likelihood of the values (N,) of a process."""
-    half = solve_triangular(process.factor, y, lower=True)
-    log_det = 2.0 * float(np.sum(np.log(np.diag(process.factor))))
-    return -0.5 * (float(half @ half) + log_det + len(y) * float(np.log(2.0 * np.pi)))
-
-
-def nearest_variance(gp, inputs):
-    """Variance of g (N,) given the nearest training row alone."""
-    near = np.max(kernel(inputs, gp.inputs, gp.hyper), axis=1)
-    prior = prior_variance(inputs, gp.hyper)
-    return prior - near**2 / (prior + gp.hyper.noise**2)
+def log_likelihood(hyper, x, phi, y):
+    """Log marginal likelihood of values (N,) at inputs (N, D) with features (N, M)."""
+    covariance = kernel(x, x, hyper) + (phi * hyper.weight_sigma**2) @ phi.T + hyper.noise**2 * np.eye(len(y))
+    return float(multivariate_normal.logpdf(y, np.zeros(len(y)), covariance))  # pyright: ignore
 
 
 def state_gradient(gp, states):

@@ -90,11 +90,6 @@ def quadratic_final_derivatives(s, q, lx, lxx):
 
 # Bad functions, each for one way in which a solver can fail.
 @njit(cache=True)
-def nan_step(s, u, p, out):
-    out[:] = np.nan
-
-
-@njit(cache=True)
 def cliff_step(s, u, p, out):
     linear_step(s, u, p, out)
     if u[0] > 0.5:
@@ -159,11 +154,11 @@ class LinearProblem:
     def q(self):
         return np.concatenate([self.Q.ravel(), self.R.ravel(), self.Q_final.ravel()])
 
-    def planner(self, limit=1e6, step=linear_step, linearise=linear_linearise, cost=QUADRATIC, **keywords) -> Planner:
+    def planner(self, limit=1e6, linearise=linear_linearise, cost=QUADRATIC, **keywords) -> Planner:
         p = np.concatenate([self.A.ravel(), self.B.ravel()])
         options = keywords.pop("options", IlqgOptions(horizon=T, tolerance=1e-13))
         low, high = np.full(2, -limit), np.full(2, limit)
-        return Planner(Dynamics(step, linearise, p, N), cost, low, high, options, **keywords)
+        return Planner(Dynamics(linearise, p, N), cost, low, high, options, **keywords)
 
     def cost_of(self, s, controls) -> float:
         total = 0.0

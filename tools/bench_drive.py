@@ -20,7 +20,6 @@ from mazeplan.run.execution import run_job
 from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import Job, Setup
 
-UNCERTAINTY = 0.03  # s^4/rad^2; cost of an unknown state, in the table of parts
 HELD_OUT = 500_000_000  # first seed of the drawn rigs; these seeds had no part in tuning
 COLUMNS = ("arrived", "mean s", "p50", "p95", "worst", "failures on the way")
 
@@ -107,7 +106,6 @@ def parts(runs: int) -> list[tuple[str, str, Callable[[], list[NavigationResult]
         ("a plan once per ring, its own gains", "tracking.replan_* off", with_(once)),
         ("a plan once per ring, followed by PD", "the same, law pd", with_(once, tree=tree_with_pd())),
         ("an opening chosen by the formula", "travel.planned_choices 1", with_({"travel": {"planned_choices": 1}})),
-        ("a cost of unknown states", f"cost.uncertainty {UNCERTAINTY}", with_({"cost": {"uncertainty": UNCERTAINTY}})),
         ("the next move begins in the next ring", "gate.entry_s 0", with_({"gate": {"entry_s": 0.0}})),
         ("stop in front of an opening", "gate.window_speed_m_s 0.02, travel.speed_m_s 0",
          with_({"gate": {"window_speed_m_s": 0.02, "entry_s": 0.0}, "travel": {"speed_m_s": 0.0}})),

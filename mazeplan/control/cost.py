@@ -88,8 +88,6 @@ class CostParameters(PenaltyShapes, StepWeights):
 
     final_theta, final_speed, final_lean:  weights of the last state
     quadratic:                             errors of theta, speed and lean cost e^2 / 2
-    uncertainty:                           price of the variance of a learned model (`uncertain_cost`), s^4/rad^2;
-                                           0: none
     prompt, prompt_s, late_s:              see `seen_late`
 
     With the defaults and 5 degrees of tilt, a ball travels pi/4 along ring 2 of the packaged map in 0.65 s, without
@@ -100,7 +98,6 @@ class CostParameters(PenaltyShapes, StepWeights):
     final_speed: float = 0.5
     final_lean: float = 0.0
     quadratic: bool = False
-    uncertainty: float = 0.0
     prompt: float = 1.0
     prompt_s: float = 0.0
     late_s: float = 0.06

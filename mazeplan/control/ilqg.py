@@ -24,7 +24,6 @@ these controls. A gain is zero in rows where the control is at its limit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,7 +34,7 @@ from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.maths.compiled import address_of
-from mazeplan.core.records import Array, Certificate, Plan, StopReason
+from mazeplan.core.records import Array, Plan, StopReason
 
 PATIENCE = 5  # iterations
 MAX_COST_RATIO = 1.1  # maximum ratio to the cost of the last plan for an early stop
@@ -90,17 +89,16 @@ class IlqgOptions:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """f and its derivatives: functions compiled by numba.njit, at module level with cache=True.
+    """f and its derivatives: a function compiled by numba.njit, at module level with cache=True.
 
-    Without the cache, each Python process would compile them again.
+    Without the cache, each Python process would compile it again.
 
-    step:        step(s, u, p, out) -> None: writes the next state into out (n,), from s (n,) and u (2,)
-    linearise:   linearise(s, u, p, out, A, B) -> None: also writes all of A (n, n) and B (n, 2)
+    linearise:   linearise(s, u, p, out, A, B) -> None: writes the next state into out (n,), from s (n,) and u (2,), and
+                 all of its derivatives A (n, n) and B (n, 2)
     parameters:  p, a float64 vector that the solver only passes on; its tail may serve as scratch space
     n:           number of states
     """
 
-    step: Any
     linearise: Any
     parameters: Array
     n: int
@@ -157,7 +155,6 @@ class Planner:
         self._p = np.ascontiguousarray(dynamics.parameters, dtype=float)
         self._w = workspace.make_workspace(self.options.horizon, dynamics.n, low, high)
         self._f = workspace.Functions(
-            step=address_of(dynamics.step, workspace.STEP),
             linearise=address_of(dynamics.linearise, workspace.LINEARISE),
             running=address_of(cost.running, workspace.RUNNING),
             running_derivatives=address_of(cost.running_derivatives, workspace.RUNNING_DERIVATIVES),
@@ -176,7 +173,6 @@ class Planner:
         deadline_ms: float | None = None,
         tolerance: float | None = None,
         early_stop_after: int | None = None,
-        trace: Callable[[int, float], None] | None = None,
     ) -> Plan:
         """A plan from s0 (n,).
 
@@ -188,7 +184,6 @@ class Planner:
         early_stop_after:  number of iterations, after which the search stops as soon as an iteration lowers the cost
                       by less than the share WORTHWHILE_GAIN; it goes on if the former plan now costs more than
                       MAX_COST_RATIO times as much as before
-        trace:        trace(iteration, cost) receives every cost, the first included
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
@@ -202,35 +197,21 @@ class Planner:
         rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
         if isinstance(warm, Plan) and float(w.numbers[workspace.COST]) > MAX_COST_RATIO * (1.0 + warm.cost):
             early_stop_after = None
-        reason, done = self._improve(q, rules, code, early_stop_after, trace)
+        reason, done = self._improve(q, rules, code, early_stop_after)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
-        else:
-            core.certify(w)
-        ms = self._watch.end()
-        free, wrong, expected, got = w.numbers[
-            [workspace.GRADIENT, workspace.WRONG_SIGN, workspace.EXPECTED, workspace.GOT]
-        ].tolist()
-        seal = None if reason is StopReason.NOT_FINITE else Certificate(free, wrong, expected, got)
-        cost = float(w.numbers[workspace.COST])
-        return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
+        ms, cost = self._watch.end(), float(w.numbers[workspace.COST])
+        return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt)
 
     def _improve(
-        self,
-        q: Array,
-        rules: workspace.Rules,
-        code: int,
-        early_stop_after: int | None,
-        trace: Callable[[int, float], None] | None,
+        self, q: Array, rules: workspace.Rules, code: int, early_stop_after: int | None
     ) -> tuple[StopReason, int]:
         """Iterate until a stopping rule holds. Returns the reason and the number of iterations."""
         w = self._w
         done, reason = 0, StopReason.MAX_ITERATIONS
         costs = [float(w.numbers[workspace.COST])]
         while code == workspace.GO_ON and done < self.options.max_iterations:
-            if trace is not None:
-                trace(done, float(w.numbers[workspace.COST]))
             if self._watch.over(done):
                 reason = StopReason.DEADLINE
                 break
@@ -248,9 +229,7 @@ class Planner:
             if code == workspace.GO_ON and self._stalls(costs, rules):
                 code = workspace.CONVERGED
         if code != workspace.NOT_FINITE:
-            code = max(code, core.finish(w, self._f, self._p, q, rules))
-        if trace is not None:
-            trace(done, float(w.numbers[workspace.COST]))
+            code = max(code, core.finish(w, self._f, q, rules))
         return _REASONS.get(code, reason), done
 
     def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:

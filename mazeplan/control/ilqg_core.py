@@ -26,17 +26,17 @@ from mazeplan.control.boxqp import box_qp
 from mazeplan.core.maths.compiled import caller
 
 ILL_CONDITIONED = 0.03  # maximum cosine between r and s
-_step, _linearise = caller(ws.STEP), caller(ws.LINEARISE)
+_linearise = caller(ws.LINEARISE)
 _running, _running_derivatives = caller(ws.RUNNING), caller(ws.RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(ws.FINAL), caller(ws.FINAL_DERIVATIVES)
 
 
 @njit(cache=True, error_model="numpy")
-def roll_out(w, f, p, q, reference, alpha, derive):
+def roll_out(w, f, p, q, reference, alpha):
     """Cost of the candidate that the policy gives from states[0]; inf when it is not finite.
 
-    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost. With derive, the
-    kernel also linearises the dynamics along the candidate.
+    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost. The kernel also
+    linearises the dynamics along the candidate.
     """
     T, n = w.K.shape[0], w.K.shape[2]
     total = 0.0
@@ -49,10 +49,7 @@ def roll_out(w, f, p, q, reference, alpha, derive):
                 v += w.K[t, i, j] * (s[j] - reference[t, j])
             u[i] = min(max(v, w.low[i]), w.high[i])
         total += _running(f.running, (t, s, u, q))
-        if derive:
-            _linearise(f.linearise, (s, u, p, w.new_states[t + 1], w.new_a[t], w.new_b[t]))
-        else:
-            _step(f.step, (s, u, p, w.new_states[t + 1]))
+        _linearise(f.linearise, (s, u, p, w.new_states[t + 1], w.new_a[t], w.new_b[t]))
         if not math.isfinite(total):
             return math.inf
     total += _final(f.final, (w.new_states[T], q))
@@ -63,10 +60,10 @@ def roll_out(w, f, p, q, reference, alpha, derive):
 def begin(w, f, p, q, reference, mu):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
-    cost = roll_out(w, f, p, q, reference, 0.0, True)
+    cost = roll_out(w, f, p, q, reference, 0.0)
     _accept_candidate(w)
     w.numbers[ws.COST], w.numbers[ws.MU], w.numbers[ws.FACTOR] = cost, mu, 1.0
-    w.numbers[ws.EXPECTED] = w.numbers[ws.GOT] = w.numbers[ws.SECANT] = 0.0
+    w.numbers[ws.SECANT] = 0.0
     w.numbers[ws.ALPHA] = 1.0
     w.curvature[:] = 0.0
     return ws.GO_ON if math.isfinite(cost) else ws.NOT_FINITE
@@ -79,22 +76,20 @@ def _accept_candidate(w):
     w.controls[:] = w.new_controls
     w.A[:] = w.new_a
     w.B[:] = w.new_b
-    w.numbers[ws.STALE] = ws.COST_STALE
+    w.numbers[ws.STALE] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def derivatives(w, f, p, q):
-    """Derivatives of the cost along the plan, and those of the dynamics where they are stale."""
+def derivatives(w, f, q):
+    """Derivatives of the cost along the plan."""
     T = w.controls.shape[0]
     for t in range(T):
-        if w.numbers[ws.STALE] == ws.ALL_STALE:
-            _linearise(f.linearise, (w.states[t], w.controls[t], p, w.Qx, w.A[t], w.B[t]))
         _running_derivatives(
             f.running_derivatives,
             (t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t]),
         )
     _final_derivatives(f.final_derivatives, (w.states[T], q, w.lx[T], w.lxx[T]))
-    w.numbers[ws.STALE] = ws.FRESH
+    w.numbers[ws.STALE] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -262,10 +257,10 @@ def _lower_mu(w, rules):
 
 
 @njit(cache=True, error_model="numpy")
-def policy(w, f, p, q, rules):
+def policy(w, f, q, rules):
     """Policy for the plan; raises the regularisation until a policy exists. Returns a code."""
-    if w.numbers[ws.STALE] != ws.FRESH:
-        derivatives(w, f, p, q)
+    if w.numbers[ws.STALE] > 0.0:
+        derivatives(w, f, q)
     code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
     while code == ws.NO_DESCENT and _raise_mu(w, rules):
         code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
@@ -274,12 +269,12 @@ def policy(w, f, p, q, rules):
 
 
 @njit(cache=True, error_model="numpy")
-def finish(w, f, p, q, rules):
+def finish(w, f, q, rules):
     """Compute the gains of the final plan, without the curvature M. Returns a code."""
-    if w.numbers[ws.SECANT] == 0.0 and w.numbers[ws.STALE] == ws.FRESH:
+    if w.numbers[ws.SECANT] == 0.0 and w.numbers[ws.STALE] == 0.0:
         return ws.GO_ON  # no candidate since the last policy
     w.numbers[ws.SECANT] = 0.0
-    return policy(w, f, p, q, rules)
+    return policy(w, f, q, rules)
 
 
 @njit(cache=True, error_model="numpy")
@@ -287,14 +282,14 @@ def _try(w, f, p, q, rules, alpha):
     """Roll out a candidate and accept it if its cost is low enough. Returns the reduction; NaN if refused."""
     n = w.numbers
     expected = -alpha * (n[ws.SLOPE] + alpha * n[ws.CURVATURE])
-    reduction = n[ws.COST] - roll_out(w, f, p, q, w.states, alpha, True)
+    reduction = n[ws.COST] - roll_out(w, f, p, q, w.states, alpha)
     if math.isfinite(reduction):
         _secant(w)
     if not (reduction > rules.min_ratio * expected and reduction > 0.0):
         return math.nan
     _accept_candidate(w)
     n[ws.COST] -= reduction
-    n[ws.EXPECTED], n[ws.GOT], n[ws.ALPHA] = expected, reduction, alpha
+    n[ws.ALPHA] = alpha
     _lower_mu(w, rules)
     return reduction
 
@@ -309,7 +304,7 @@ def iterate(w, f, p, q, rules):
     n = w.numbers
     small, alpha = rules.tolerance * (1.0 + abs(n[ws.COST])), min(1.0, 2.0 * n[ws.ALPHA])
     for _ in range(rules.tries):
-        code = policy(w, f, p, q, rules)
+        code = policy(w, f, q, rules)
         if code != ws.GO_ON:
             return code
         expected = -(n[ws.SLOPE] + n[ws.CURVATURE])
@@ -320,33 +315,3 @@ def iterate(w, f, p, q, rules):
             return ws.CONVERGED if reduction < small and n[ws.MU] <= rules.mu_min and alpha > 0.5 else ws.GO_ON
         alpha *= rules.shorter
     return ws.GO_ON if _raise_mu(w, rules) else ws.NO_DESCENT
-
-
-@njit(cache=True, error_model="numpy")
-def certify(w):
-    """First-order optimality of the plan, by the adjoint of the stored derivatives.
-
-    numbers[GRADIENT]:    largest gradient of the cost with respect to a control inside its limits
-    numbers[WRONG_SIGN]:  the same for a control at a limit, if the cost falls inwards"""
-    T, n = w.controls.shape[0], w.V.shape[0]
-    free = wrong = 0.0
-    w.V[:] = w.lx[T]
-    for t in range(T - 1, -1, -1):
-        for i in range(2):
-            slope = w.lu[t, i]
-            for j in range(n):
-                slope += w.B[t, j, i] * w.V[j]
-            inwards = 0.0
-            if w.controls[t, i] <= w.low[i]:
-                inwards = -slope
-            elif w.controls[t, i] >= w.high[i]:
-                inwards = slope
-            else:
-                free = max(free, abs(slope))
-            wrong = max(wrong, inwards)
-        for j in range(n):
-            w.Qx[j] = w.lx[t, j]
-            for m in range(n):
-                w.Qx[j] += w.A[t, m, j] * w.V[m]
-        w.V[:] = w.Qx
-    w.numbers[ws.GRADIENT], w.numbers[ws.WRONG_SIGN] = free, wrong

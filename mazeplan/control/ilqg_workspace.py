@@ -10,7 +10,6 @@ from numba import types
 from mazeplan.core.maths.compiled import INTEGER, MATRIX, REAL, VECTOR
 from mazeplan.core.records import Array
 
-STEP = types.void(VECTOR, VECTOR, VECTOR, VECTOR)  # s, u, p, out
 LINEARISE = types.void(VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)  # s, u, p, out, A, B
 RUNNING = REAL(INTEGER, VECTOR, VECTOR, VECTOR)  # k, s, u, p
 RUNNING_DERIVATIVES = types.void(INTEGER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)
@@ -18,18 +17,16 @@ FINAL = REAL(VECTOR, VECTOR)  # s, p
 FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
 
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
-# columns of `Workspace.numbers`: cost of the plan; regularisation and the factor that changes it; which derivatives are
-# valid; expected change of the cost by slope and curvature; largest correction of a control; expected and actual
-# reduction of the cost; largest gradients of the certificate; whether M is used; length of the last step
-COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, GRADIENT, WRONG_SIGN, SECANT, ALPHA = range(13)
-NUMBERS = 13
-FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # valid derivatives: all, only those of the dynamics, none
+# columns of `Workspace.numbers`: cost of the plan; regularisation and the factor that changes it; 1 if the derivatives
+# of the cost are those of another plan; expected change of the cost by slope and curvature; largest correction of a
+# control; whether M is used; length of the last step
+COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, SECANT, ALPHA = range(9)
+NUMBERS = 9
 
 
 class Functions(NamedTuple):
-    """Addresses of the six compiled functions of one problem."""
+    """Addresses of the five compiled functions of one problem."""
 
-    step: int
     linearise: int
     running: int
     running_derivatives: int

@@ -2,7 +2,7 @@
 
 A cold start begins with the commands of a simple law (`first_guess`). With a Gaussian process, a coarse plan on the
 effects alone comes next. It costs a tenth of the work and lies near the final plan, while a direct search on the rough
-learned dynamics takes many iterations. Only the final search pays for uncertainty (`uncertain_cost`).
+learned dynamics takes many iterations.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.control import cost as ring_cost
-from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.first_guess import first_guess
@@ -29,12 +28,6 @@ COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and substeps of the coarse plan
 SHARE = 0.5  # share of the deadline that the coarse plan may take
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
-UNCERTAIN_COST = Cost(
-    uncertain_cost.running,
-    uncertain_cost.running_derivatives,
-    uncertain_cost.final,
-    uncertain_cost.final_derivatives,
-)
 
 
 class RingPlanner:
@@ -58,21 +51,17 @@ class RingPlanner:
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()
 
-        def planner(dynamics: Dynamics, options: IlqgOptions, cost: Cost = RING_COST) -> Planner:
-            return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, watch=watch)
+        def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
+            return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, watch=watch)
 
-        self._uncertain = np.zeros(0)  # vector of `uncertain_cost`
         self._effects = parameters.pack()
-        effects = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+        effects = Dynamics(ring_dynamics.linearise, parameters.pack(), 6)
         self._coarse = None
         if process is None:
             self._planner = planner(effects, options)
         else:
             packed = learned_dynamics.pack(parameters, process)
-            learned = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
-            if self.cost.uncertainty > 0.0:
-                self._uncertain = uncertain_cost.pack(self.cost, process)
-            self._planner = planner(learned, options, UNCERTAIN_COST if len(self._uncertain) else RING_COST)
+            self._planner = planner(Dynamics(learned_dynamics.linearise, packed, 6), options)
             if parameters.physics:  # else there are no effects for a coarse plan
                 rough = replace(effects, parameters=parameters.pack(COARSE_SUBSTEPS))
                 self._coarse = planner(rough, replace(options, tolerance=max(COARSE, options.tolerance)))
@@ -107,23 +96,15 @@ class RingPlanner:
         target = self.cost.pack(goal_theta, goal_theta_dot, lean)
         if warm is not None:
             wide, most = self.options.warm_tolerance, self.options.warm_iterations
-            q = self._cost_vector(target)
             return self._planner.solve(
-                state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, early_stop_after=most
+                state, target, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, early_stop_after=most
             )
         guess = first_guess(
             self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
         )
         if self._coarse is not None:
             return self._from_effects(self._coarse, state, target, guess, t0, deadline_ms)
-        return self._planner.solve(state, self._cost_vector(target), guess, t0=t0, deadline_ms=deadline_ms)
-
-    def _cost_vector(self, target: Array) -> Array:
-        """The vector of the cost on the full model."""
-        if not len(self._uncertain):
-            return target
-        self._uncertain[: len(target)] = target
-        return self._uncertain
+        return self._planner.solve(state, target, guess, t0=t0, deadline_ms=deadline_ms)
 
     def _from_effects(
         self, coarse: Planner, state: Array, target: Array, guess: Array, t0: float, deadline_ms: float | None
@@ -133,7 +114,7 @@ class RingPlanner:
         first = coarse.solve(state, target, guess, t0=t0, deadline_ms=SHARE * deadline)
         warm = first if first.ok else None
         left = max(0.0, deadline - first.ms)
-        plan = self._planner.solve(state, self._cost_vector(target), warm, t0=t0, deadline_ms=left)
+        plan = self._planner.solve(state, target, warm, t0=t0, deadline_ms=left)
         return replace(plan, ms=first.ms + plan.ms, iterations=first.iterations + plan.iterations)
 
     def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:

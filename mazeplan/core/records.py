@@ -142,22 +142,6 @@ class StopReason(StrEnum):
     NOT_FINITE = "not_finite"
 
 
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """How near a plan is to an optimum.
-
-    gradient:   largest derivative of the cost by a control inside its limits, per rad; 0 at an optimum
-    wrong_sign: largest derivative by a control that is held at a limit but ought to leave it, per rad; 0 at an optimum
-    expected:   expected fall of the cost in the last step that the solver took
-    got:        actual fall of the cost in this step
-    """
-
-    gradient: float
-    wrong_sign: float
-    expected: float
-    got: float
-
-
 @dataclass(frozen=True)
 class Plan:
     """A planned trajectory with its feedback.
@@ -170,7 +154,6 @@ class Plan:
     iterations:  number of iterations of the solver
     ms:          duration of the search, ms
     t0, dt:      rig time of states[0] and step, s
-    certificate: how near the plan is to an optimum; None if the solver met no finite cost
     """
 
     states: Array
@@ -182,7 +165,6 @@ class Plan:
     ms: float
     t0: float = 0.0
     dt: float = 1.0 / 30.0
-    certificate: Certificate | None = None
 
     @property
     def ok(self) -> bool:

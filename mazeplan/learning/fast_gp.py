@@ -123,7 +123,7 @@ def _loop(nine: bool) -> Any:
     The inputs are written out: an inner loop over them would not be vectorised."""
 
     @njit(cache=True, error_model="numpy", fastmath=True)
-    def rows(p, base, size, lo, hi, z, gradient, wanted):
+    def rows(p, base, size, lo, hi, z, gradient):
         x0, x1, x2 = p[base + lo : base + hi], p[base + size + lo : base + size + hi], p[base + 2 * size + lo :]
         x3, x4, x5 = p[base + 3 * size + lo :], p[base + 4 * size + lo :], p[base + 5 * size + lo :]
         x6, x7, x8 = p[base + 6 * size + lo :], p[base + 7 * size + lo :], p[base + 8 * size + lo :]
@@ -131,14 +131,6 @@ def _loop(nine: bool) -> Any:
         z0, z1, z2, z3, z4, z5, z6, z7, z8 = z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8]
         c = -0.5 * (z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3 + z4 * z4 + z5 * z5 + z6 * z6 + z7 * z7 + z8 * z8)
         total = 0.0
-        if not wanted:
-            for j in range(hi - lo):
-                e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
-                e += x5[j] * z5 + x7[j] * z7
-                if nine:
-                    e += x6[j] * z6 + x8[j] * z8
-                total += alpha[j] * exp2_below(max(e, -1000.0))
-            return total
         g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = 0.0
         for j in range(hi - lo):
             e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
@@ -168,12 +160,12 @@ _rows, _rows_without_cosines = _loop(True), _loop(False)
 
 
 @njit(cache=True, error_model="numpy")
-def _some_rows(p, at, lo, hi, z, gradient, wanted):
-    """Sum over the rows lo:hi of alpha c; if `wanted`, add the sum of alpha c times the inputs to gradient (D,)."""
+def _some_rows(p, at, lo, hi, z, gradient):
+    """Sum over the rows lo:hi of alpha c. Adds the sum of alpha c times the inputs to gradient (D,)."""
     base, size = at + HEAD, int(p[at + _COUNT])
     if p[at + _SCALES + 6] == math.inf and p[at + _SCALES + 8] == math.inf:
-        return _rows_without_cosines(p, base, size, lo, hi, z, gradient, wanted)
-    return _rows(p, base, size, lo, hi, z, gradient, wanted)
+        return _rows_without_cosines(p, base, size, lo, hi, z, gradient)
+    return _rows(p, base, size, lo, hi, z, gradient)
 
 
 @njit(cache=True, error_model="numpy")
@@ -188,7 +180,7 @@ def _place(p, at, s, z):
 
 
 @njit(cache=True, error_model="numpy")
-def _sum(p, at, s, z, gradient, wanted):
+def _sum(p, at, s, z, gradient):
     """Sum of alpha c over the rows that matter at s. Writes scaled inputs into z (D,), sums of rows into gradient."""
     if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # no bin, and the sums below assume finite numbers
         gradient[:D] = math.nan
@@ -198,41 +190,8 @@ def _sum(p, at, s, z, gradient, wanted):
     table, total = at + _TABLE + here * (1 + 2 * RANGES), 0.0
     for r in range(int(p[table])):
         lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
-        total += _some_rows(p, at, lo, hi, z, gradient, wanted)
+        total += _some_rows(p, at, lo, hi, z, gradient)
     return total
-
-
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _nearest_row(p, base, size, lo, hi, z, best):
-    """The larger of `best` and -|x - z|^2 / 2 of the nearest row of lo:hi; and this row, or -1 if `best` is larger."""
-    c = 0.0
-    for d in range(D):
-        c -= 0.5 * z[d] * z[d]
-    found = -1
-    for j in range(lo, hi):
-        e = c + p[base + (D + 1) * size + j]
-        for d in range(D):
-            e += p[base + d * size + j] * z[d]
-        if e > best:
-            best, found = e, j
-    return best, found
-
-
-@njit(cache=True, error_model="numpy")
-def nearest(p, at, s, gap):
-    """-|x - z|^2 / 2 of the row x nearest to the state s (6,), both in length scales; writes x - z into gap (D,).
-
-    Searches the rows that matter for the mean; -inf if there are none."""
-    z, _ = _scratch(p, at)
-    rows, here = int(p[at + _COUNT]), _place(p, at, s, z)
-    table, best, row = at + _TABLE + here * (1 + 2 * RANGES), -math.inf, -1
-    for r in range(int(p[table])):
-        lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
-        best, found = _nearest_row(p, at + HEAD, rows, lo, hi, z, best)
-        row = found if found >= 0 else row
-    for d in range(D):
-        gap[d] = UNIT * (p[at + HEAD + d * rows + row] - z[d]) if row >= 0 else 0.0
-    return LN2 * best
 
 
 @njit(cache=True, error_model="numpy")
@@ -243,17 +202,12 @@ def _scratch(p, at):
 
 
 @njit(cache=True, error_model="numpy")
-def mean(p, at, s):
-    """Mean of g at the state s (6,); the Gaussian process is packed in p from index `at` on."""
-    z, gradient = _scratch(p, at)
-    return p[at + _AMPLITUDE] * _sum(p, at, s, z, gradient, False)
-
-
-@njit(cache=True, error_model="numpy")
 def mean_and_gradient(p, at, s, by_state):
-    """`mean`; writes its derivatives by s into by_state (6,)."""
+    """Mean of g at the state s (6,); writes its derivatives by s into by_state (6,).
+
+    The Gaussian process is packed in p from index `at` on."""
     z, gradient = _scratch(p, at)
-    total = _sum(p, at, s, z, gradient, True)
+    total = _sum(p, at, s, z, gradient)
     a2 = p[at + _AMPLITUDE]
     for d in range(D):
         gradient[d] = LN2 * a2 * (gradient[d] - total * z[d]) / p[at + _SCALES + d]
@@ -262,35 +216,6 @@ def mean_and_gradient(p, at, s, by_state):
     by_state[2] = gradient[5] * math.cos(s[2]) - gradient[6] * math.sin(s[2])
     by_state[4] = gradient[7] * math.cos(s[4]) - gradient[8] * math.sin(s[4])
     return a2 * total
-
-
-@njit(cache=True, error_model="numpy")
-def variance_and_derivatives(p, at, s, noise2, gap, by_state, bend):
-    """`variance`; writes its derivatives by s into by_state (6,), the convex part of their diagonal into bend (6,)."""
-    a2 = p[at + _AMPLITUDE]
-    c = math.exp(max(nearest(p, at, s, gap), -700.0))
-    known = a2 * c * a2 * c / (a2 + noise2)
-    for i, d in enumerate((3, 0, 5, 1, 7, 2)):
-        if i % 2:  # a rate: an input itself
-            scale = UNIT / p[at + _SCALES + d]
-            slope, steep = gap[d] * scale, scale * scale
-        else:  # an angle, by sine and cosine
-            sine, cosine = UNIT * math.sin(s[i]) / p[at + _SCALES + d + 1], UNIT * math.cos(s[i]) / p[at + _SCALES + d]
-            slope, steep = gap[d] * cosine - gap[d + 1] * sine, sine * sine + cosine * cosine
-        by_state[i], bend[i] = -2.0 * known * slope, 2.0 * known * steep
-    return a2 - known
-
-
-@njit(cache=True, error_model="numpy")
-def variance(p, at, s, noise2, gap):
-    """Variance of g at the state s given the nearest row alone, (rad/s^2)^2; never smaller than given all rows.
-
-        v = a^2 - (a^2 c)^2 / (a^2 + s^2),   c = exp(-|x - z|^2 / 2)
-
-    noise2: s^2, of a sample; gap (D,): scratch space."""
-    a2 = p[at + _AMPLITUDE]
-    c = math.exp(max(nearest(p, at, s, gap), -700.0))
-    return a2 - a2 * c * a2 * c / (a2 + noise2)
 
 
 @njit(cache=True, error_model="numpy")

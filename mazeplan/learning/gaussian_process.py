@@ -1,4 +1,4 @@
-"""Exact Gaussian-process regression by Cholesky: mean and variance.
+"""Exact Gaussian-process regression by Cholesky.
 
     y = phi(x) w + g(x) + e,   w ~ N(0, S) with S diagonal,   g ~ GP(0, k),   e ~ N(0, s^2), or one s for each row
     k(x, x') = sum of a^2 c(r),    r^2 = sum_d ((x_d - x'_d) / l_d)^2 over the columns of a term
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky
 
 from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.exponential import exp_below
@@ -130,17 +130,6 @@ def _add_terms(a: Array, b: Array, h: Hyperparameters, lower: bool, C: Array) ->
             add(x, z, sign * term.amplitude**2, h.family == "rbf", lower, C)
 
 
-def prior_variance(inputs: Array, h: Hyperparameters) -> Array:
-    """k(x, x) (N,)."""
-    out = np.full(len(inputs), sum(term.amplitude**2 for term in h.terms))
-    for term in h.terms:
-        if term.flip:
-            x = inputs[:, term.columns] / term.lengthscales
-            gap = np.sum((x * (1.0 - np.array(term.flip))) ** 2, axis=1)
-            out -= term.amplitude**2 * np.exp(-0.5 * gap if h.family == "rbf" else -np.sqrt(gap))
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
     """A conditioned Gaussian process.
@@ -148,8 +137,7 @@ class GaussianProcess:
     inputs (N, D), features (N, M):  training rows
     alpha (N,):                      see above
     weights (M,):                    E[w]
-    covariance (M, M):               of the weights
-    factor (N, N):                   lower Cholesky factor of C + Phi S Phi'; empty if only the mean is available"""
+    covariance (M, M):               of the weights"""
 
     hyper: Hyperparameters
     inputs: Array
@@ -157,16 +145,14 @@ class GaussianProcess:
     alpha: Array
     weights: Array
     covariance: Array
-    factor: Array
 
     def __len__(self) -> int:
         return len(self.alpha)
 
     @classmethod
-    def mean_only(cls, hyper: Hyperparameters, inputs: Array, alpha: Array) -> GaussianProcess:
-        """A Gaussian process without features, of which only the mean is available."""
-        none = np.zeros((0, 0))
-        return cls(hyper, inputs, np.zeros((len(alpha), 0)), alpha, np.zeros(0), none, none)
+    def without_features(cls, hyper: Hyperparameters, inputs: Array, alpha: Array) -> GaussianProcess:
+        """A Gaussian process without features."""
+        return cls(hyper, inputs, np.zeros((len(alpha), 0)), alpha, np.zeros(0), np.zeros((0, 0)))
 
     @classmethod
     def condition(
@@ -192,25 +178,12 @@ class GaussianProcess:
         weights = gain.T @ y
         covariance = np.diag(S) - back @ gain
         alpha = cho_solve((factor, False), y)  # = C^-1 (y - Phi w), by the matrix inversion lemma
-        return cls(hyper, inputs, features, alpha, weights, covariance, factor.T)
+        return cls(hyper, inputs, features, alpha, weights, covariance)
 
     def mean(self, inputs: Array, features: Array | None = None) -> Array:
         """E[f] (N,) at inputs (N, D); E[g] if no features are given."""
         out = np.concatenate([kernel(part, self.inputs, self.hyper) @ self.alpha for part in _parts(inputs)])
         return out if features is None else out + features @ self.weights
-
-    def variance(self, inputs: Array, features: Array | None = None) -> Array:
-        """Variance of f (N,), without the noise of a sample. Raises ModelError if the factor is missing."""
-        if not self.factor.size:
-            raise ModelError("this process was loaded for its mean alone")
-        S, out = self.hyper.weight_sigma**2, []
-        wide = np.zeros((len(inputs), len(S))) if features is None else features
-        for part, phi in zip(_parts(inputs), _parts(wide), strict=True):
-            cross = kernel(part, self.inputs, self.hyper) + (phi * S) @ self.features.T
-            half = solve_triangular(self.factor, cross.T, lower=True)
-            prior = prior_variance(part, self.hyper) + np.sum(phi**2 * S, axis=1)
-            out.append(prior - np.sum(half**2, axis=0))
-        return np.maximum(np.concatenate(out), 0.0)
 
 
 def _parts(rows: Array) -> list[Array]:

@@ -159,4 +159,4 @@ def _process(content: bytes, name: str) -> GaussianProcess:
         hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"]))
     except ModelError as problem:
         raise ValueError(f"{name}: {problem}") from None
-    return GaussianProcess.mean_only(hyper, inputs.astype(np.float64), alpha)
+    return GaussianProcess.without_features(hyper, inputs.astype(np.float64), alpha)

@@ -53,11 +53,11 @@ def played(plan, gp, parameters=P, *, moved: float | np.ndarray = 0.0, feedback=
     s, out = plan.states[0] + moved, np.empty(6)
     path = [s]
     packed = parameters.pack() if gp is None else learned_dynamics.pack(parameters, gp)
-    step = ring_dynamics.step if gp is None else learned_dynamics.step
+    dynamics = ring_dynamics if gp is None else learned_dynamics
     for k, u in enumerate(plan.controls):
         if feedback:
             u = np.clip(u + plan.gains[k] @ (s - plan.states[k]), -LIMIT, LIMIT)
-        step(s, u, packed, out)
+        dynamics.linearise(s, u, packed, out, np.empty((6, 6)), np.empty((6, 2)))
         s = out.copy()
         path.append(s)
     return np.array(path)

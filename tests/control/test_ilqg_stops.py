@@ -10,13 +10,11 @@ from ilqg_problems import (
     T,
     Ticking,
     cliff_linearise,
-    cliff_step,
     concave_derivatives,
     lying_derivatives,
     nan_both,
     nan_hessian,
     nan_linearise,
-    nan_step,
     ring_planner,
 )
 
@@ -78,7 +76,7 @@ def test_no_descent_is_told(derivatives):
 @pytest.mark.parametrize(
     "broken",
     [
-        {"step": nan_step, "linearise": nan_both},
+        {"linearise": nan_both},
         {"linearise": nan_linearise},
         {"cost": replace(QUADRATIC, running_derivatives=nan_hessian)},
     ],
@@ -105,7 +103,7 @@ def test_a_state_that_is_not_finite_gives_such_a_plan(state):
 @pytest.mark.slow
 def test_a_step_into_the_void_is_not_taken():
     problem = LinearProblem(3)
-    plan = problem.planner(1.0, step=cliff_step, linearise=cliff_linearise).solve(problem.s0, problem.q)
+    plan = problem.planner(1.0, linearise=cliff_linearise).solve(problem.s0, problem.q)
     assert plan.ok
     assert np.isfinite(plan.states).all()
     assert (plan.controls[:, 0] <= 0.5).all()

@@ -1,4 +1,4 @@
-"""The compiled mean against the plain one, its derivatives, what culling leaves out, and the variance of few rows."""
+"""The compiled mean against the plain one, its derivatives, and what culling leaves out."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from finite_differences import jacobian
-from gaussian_processes import nearest_variance, plain, state_gradient, state_inputs
+from gaussian_processes import plain, state_gradient, state_inputs
 
 from mazeplan.learning import fast_gp
-from mazeplan.learning.fast_gp import BINS, D, evaluate, pack
+from mazeplan.learning.fast_gp import BINS, evaluate, pack
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.physics.formulas.arrays import RingKinematics
@@ -85,7 +85,6 @@ def test_a_state_that_is_no_number_gives_none_and_reads_no_other_memory(column, 
     mean, by_state = evaluate(packed, state[None])
     assert math.isnan(mean[0])
     assert np.isnan(by_state[0]).any()
-    assert math.isnan(fast_gp.mean(packed, 0, state))
 
 
 @pytest.mark.slow
@@ -107,7 +106,7 @@ def test_the_bound_holds_wherever_in_their_bins_query_and_rows_are(pair):
         assert np.where(needed, 0.0, worst * weights).sum(axis=1).max() <= fast_gp.TOLERANCE
 
 
-def test_the_mean_alone_is_the_same_anywhere_in_a_longer_vector():
+def test_it_is_the_same_anywhere_in_a_longer_vector():
     rng = np.random.default_rng(14)
     gp = process(drawn(rng, 300))
     packed, states = pack(gp), drawn(rng, 30)
@@ -115,8 +114,6 @@ def test_the_mean_alone_is_the_same_anywhere_in_a_longer_vector():
     means, slopes = evaluate(packed, states)
     for state, mean, slope in zip(states, means, slopes, strict=True):
         by_state = np.full(6, np.nan)
-        assert fast_gp.mean(packed, 0, state) == pytest.approx(mean, abs=1e-12)
-        assert fast_gp.mean(longer, 37, state) == pytest.approx(mean, abs=1e-12)
         assert fast_gp.mean_and_gradient(longer, 37, state, by_state) == pytest.approx(mean, abs=1e-12)
         np.testing.assert_allclose(by_state, slope, atol=1e-12)
 
@@ -125,7 +122,7 @@ def test_derivatives_equal_finite_differences():
     rng = np.random.default_rng(15)
     packed = pack(process(drawn(rng, 300), scales(1.0)))
     for state in drawn(rng, 20):
-        numeric = jacobian(lambda s: fast_gp.mean(packed, 0, s), state, 1e-4)
+        numeric = jacobian(lambda s: evaluate(packed, s[None])[0][0], state, 1e-4)
         np.testing.assert_allclose(evaluate(packed, state[None])[1][0], numeric, rtol=1e-5, atol=1e-5)
 
 
@@ -138,10 +135,3 @@ def test_a_kernel_that_does_not_look_at_all_inputs(columns):
     hyper = Hyperparameters((KernelTerm(columns, SCALES[list(columns)], 2.0),), 0.3, np.zeros(0))
     gp = GaussianProcess.condition(hyper, x, np.zeros((len(x), 0)), y)
     assert_agreement(gp, drawn(rng, 200))
-    packed, gap = pack(gp), np.empty(D)
-    for state in drawn(rng, 20):
-        exact_one = nearest_variance(gp, inputs(kinematics(state[None])))[0]
-        assert fast_gp.variance(packed, 0, state, 0.09, gap) == pytest.approx(exact_one, abs=1e-6)
-
-
-# --- variance ---

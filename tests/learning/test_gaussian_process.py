@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaussian_processes import log_likelihood, plain
-from scipy.stats import multivariate_normal
+from gaussian_processes import plain
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as sklearn_kernels
 
@@ -17,7 +16,6 @@ from mazeplan.learning.gaussian_process import (
     Hyperparameters,
     KernelTerm,
     kernel,
-    prior_variance,
 )
 
 KERNELS: Any = sklearn_kernels
@@ -53,11 +51,6 @@ def dense_kernel(a, b, hyper):
     return out
 
 
-def log_density(y, covariance):
-    normal: Any = multivariate_normal
-    return float(normal.logpdf(y, np.zeros(len(y)), covariance))
-
-
 def test_each_row_may_have_a_noise_of_its_own():
     x, phi, y, at, phi_at = data()
     hyper = Hyperparameters(SUM, 0.3, SIGMA)
@@ -67,46 +60,39 @@ def test_each_row_may_have_a_noise_of_its_own():
     whole = dense_kernel(x, x, hyper) + phi @ S @ phi.T + np.diag(noise**2)
     cross = dense_kernel(at, x, hyper) + phi_at @ S @ phi.T
     np.testing.assert_allclose(process.mean(at, phi_at), cross @ np.linalg.solve(whole, y), rtol=1e-7, atol=1e-7)
-    assert log_likelihood(process, y) == pytest.approx(log_density(y, whole))
     same = GaussianProcess.condition(hyper, x, phi, y, np.full(len(y), 0.3))
     np.testing.assert_allclose(same.alpha, GaussianProcess.condition(hyper, x, phi, y).alpha, rtol=1e-12)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_mean_and_variance_are_those_of_scikit_learn(family):
+def test_the_mean_is_that_of_scikit_learn(family):
     x, _, y, at, _ = data()
     hyper = plain(LENGTHS, 1.7, 0.3, family=family)
     shape = KERNELS.RBF(LENGTHS) if family == "rbf" else KERNELS.Matern(LENGTHS, nu=0.5)
     regressor: Any = GaussianProcessRegressor
     other = regressor(KERNELS.ConstantKernel(1.7**2) * shape, alpha=0.3**2, optimizer=None).fit(x, y)
-    mean, deviation = other.predict(at, return_std=True)
+    mean = other.predict(at)
     ours = GaussianProcess.condition(hyper, x, bare(len(y)), y)
     np.testing.assert_allclose(ours.mean(at), mean, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(ours.variance(at), deviation**2, rtol=1e-7, atol=1e-7)
-    assert np.ptp(deviation) > 0.1, "rows that all are as far away would show nothing"
-    likelihood = other.log_marginal_likelihood_value_
-    np.testing.assert_allclose(log_likelihood(ours, y), likelihood, rtol=1e-7)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_the_prior_is_the_kernel_with_itself_and_positive(family):
+def test_the_kernel_is_that_of_its_formula_and_positive(family):
     x, _, _, at, _ = data(20)
     for terms in (SUM, ODD):
         hyper = Hyperparameters(terms, 0.1, NONE, family)
         np.testing.assert_allclose(kernel(x, at, hyper), dense_kernel(x, at, hyper), atol=1e-12)
-        np.testing.assert_allclose(prior_variance(at, hyper), np.diag(dense_kernel(at, at, hyper)), atol=1e-12)
         assert np.linalg.eigvalsh(kernel(x, x, hyper)).min() > -1e-10
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_an_odd_process_is_odd_and_knows_nothing_on_the_mirror(family):
+def test_an_odd_process_is_odd_and_nothing_on_the_mirror(family):
     x, _, y, at, _ = data()
     process = GaussianProcess.condition(Hyperparameters(ODD, 0.2, NONE, family), x, bare(60), y)
     np.testing.assert_allclose(process.mean(at * TURN), -process.mean(at), atol=1e-10)
-    np.testing.assert_allclose(process.variance(at * TURN), process.variance(at), atol=1e-10)
     assert np.abs(process.mean(at)).max() > 0.5
     there = at * (TURN > 0.0)
-    np.testing.assert_allclose([process.mean(there), process.variance(there)], 0.0, atol=1e-6)
+    np.testing.assert_allclose(process.mean(there), 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -115,4 +101,3 @@ def test_inputs_far_from_zero_lose_no_digits(family):
     hyper = plain(LENGTHS, 1.5, 0.2, family=family)
     near, far = (GaussianProcess.condition(hyper, x + shift, bare(30), y) for shift in (0.0, 1e4))
     np.testing.assert_allclose(far.mean(at + 1e4), near.mean(at), atol=1e-5)
-    np.testing.assert_allclose(far.variance(at + 1e4), near.variance(at), atol=1e-5)
