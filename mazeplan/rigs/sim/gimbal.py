@@ -9,15 +9,13 @@ from __future__ import annotations
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's compiled module has no types)
 import math
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
-from mazeplan.core.errors import RigError
 from mazeplan.core.records import Array
 from mazeplan.rigs.sim.mjcf import PLUG_OFF, PLUG_ON, plug_name
-from mazeplan.rigs.sim.nearwalls import OPEN, NearWalls
+from mazeplan.rigs.sim.nearwalls import NearWalls
 
 
 class Gimbal:
@@ -123,8 +121,8 @@ class Gimbal:
         self.data.xfrc_applied[self._body, 3:] = torque
 
     def roughen(self, friction_m: float) -> None:
-        """Add rolling friction to the floor from now on, m. Raises RigError if the model cannot change its friction."""
-        raise RigError("the floor of this model has one rolling friction, which stays")
+        """Set the rolling friction of the floor from now on, m. The model must have a geom `floor`."""
+        self.model.geom_friction[mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_GEOM, "floor"), 2] = friction_m
 
     def _centre(self) -> Array | float:
         """Middle of the maze's floor in the room, m."""
@@ -142,35 +140,39 @@ class Gimbal:
 
 
 class MazeGimbal(Gimbal):
-    """A gimbal that simulates only the walls near the ball. Its motion equals that of `Gimbal` to the last bit, in less
-    than half the time.
+    """A gimbal that simulates only the walls near the balls, in less than half the time.
 
-    rougher: makes the walls for a floor with additional rolling friction, m."""
+    Its motion equals that of `Gimbal` to the last bit."""
 
-    def __init__(self, walls: NearWalls, steps: int, rougher: Callable[[float], NearWalls] | None = None) -> None:
-        super().__init__(walls.any, steps)
-        self._walls, self._blocked, self._rougher = walls, OPEN, rougher
-        self._by_friction = {0.0: walls}
+    def __init__(self, walls: NearWalls, steps: int, balls: int) -> None:
+        super().__init__(walls.model(), steps)
+        self._walls, self._fields, self._balls = walls, walls.fields(self.model), range(balls)
+        self._blocked: frozenset[str] = frozenset()
+        self._filled: tuple[tuple[int, ...], frozenset[str]] | None = None  # cells and plugs of the boxes in the model
 
     def reset(self, position: Array, *others: Array) -> None:
-        """See `Gimbal`. Removes all plugs and additional friction."""
-        self._blocked, self._walls = OPEN, self._by_friction[0.0]
+        """See `Gimbal`. Removes all plugs."""
+        self._blocked = frozenset()
         self._to_start(position, *others)
-        mujoco.mj_forward(self._walls.near(self.data), self.data)
+        self._choose()
+        mujoco.mj_forward(self.model, self.data)
 
     def advance(self) -> None:
-        """See `Gimbal`."""
-        self._walls.step(self.data, self.steps, self._blocked)
+        """See `Gimbal`. For a fast ball, chooses the boxes anew in each step."""
+        speed = max(math.hypot(*self.data.qvel[2 + 6 * i : 4 + 6 * i].tolist()) for i in self._balls)
+        once = self._walls.stays_near(speed, self.steps)
+        for _ in range(1 if once else self.steps):
+            self._choose()
+            mujoco.mj_step(self.model, self.data, nstep=self.steps if once else 1)
+
+    def _choose(self) -> None:
+        """Put the boxes near the balls into the model."""
+        places = self.data.qpos
+        cells = tuple(self._walls.cell(places.item(2 + 7 * i), places.item(3 + 7 * i)) for i in self._balls)
+        if (cells, self._blocked) != self._filled:
+            self._walls.fill(self.model, self._fields, cells, self._blocked)
+            self._filled = cells, self._blocked
 
     def plug(self, opening: str, there: bool) -> None:
         """See `Gimbal`."""
         self._blocked = self._blocked | {opening} if there else self._blocked - {opening}
-
-    def roughen(self, friction_m: float) -> None:
-        """See `Gimbal`."""
-        if friction_m not in self._by_friction:
-            if self._rougher is None:
-                super().roughen(friction_m)
-                return
-            self._by_friction[friction_m] = self._rougher(friction_m)
-        self._walls = self._by_friction[friction_m]

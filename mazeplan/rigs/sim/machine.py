@@ -24,7 +24,7 @@ from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, Pl
 from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal
 from mazeplan.rigs.sim.machine_faults import FaultBox, check_fault
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
-from mazeplan.rigs.sim.nearwalls import NearWalls, near_walls
+from mazeplan.rigs.sim.nearwalls import near_walls
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 
 APART = 1.2  # radii of a ball: distance from the middle of the disc to each of two balls in the disc
@@ -64,6 +64,9 @@ class Machine:
         place, *others = (
             np.array([radius * math.cos(angle), radius * math.sin(angle), self.maze.ball.radius]) for angle in angles
         )
+        self._hidden, self._floor = BallForces(self.settings, self.maze), FloorFriction(self.settings, self.maze)
+        if self._floor:
+            self._gimbal.roughen(self.settings.rolling_friction_m)
         self._gimbal.reset(place, *others)
         self._target = self._ctrl = np.zeros(2)
         self._queue: deque[tuple[float, Array]] = deque()
@@ -74,7 +77,6 @@ class Machine:
         ]
         self._half_play = 0.5 * np.array(play)
         self._forces = PlateForces(self.settings, self.maze)
-        self._hidden, self._floor = BallForces(self.settings, self.maze), FloorFriction(self.settings, self.maze)
         self._kerb = Kerb(self.settings, self.maze)
         self._heavy = self._gimbal.ball_rotation().T @ heavy_side(self.settings, angles[0])
         self._mixed = np.array([[1.0, self.settings.servo_coupling[0]], [self.settings.servo_coupling[1], 1.0]])
@@ -142,7 +144,8 @@ class Machine:
         plate, _ = gimbal.plate()
         before = Motion(*self.ball())
         if self._floor:
-            gimbal.roughen(self._floor.extra(before, plate.T @ gimbal.model.opt.gravity))
+            extra = self._floor.extra(before, plate.T @ gimbal.model.opt.gravity)
+            gimbal.roughen(self.settings.rolling_friction_m + extra)
         if self._hidden:
             force, torque = self._hidden.on(now + 0.5 * self.chunk_s, before, plate, self._heavy_side())
             gimbal.pull(force + plate @ self._forces.on(before.place) if self._forces else force)
@@ -240,13 +243,8 @@ class Machine:
 
 
 def _from_map(maze: Maze, settings: SimulatedSettings) -> Gimbal:
-    return MazeGimbal(near_walls(maze, settings), SUBSTEPS // CHUNKS, partial(_rougher, maze, settings))
-
-
-def _rougher(maze: Maze, settings: SimulatedSettings, friction_m: float) -> NearWalls:
-    """The walls for a floor with `friction_m` of additional rolling friction, m."""
-    more = {"rolling_friction_m": settings.rolling_friction_m + friction_m}
-    return near_walls(maze, settings.model_copy(update=more))
+    walls = near_walls(maze, settings)  # pyright: ignore[reportArgumentType] frozen, so pydantic gives them a hash
+    return MazeGimbal(walls, SUBSTEPS // CHUNKS, maze.balls)
 
 
 def _cross(a: Array, b: Array) -> Array:
