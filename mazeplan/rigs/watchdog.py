@@ -8,16 +8,15 @@ One thread makes all calls of a rig, and the same thread is the watchdog. After 
 command, by the monotonic clock. The loop waits for each call only for a limited time. reset() has no limit, because a
 person places the ball.
 
-A signal wakes a loop that hangs in Python code or waits. Nothing wakes a loop that hangs in compiled code. The watchdog
-then ends the whole process, if `own_process` allows it. Code that never releases the interpreter's lock stops the
-watchdog's thread, too. Then only a watchdog in the machine itself helps.
+Nothing wakes a loop that hangs, for example in a leaf. If it does not return within END_S, the watchdog ends the whole
+process, if `own_process` allows it. Code that never releases the interpreter's lock stops the watchdog's thread, too.
+Then only a watchdog in the machine itself helps.
 """
 
 from __future__ import annotations
 
 import os
 import queue
-import signal
 import sys
 import threading
 import traceback
@@ -35,22 +34,21 @@ TIMEOUT_S = 0.2  # s from a sample to the command that answers it
 SAMPLES = 15  # time limit of observe(), periods of the rig
 START_S = 5.0  # s; the first observe() after reset() may take so much longer, because cameras start
 LEVEL_S, CLOSE_S = 1.0, 2.0  # time limits of level() and close(), s
-WAKE_S = 2.0  # s from the signal until the watchdog ends the process of a loop that still hangs
+END_S = 2.0  # s after which the watchdog ends the process of a loop that hangs
 STDLIB = os.path.dirname(os.__file__) + os.sep
-WAKE = getattr(signal, "SIGUSR2", None)  # some systems lack this signal
 
 
-def watched(rig: Rig, *, own_process: bool = False, wakes: bool = True) -> Rig:
+def watched(rig: Rig, *, own_process: bool = False) -> Rig:
     """The rig with a watchdog. A simulation (`realtime = False`) gets no watchdog.
 
     A user's simulation gets a `CheckedRig`, which turns its errors into RigErrors.
-    own_process, wakes: see `WatchedRig`."""
+    own_process: see `WatchedRig`."""
     if isinstance(rig, WatchedRig | CheckedRig):
         return rig
     if not traits(rig).realtime:
         ours = type(rig).__module__.partition(".")[0] == __name__.partition(".")[0]
         return rig if ours else CheckedRig(rig)
-    return WatchedRig(rig, own_process=own_process, wakes=wakes)
+    return WatchedRig(rig, own_process=own_process)
 
 
 class _Call:
@@ -97,35 +95,30 @@ class WatchedRig(RigWrapper):
 
     timeout_s: longest time from a sample to the command that answers it, s.
     own_process: True allows the watchdog to end the process, with exit status 3, if the loop hangs for good.
-    wakes: False if the loop is another program's code, which may pause. Then no signal interrupts it, and `reset` works
-    again after the watchdog struck.
 
-    When the watchdog strikes, it levels the plate. Then observe, command and reset raise RigError. `reason` says why
-    the watchdog struck; None: it did not. `level` answers a sample as `command` does."""
+    When the watchdog strikes, it levels the plate. Then observe and command raise RigError until the next reset, and so
+    does reset while a call hangs. `reason` says why the watchdog struck; None: it did not. `level` answers a sample as
+    `command` does."""
 
     realtime = True
 
-    def __init__(
-        self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False, wakes: bool = True
-    ) -> None:
+    def __init__(self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False) -> None:
         super().__init__(rig)
-        self.timeout_s, self._own_process, self._wakes = timeout_s, own_process, wakes
+        self.timeout_s, self._own_process = timeout_s, own_process
         self.reason: str | None = None
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
-        self._lock = threading.Lock()  # protects reason and _listens
+        self._lock = threading.Lock()  # protects reason
+        self._loop = 0  # the loop's thread
         self._heard = threading.Event()  # set when the loop returns after a strike
         self._late: list[_Call] = []  # calls that did not return in time
         self._first = True
-        self._listens, self._handler_before = False, None
 
     # -- calls of the loop -------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside, without a time limit."""
-        if self._wakes:
-            self._listen()
-        elif self._hangs():
+        if self._hangs():
             raise RigError(self.reason or f"{self._late[-1].name}() of the rig has not returned yet")
         elif self._thread is not None:
             self.level()  # from now on nothing waits for a command, so that the watchdog cannot strike again
@@ -136,6 +129,7 @@ class WatchedRig(RigWrapper):
     def observe(self) -> Observation:
         """As the rig inside. Raises RigError if no sample comes in time."""
         self._heard.clear()  # an earlier `level` set it, but the loop may hang after this sample
+        self._loop = threading.get_ident()
         limit = SAMPLES / self.rate_hz + (START_S if self._first else 0.0)
         observation = self._ask("observe", limit)
         self._first = False
@@ -162,9 +156,7 @@ class WatchedRig(RigWrapper):
         call = self._give("close")
         self._calls.put(None)
         self._thread = None
-        done = call.done.wait(CLOSE_S)
-        self._stop_listening()
-        if not done:
+        if not call.done.wait(CLOSE_S):
             raise RigError(self._after(f"close() of the rig did not return within {CLOSE_S:g} s"))
         call.outcome()
 
@@ -239,48 +231,23 @@ class WatchedRig(RigWrapper):
     # -- striking ---------------------------------------------------------------------------------------------------
 
     def _strike(self, problem: str, *, stuck: bool = False) -> None:
-        """Store the reason, and wake the loop if it hangs."""
+        """Store the reason. stuck: the loop hangs"""
         with self._lock:
             if self.reason is not None:
                 return
-            self.reason = f"watchdog: {problem}{_whereabouts() if stuck and self._listens else ''}"
-            if not stuck:
-                return
-            if self._listens and WAKE is not None:
-                signal.pthread_kill(_main_ident(), WAKE)
-        if self._own_process:
+            self.reason = f"watchdog: {problem}{_whereabouts(self._loop) if stuck else ''}"
+        if stuck and self._own_process:
             threading.Thread(target=self._end_process, name="mazeplan end", daemon=True).start()
 
     def _end_process(self) -> None:
-        if not self._heard.wait(WAKE_S):
-            print(f"mazeplan: {self.reason}; nothing could wake it", file=sys.stderr, flush=True)
+        if not self._heard.wait(END_S):
+            print(f"mazeplan: {self.reason}; the program is ended", file=sys.stderr, flush=True)
             end_process(RigError.exit_status)
 
-    def _listen(self) -> None:
-        """Let the watchdog wake this thread, if it is the main thread. Other threads get no signals."""
-        if WAKE is None or self._listens or threading.get_ident() != _main_ident():
-            return
-        self._handler_before = signal.signal(WAKE, self._on_wake)
-        self._listens = True
 
-    def _stop_listening(self) -> None:
-        if self._listens and threading.get_ident() == _main_ident():
-            with self._lock:  # no signal may arrive after the handler is removed
-                self._listens = False
-                signal.signal(WAKE, self._handler_before or signal.SIG_DFL)  # pyright: ignore[reportArgumentType]
-
-    def _on_wake(self, number: int, frame: Any) -> None:
-        if self.reason is not None and not self._heard.is_set():
-            raise RigError(self.reason)
-
-
-def _main_ident() -> int:
-    return threading.main_thread().ident or 0
-
-
-def _whereabouts() -> str:
-    """The line that the main thread runs now: the innermost one outside Python's standard library."""
-    frame = sys._current_frames().get(_main_ident())
+def _whereabouts(thread: int) -> str:
+    """The line that a thread runs now: the innermost one outside Python's standard library."""
+    frame = sys._current_frames().get(thread)
     while frame is not None and frame.f_code.co_filename.startswith(("<", STDLIB)):
         frame = frame.f_back
     return "" if frame is None else f" ({frame.f_code.co_filename}:{frame.f_lineno})"

@@ -38,7 +38,7 @@ class CircularMazeEnv(gymnasium.Env):
         if self.maze.balls > 1:
             raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
         self._potential = Potential(self.task, self.maze)
-        self.rig = watched(make_rig(self.task.rig, self.maze), wakes=False)
+        self.rig = watched(make_rig(self.task.rig, self.maze))
         check_ready(self.rig)  # the loop is another program's code
         self._sample: Observation | None = None
         self._closed = False
