@@ -18,7 +18,6 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError
 from mazeplan.maze.yamltree import shown
 
-PATIENCE = 5.0  # s without a picture from a device before it counts as failed
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
@@ -34,7 +33,7 @@ class CameraFrame:
 
 
 class FrameSource(Protocol):
-    """A source of pictures."""
+    """A source of pictures. `close` may come from another thread while `read` waits."""
 
     def read(self) -> CameraFrame | None:
         """Block until the next picture; None at the end."""
@@ -46,14 +45,13 @@ class FrameSource(Protocol):
 
 
 class VideoSource:
-    """Pictures of a camera, a stream or a video file. A camera or stream gives its newest picture, a file all pictures
-    in order.
+    """All pictures of a camera, a stream or a video file, in order.
 
-    A thread reads a camera all the time, so that no picture waits in a queue. Raises InputError for a file that is no
-    video, RigError for a camera that cannot be opened or stops sending."""
+    Raises InputError for a file that is no video, RigError for a camera that cannot be opened or stops sending."""
 
-    def __init__(self, source: int | str, size: tuple[int, int] | None = None, *, patience_s: float = PATIENCE) -> None:
-        self.source, self._patience = source, patience_s
+    def __init__(self, source: int | str, size: tuple[int, int] | None = None) -> None:
+        self.source, self._closed = source, False
+        self._reading = threading.Lock()
         self._file = isinstance(source, str) and "://" not in source and not source.startswith("/dev/")
         if self._file and not Path(str(source)).is_file():
             raise InputError(file_kinds.refused(str(source), "a video"), file=str(source))
@@ -68,43 +66,25 @@ class VideoSource:
             self._video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
             self._video.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
             self._video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self._news = threading.Condition()
-        self._newest: CameraFrame | None = None
-        self._ended = self._closed = False
-        if not self._file:
-            threading.Thread(target=self._follow, name="camera", daemon=True).start()
-
-    def _follow(self) -> None:
-        while not self._ended:
-            got, image = self._video.read()
-            with self._news:
-                if self._ended or not got:
-                    self._ended = True
-                else:
-                    self._newest = CameraFrame(image, time.monotonic())  # wall clock: a camera is part of a rig
-                self._news.notify_all()
-        self._video.release()
 
     def read(self) -> CameraFrame | None:
-        """The next picture of a file, None at its end; a new picture of a camera, None after `close`."""
-        if self._file:
-            got, image = self._video.read()
-            return CameraFrame(image, time.monotonic()) if got else None  # the time is set as for a camera
-        with self._news:
-            if not self._news.wait_for(lambda: self._newest is not None or self._ended, self._patience):
-                raise RigError(f"camera {shown(self.source)} has sent no picture for {self._patience:g} s")
-            newest, self._newest = self._newest, None
-        if newest is None and not self._closed:
+        """The next picture; None at the end of a file, and after `close`."""
+        with self._reading:
+            got, image = (False, None) if self._closed else self._video.read()
+        if self._closed:
+            self._video.release()
+            return None
+        if not got and not self._file:
             raise RigError(f"camera {shown(self.source)} stopped sending pictures; {_advice(self.source)}")
-        return newest
+        # wall clock: a camera is part of a rig
+        return None if image is None or not got else CameraFrame(image, time.monotonic())
 
     def close(self) -> None:
-        """Release the camera. A second call does nothing."""
-        with self._news:
-            self._ended = self._closed = True
-            self._news.notify_all()
-        if self._file:
+        """Release the camera, or let the `read` under way release it. A second call does nothing."""
+        self._closed = True
+        if self._reading.acquire(blocking=False):
             self._video.release()
+            self._reading.release()
 
 
 class NewestPicture:
