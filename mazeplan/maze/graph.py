@@ -111,7 +111,7 @@ class RouteGraph:
 
     `graph` is a networkx MultiGraph: ring numbers, joined by one edge for each opening (key: its name, attribute
     `opening`). Openings that are closed in the map start closed. The caller sets `now`, the rig time (s) of all
-    answers. memory: of earlier runs, or of the same run towards another goal.
+    answers. memory: of the same run towards another goal.
     """
 
     def __init__(self, maze: Maze, options: RouteOptions | None = None, memory: OpeningMemory | None = None) -> None:

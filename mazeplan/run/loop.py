@@ -94,7 +94,7 @@ class Run:
         self._stopwatch = watch or Live()
         self._slew = slew
         self._prepare_control()
-        self._memory = OpeningMemory() if setup.memory is None else setup.memory
+        self._memory = OpeningMemory()
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._misfits: list[Misfit] = []
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]

@@ -18,7 +18,6 @@ from mazeplan.core.logs.run_log import Sink
 from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.memory import save_memory
 from mazeplan.rigs.interface import Rig
 from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
@@ -46,7 +45,6 @@ def navigate(
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     log: str | Path | None = None,
-    memory: str | Path | None = None,
     display: Display | None = None,
     goals: Goals | None = None,
     own_process: bool = False,
@@ -71,7 +69,6 @@ def navigate(
     balls: number of balls, 1 or 2; None: as the map says; with 2 the default tree is `two_balls`
     seed: of start angle and simulated noise
     time_limit: rig time for each goal, from when it was given, s
-    memory: file that keeps the results at openings for the next run
     display, goals, own_process, guard, feed, around, watch: see `request.Company`
 
     The tree is checked before anything moves, as `behavior check` does.
@@ -81,7 +78,7 @@ def navigate(
     request = NavigationRequest(
         start, goal, map, str(rig) if isinstance(rig, Path) else rig, model, policy, behavior, tuple(behavior_modules),
         effects, settings, start_angle_deg,
-        tuple(closed), tuple(via), balls, seed, time_limit, log, memory,
+        tuple(closed), tuple(via), balls, seed, time_limit, log,
     )  # fmt: skip
     company = Company(display, goals, own_process, guard, feed, around, watch)
     return execute(request, request.resolve(company), company)
@@ -95,8 +92,6 @@ def execute(request: NavigationRequest, ready: Navigation, company: Company) -> 
             ready.rig, setup, ready.job, log=request.log, display=company.display, goals=company.goals,
             feed=company.feed,
         )  # fmt: skip
-    if ready.memory is not None and request.memory is not None:
-        save_memory(ready.memory, Path(request.memory), result.time_s, setup.maze.name)
     try:
         ready.rig.close()
     except RigError as error:  # the run itself has a result

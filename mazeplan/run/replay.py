@@ -1,7 +1,7 @@
 """Replays a recorded run without its rig: the observations of the log go through estimator and tree again, and each
 tick must make the recorded decision.
 
-The log identifies everything that affects decisions. Its header holds map, settings, memory of openings, goal and seed,
+The log identifies everything that affects decisions. Its header holds map, settings, goal and seed,
 and the names and SHA-256 of tree, modules and packaged model. Any other model is attached. Wall time affects only the
 planner's deadlines; a replay ends each search at the recorded iteration (`control.deadline`). The events of the log
 repeat the requests from outside (`goals`).
@@ -39,7 +39,6 @@ from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import ATTACHED, RigModel, unpacked_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
-from mazeplan.maze.memory import memory_from_document
 from mazeplan.physics.registry import own_effects
 from mazeplan.run.goals import RecordedRequests
 from mazeplan.run.loop import Run
@@ -181,7 +180,6 @@ def _setup_of(
         str(header.get("rig", "")),
         settings=settings,
         behavior_modules=tuple(facts.modules),
-        memory=None if facts.memory is None else memory_from_document(facts.memory),
         latency=facts.latency,
         unseen_s=facts.unseen_s,
         out_s=facts.out_s,

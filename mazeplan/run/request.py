@@ -25,7 +25,6 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import OpeningMemory, load_memory
 from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.rigs.registry import make_rig, rig_label
@@ -80,7 +79,6 @@ class NavigationRequest:
     seed: int = 0
     time_limit: float = TIME_LIMIT
     log: str | Path | None = None
-    memory: str | Path | None = None
 
     @cached_property
     def maze(self) -> Maze:
@@ -121,8 +119,6 @@ class NavigationRequest:
         check_balls(maze, rig, job, self.policy is not None)
         check_ready(rig)
         own_effects(self.effects)
-        names = [opening.name for opening in maze.openings]
-        memory = None if self.memory is None else load_memory(Path(self.memory), names, maze.name)
         # the tree before the model, which may compile for minutes
         load_tree(self.tree, registry_with(self.behavior_modules), StaticContext(maze))
         model = self.model
@@ -134,19 +130,17 @@ class NavigationRequest:
             model_name="" if isinstance(model, RigModel | None) else str(model),
             settings=self.settings if isinstance(self.settings, Settings) else load_settings(self.settings),
             behavior_modules=tuple(self.behavior_modules),
-            memory=memory,
             model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
             effects=self.effects,
             policy=self.policy if isinstance(self.policy, Policy | None) else load_policy(self.policy),
         )
-        return Navigation(rig, job, setup, memory)
+        return Navigation(rig, job, setup)
 
 
 @dataclass(frozen=True)
 class Navigation:
-    """A request with everything that it names read: ready to be executed. memory: of openings, if it is kept."""
+    """A request with everything that it names read: ready to be executed."""
 
     rig: Rig
     job: Job
     setup: Setup
-    memory: OpeningMemory | None

@@ -27,7 +27,6 @@ from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, packed_model, unpacked_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
-from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import traits
 from mazeplan.run.settings import Settings, load_settings
 
@@ -68,7 +67,6 @@ class Setup:
     model: of ball and stage
     behavior: name or file of the tree
     behavior_modules: modules of the user, with leaves
-    memory: of openings; the run adds to it
     model_source: where to load the model from again
     watch: called with each tree before it begins
     latency: delays measured on the rig; they replace those of the model
@@ -85,7 +83,6 @@ class Setup:
     model_name: str = ""
     settings: Settings = field(default_factory=load_settings)
     behavior_modules: tuple[str, ...] = ()
-    memory: OpeningMemory | None = None
     model_source: str | None = None
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
     latency: Latency | None = None
@@ -137,7 +134,6 @@ class ReplayFacts:
 
     settings: `Settings.text`
     modules: modules of the user, by name
-    memory: `OpeningMemory.document`
     start_theta: start angle, rad; None: drawn by the seed
     model: folder or packaged name; None if the log holds the model, or the model is the nominal one
     """
@@ -150,7 +146,6 @@ class ReplayFacts:
     behavior_file: str
     behavior_sha256: str
     modules: dict[str, SourceFile]
-    memory: dict[str, Any] | None = None
     start_theta: float | None = None
     model: str | None = None
     unseen_s: float | None = None
@@ -232,7 +227,6 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         behavior_file=str(behavior.absolute()),
         behavior_sha256=file_sha256(*read_tree(setup.behavior).files),
         modules={name: SourceFile(file, file_sha256(file)) for name, file in modules},
-        memory=None if setup.memory is None else setup.memory.document(),
         start_theta=job.theta,
         model=setup.model_source,
         unseen_s=setup.unseen_s,

@@ -47,7 +47,7 @@ LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
 }
 RENEWED = {  # docs/commands.md lists them
-    ("navigate", "--memory"), ("evaluate", "--store"), ("evaluate", "-o"),
+    ("evaluate", "--store"), ("evaluate", "-o"),
 }  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def commands(group, path=()):
 
 def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
     outputs, new = set(), set()
-    names = ("-o", "--log", "--video", "--report", "--memory", "--store")
+    names = ("-o", "--log", "--video", "--report", "--store")
     for name, command in commands(get_command(app)):
         hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
         for param in command.params:
@@ -110,7 +110,7 @@ def test_what_exists_stays_byte_for_byte(refused, command, option):
     "line",
     [
         "navigate --settings a.mcap --log a.mcap", "log export recorded.mcap -o link.csv",
-        "map learn a.csv --map b.yaml -o ./b.yaml", "navigate --log a.mcap --memory link.yaml",
+        "map learn a.csv --map b.yaml -o ./b.yaml", "navigate --log a.mcap --settings link.yaml",
         "diagnose a.csv --model policy -o policy",
     ],
 )  # fmt: skip

@@ -16,7 +16,6 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import load_memory
 from mazeplan.rigs.faults.schedule import load_schedule
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.run.settings import PACKAGED, load_settings
@@ -52,7 +51,6 @@ KINDS: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
     "rig": ("base: toy\n", yaml_of, read_rig_file),
     "rig on a table": ("rig: hardware\n", yaml_of, read_rig_file),
     "faults": ("faults:\n  - {kind: frames_lost, from_s: 1.0, to_s: 1.2}\n", yaml_of, load_schedule),
-    "memory": ("format: 1\n", yaml_of, lambda path: load_memory(path, ["4-5@180"])),
     "evaluation": (json.dumps(RESULTS), json_of, read_input),
     "log": ("", log_of, read_log),
 }

@@ -13,7 +13,6 @@ from mazeplan.core.logs.table import read_table
 from mazeplan.diagnosis.engine.emps import read_drive
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import load_memory
 from mazeplan.rigs.faults.schedule import load_schedule
 from mazeplan.rigs.hardware.tiltcalibration import read_readings
 from mazeplan.rigs.registry import rig_file
@@ -55,7 +54,6 @@ READERS = {
     "map": load_map,
     "settings": load_settings,
     "faults": load_schedule,
-    "memory": lambda path: load_memory(path, ["1-2@45"]),
     "model": load_model,
     "log": read_log,
     "record": read_table,

@@ -8,11 +8,9 @@ import math
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.run.execution import run_job
 from mazeplan.run.navigate import navigate
 from mazeplan.run.specification import Job, Setup
@@ -202,21 +200,3 @@ def test_faults_of_the_simulated_machine_are_recovered_from(faults, kind):
     if faults[0]["kind"] == "blocked":
         assert result.rings[0].opening != "1-2@45"
         assert kinds(result)
-
-
-def test_what_happened_at_openings_is_kept_for_the_next_run(tmp_path):
-    path, names = tmp_path / "openings.yaml", [opening.name for opening in MAZE.openings]
-    first = navigate(map=MAZE, rig=PlanarRig(MAZE), start_angle_deg=45.0, memory=path)
-    assert first.success
-    passed = {passage.opening for passage in first.rings if passage.opening is not None}
-    kept = load_memory(path, names)
-    assert {name for name, (good, _) in kept.at_end(0.0).items() if good > 0.0} == passed
-    for _ in range(6):
-        kept.record("1-2@45", success=False, now=0.0)
-    save_memory(kept, path, now=0.0)
-    again = navigate(map=MAZE, rig=PlanarRig(MAZE), start_angle_deg=45.0, memory=path)
-    assert first.rings[0].opening == "1-2@45"
-    assert again.rings[0].opening != "1-2@45"
-    path.write_text("format: 1\nopenings: {nowhere: {failures: 1}}\n")
-    with pytest.raises(InputError, match="nowhere: unknown key"):
-        navigate(map=MAZE, rig=PlanarRig(MAZE), memory=path)

@@ -82,10 +82,6 @@ def bad_map(header, messages):
     header["map"] = header["map"].replace("rings:", "rungs:")
 
 
-def bad_memory(header, messages):
-    header["replay"]["memory"] = {"fading_s": 1.0, "openings": [1]}
-
-
 def no_time(header, messages):
     del tick(messages, 3)["beta"]
 
@@ -95,7 +91,6 @@ def no_time(header, messages):
     [
         (old, "was written before runs could be replayed"),
         (settings_out_of_range, "header.replay.settings: of another version: deadline_ms: got -1, expected"),
-        (bad_memory, "damaged"),
     ],
 )
 def test_logs_that_cannot_be_replayed_say_so_in_one_line(recorded, monkeypatch, capsys, change, said):

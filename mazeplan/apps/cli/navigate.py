@@ -40,7 +40,6 @@ def navigate(
     time_limit: opt.TimeLimit = 20.0,
     log: opt.RunLog = None,
     video: opt.Video = None,
-    memory: opt.Memory = None,
     view: opt.Page = False,
     port: opt.PagePort = opt.PORT,
     force: opt.Force = False,
@@ -51,14 +50,10 @@ def navigate(
 
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
-        tuple(listed(close)), tuple(listed(via)), balls, seed, time_limit, log, memory,
+        tuple(listed(close)), tuple(listed(via)), balls, seed, time_limit, log,
     )  # fmt: skip
-    if video is not None:
-        from mazeplan.apps.view.film import check_film
-
-        if view:
-            raise InputError("--video with --view: give one of them")
-        check_film(video)
+    if video is not None and view:
+        raise InputError("--video with --view: give one of them")
     if view:
         from mazeplan.apps.cli.live import navigate_live
 

@@ -122,19 +122,12 @@ Video = Annotated[
     Path | None,
     Option(
         "--video", parser=file(*FILMS, chosen=True), callback=new_file, metavar="FILE",
-        help="Write a film of the run; needs OpenCV.",
+        help="Write a film of the run.",
     ),
 ]  # fmt: skip
 RunLog = Annotated[
     Path | None, Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP).")
 ]
-Memory = Annotated[
-    Path | None,
-    Option(
-        "--memory", parser=file(*YAML, ".json"), metavar="FILE",
-        help="File that keeps experience at openings for the next run.",
-    ),
-]  # fmt: skip
 Learn = Annotated[bool, Option("--learn", help="Update the model after each run.")]
 LearnedModel = Annotated[
     Path | None,
