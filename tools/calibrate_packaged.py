@@ -7,11 +7,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from chessboards import board_poses, draw_board
+from emulator.render import TRUE, Overhead
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import Calibration, LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.render import TRUE, Overhead
 from mazeplan.rigs.camera.section import mapping
 
 CORNERS, SQUARE, BOARDS, PLATES = (9, 6), 0.02, 16, 8

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from emulator.render import TRUE, Overhead, over
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.render import TRUE, Overhead, over
 
 
 def main() -> None:

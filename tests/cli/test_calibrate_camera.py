@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from chessboards import board_poses, draw_board
+from emulator.render import TRUE, Overhead
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.camera.render import TRUE, Overhead
 from mazeplan.rigs.camera.section import camera_section
 
 MAZE = load_map("cme")

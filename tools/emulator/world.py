@@ -38,13 +38,13 @@ from typing import Any, TextIO
 import numpy as np
 
 from emulator.chip import EmulatedChip, built
+from emulator.look import Look
+from emulator.render import Overhead, over
 from emulator.settings import WorldSettings
 from emulator.truth import Truth
 from mazeplan.core.errors import MazeplanError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
-from mazeplan.rigs.camera.look import Look
-from mazeplan.rigs.camera.render import Overhead, over
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
 from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from

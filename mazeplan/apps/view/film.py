@@ -1,6 +1,6 @@
-"""A film of a run (.gif): the plate as a camera above it would see it, and the behaviour tree beside the plate.
+"""A film of a run (.gif): the plate from above, and the behaviour tree beside it.
 
-    messages of a run -> story -> moments at even times -> OpenCV and Matplotlib -> Pillow
+    messages of a run -> story -> moments at even times -> Matplotlib -> Pillow
 
 The background is drawn once; a frame draws only what changes.
 """
@@ -8,7 +8,6 @@ The background is drawn once; a frame draws only what changes.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +17,14 @@ from numpy.typing import NDArray
 from mazeplan.apps.view.panel import SIGNS
 from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import InputError
-from mazeplan.core.palette import COLOURS, INKS
-from mazeplan.core.records import Array
-from mazeplan.core.resources import to_install
+from mazeplan.core.palette import COLOURS, INKS, MAZE
 from mazeplan.core.whole_file import whole_file
+from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
 
 INCHES, DPI = (9.6, 5.4), 75  # 720 x 405 pixels
 HZ = 12.5  # frames a second; browsers show a gif at steps of 10 ms
-HIGH = 0.62  # m, height of the camera
-WALL = (158, 152, 146)  # blue, green, red of the walls; differs from ball and lines
-PIXELS = 520  # side of the picture of the plate
-MARGIN = 1.12  # half the side of this picture, in radii of the rim
+MM = 1e3  # per m: the unit of the drawing
 END_S = 1.5  # s that the last frame stays
 COLOURS_GIF = 64
 ROWS = 30  # of the tree
@@ -41,10 +36,9 @@ Frame = NDArray[np.uint8]  # (height, width, 3), RGB
 def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> None:
     """Write the film of a run. messages: (topic, document) of its log
 
-    Raises InputError for a run without ticks or map, a file that cannot be written, and without OpenCV."""
+    Raises InputError for a run without ticks or map, and for a file that cannot be written."""
     from PIL import Image
 
-    check_film(path)
     shown = moments(messages)
     maze = maze_of(shown[0].header) if shown else None
     if maze is None:
@@ -63,12 +57,6 @@ def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> No
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
 
 
-def check_film(path: Path) -> None:
-    """Raises InputError without OpenCV, which draws the plate."""
-    if find_spec("cv2") is None:
-        raise InputError(f"a film needs OpenCV: {to_install('hardware')}", file=path)
-
-
 def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
     """The newest moment at each of even times, hz a second; then the last moment again for END_S."""
     times = np.maximum.accumulate([moment.t for moment in shown])
@@ -84,44 +72,26 @@ def frames(shown: Sequence[Moment], maze: Maze) -> Iterator[Frame]:
 
 
 class Plate:
-    """The plate as a camera above it would see it, tilted, with shadows.
+    """The plate from above, with the balls that the camera saw.
 
-    The picture leaves out a ball that the camera did not see. A second ball has a circle around it.
     moving: artists that change"""
 
     def __init__(self, axes: Any, maze: Maze) -> None:
-        from mazeplan.rigs.camera.look import Look
-        from mazeplan.rigs.camera.markers import Markers
-        from mazeplan.rigs.camera.pinhole import CameraModel
-        from mazeplan.rigs.camera.render import Overhead
+        from matplotlib.patches import Circle
 
-        self._maze, reach = maze, maze.walls[0].outer_radius * MARGIN
-        focal, middle = 0.5 * PIXELS / reach * HIGH, 0.5 * (PIXELS - 1)
-        matrix = np.array([[focal, 0.0, middle], [0.0, focal, middle], [0.0, 0.0, 1.0]])
-        above = np.array([0.0, 0.0, HIGH])
-        self._camera = CameraModel(matrix, np.zeros(5), np.diag([1.0, -1.0, -1.0]), above, (PIXELS, PIXELS))
-        look = Look(ball="blue", noise=0.0, flicker=0.0, blur=0.3, gloss=0.2, wall=WALL)
-        self._eye, self._rng = Overhead(maze, self._camera, look, Markers({}, 0.0)), np.random.default_rng(0)
-        axes.set_axis_off()
-        self._image = axes.imshow(np.zeros((PIXELS, PIXELS, 3), np.uint8), interpolation="nearest", zorder=0)
-        (self._second,) = axes.plot([], [], "o", color=COLOURS["second"], fillstyle="none", markersize=18, zorder=8)
-        self._second.set_markeredgewidth(3.0)
-        self.moving = (self._image, self._second)
+        draw_maze(maze, axes, labels=False, ball=False)
+        looks = ({"facecolor": MAZE["ball"]}, {"facecolor": COLOURS["second"]})
+        radius = MM * maze.ball.radius
+        self.moving = [Circle((0.0, 0.0), radius, edgecolor=INKS["ink"], lw=0.7, zorder=8, **look) for look in looks]
+        for ball in self.moving:
+            axes.add_patch(ball)
 
     def show(self, moment: Moment) -> None:
-        """Show balls and tilt of a moment."""
-        seen = [ball for ball in (moment.ball, moment.second) if ball is not None and ball.seen]
-        balls = tuple(np.array([ball.x, ball.y, self._maze.ball.radius]) for ball in seen)
-        picture = self._eye.render(None, *moment.tilt, self._rng, others=balls)
-        self._image.set_data(picture[..., ::-1])
-        second = moment.second
-        place = np.empty((0, 2)) if second is None else self.at(np.array([[second.x, second.y]]), moment)
-        self._second.set_data(place[:, 0], place[:, 1])
-
-    def at(self, points: Array, moment: Moment) -> Array:
-        """Places in the axes, pixels (N, 2), of points (N, 2) at the height of the ball's centre, m."""
-        on = np.column_stack([points, np.full(len(points), self._maze.ball.radius)])
-        return self._camera.project(on, *moment.tilt)
+        """Show the balls of a moment."""
+        for patch, ball in zip(self.moving, (moment.ball, moment.second), strict=True):
+            patch.set_visible(ball is not None and ball.seen)
+            if ball is not None and ball.seen:
+                patch.set_center((MM * ball.x, MM * ball.y))
 
 
 class _Picture:
@@ -181,8 +151,7 @@ class _Picture:
             (self._planned, np.empty((0, 2)) if moment.plan is None else moment.plan.places),
             (self._next, np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])),
         ):
-            places = self._plate.at(points, moment)
-            line.set_data(places[:, 0], places[:, 1])
+            line.set_data(MM * points[:, 0], MM * points[:, 1])
         way = np.array([moment.tilt[0], -moment.tilt[1]])  # positive beta lowers +x, positive gamma lifts +y
         ends = np.array([CORNER, CORNER + LONG * way / STEEP])
         self._tilt.set_data(ends[:, 0], ends[:, 1])

@@ -1,2 +1,2 @@
-"""The overhead camera. Modules: projection (pinhole), tilt of the plate (markers), the ball (detector), rendered
-pictures (render), sources of pictures (source), calibration."""
+"""The overhead camera. Modules: projection (pinhole), tilt of the plate (markers), the ball (detector), sources of
+pictures (source), calibration."""

@@ -6,15 +6,15 @@ import math
 from functools import cache
 
 import numpy as np
+from emulator.look import Look
+from emulator.render import TRUE, Overhead, over
 
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_background
 from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings
-from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
-from mazeplan.rigs.camera.render import TRUE, Overhead, over
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius

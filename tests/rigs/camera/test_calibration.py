@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 from chessboards import board_poses, draw_board
+from emulator.look import Look
+from emulator.render import TRUE
 from scenes import FOUND, MAZE, overlooking, usual
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
-from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
-from mazeplan.rigs.camera.render import TRUE
 from mazeplan.rigs.camera.section import camera_section, mapping, save_background
 
 CORNERS, SQUARE = (9, 6), 0.02

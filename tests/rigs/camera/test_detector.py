@@ -10,12 +10,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from emulator.look import Look
+from emulator.render import TRUE
 from scenes import FOUND, MAZE, STANDARD, orange, overlooking, place, usual
 
 from mazeplan.rigs.camera.detector import BallDetector, DetectionOutcome
-from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.render import TRUE
 
 
 def pictures(eye, seed=0, others=()):

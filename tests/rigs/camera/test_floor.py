@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from emulator.render import TRUE
 from scenes import MAZE
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.floor import Floor
-from mazeplan.rigs.camera.render import TRUE
 
 FLOOR = Floor(MAZE)
 

@@ -7,9 +7,9 @@ import math
 import cv2
 import numpy as np
 import pytest
+from emulator.render import TRUE, tilting
 
 from mazeplan.rigs.camera.pinhole import CameraModel
-from mazeplan.rigs.camera.render import TRUE, tilting
 
 
 def straight_down(height=0.6, focal=1000.0, pivot=(0.0, 0.0, 0.0)):

@@ -7,11 +7,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from emulator.look import Look
+from emulator.render import TRUE, Overhead
 from scenes import STANDARD, R, overlooking, place
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.look import Look
-from mazeplan.rigs.camera.render import TRUE, Overhead
 
 PLAIN = Look(ball="orange", noise=0.0, flicker=0.0, slope=0.0, gloss=0.0)
 

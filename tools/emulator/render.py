@@ -14,10 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from emulator.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.core.records import Array
 from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze, Wall
-from mazeplan.rigs.camera.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
