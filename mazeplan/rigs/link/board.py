@@ -15,7 +15,6 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -23,28 +22,14 @@ from mazeplan.core.errors import RigError
 from mazeplan.rigs.link import messages
 from mazeplan.rigs.link.frames import Frame, FrameReader
 from mazeplan.rigs.link.handshake import Timeouts, connect
-from mazeplan.rigs.link.messages import BoardClock, BoardEvent, Flag, Identity, ServoLimits, TiltReport
+from mazeplan.rigs.link.messages import BoardClock, Flag, Identity, ServoLimits, TiltReport
 
 if TYPE_CHECKING:
     import serial
 
 LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`; longest wait for a confirmation, s
-EVENTS = 100  # number of newest events that are kept
 REPORTS = 100  # number of newest reports that are kept: those of one second
 CLOSE_S = 1.0  # s, longest wait for the end of the reading thread
-
-
-@dataclass
-class Counts:
-    """Errors on the line so far.
-
-    bad_frames: unreadable frames.
-    refused: commands that the board refused.
-    restarts: restarts of the board."""
-
-    bad_frames: int = 0
-    refused: int = 0
-    restarts: int = 0
 
 
 class Board:
@@ -54,8 +39,6 @@ class Board:
         """Keeps the arguments, and opens nothing yet."""
         self.port, self.limits, self.timeouts = port, limits, timeouts or Timeouts()
         self.identity: Identity | None = None
-        self.events: deque[BoardEvent] = deque(maxlen=EVENTS)
-        self.counts = Counts()
         self._serial: serial.Serial | None = None
         self._news = threading.Condition()
         self._writing = threading.Lock()
@@ -191,14 +174,13 @@ class Board:
             self._fail(f"reading failed: {type(problem).__name__}: {' '.join(str(problem).split())}")
 
     def _read(self) -> None:
-        """Read reports and events until the board is closed or lost."""
+        """Read reports until the board is closed or lost."""
         reader, heard = FrameReader(), monotonic()
         while not self._closing.is_set():
             try:
                 frames = reader.feed(self._bytes())
             except (OSError, TypeError):  # pyserial raises TypeError for a port that was closed meanwhile
                 return self._fail("was lost (unplugged?)")
-            self.counts.bad_frames += reader.take_bad()
             reports = [self._take(frame) for frame in frames]
             if any(reports):
                 heard = monotonic()
@@ -212,18 +194,14 @@ class Board:
         return data + self._serial.read(self._serial.in_waiting) if data else data
 
     def _take(self, frame: Frame) -> bool:
-        """Handle a frame, and count it if it is unreadable. Returns True for a report."""
+        """Take in a report. Returns False for any other frame."""
+        if frame.kind != "T":
+            return False
         try:
-            if frame.kind == "T":
-                self._take_report(messages.read_report(frame, self._sent, self._clock, monotonic()))
-                return True
-            if frame.kind == "E":
-                self._take_event(messages.read_event(frame))
-            elif frame.kind == "N":
-                self.counts.refused += 1
+            self._take_report(messages.read_report(frame, self._sent, self._clock, monotonic()))
         except ValueError:
-            self.counts.bad_frames += 1
-        return False
+            return False
+        return True
 
     def _take_report(self, report: TiltReport) -> None:
         if Flag.UNSET in report.flags:
@@ -232,12 +210,6 @@ class Board:
             self._report = report
             self._reports.append(report)
             self._news.notify_all()
-
-    def _take_event(self, event: BoardEvent) -> None:
-        self.events.append(event)
-        if event.word == "BOOT":
-            self.counts.restarts += 1
-            self._send_limits(monotonic())
 
     def _send_limits(self, now: float) -> None:
         """Send the limits to a board that has restarted. Later reports repeat this until the board has its limits."""

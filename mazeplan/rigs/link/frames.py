@@ -58,11 +58,6 @@ class FrameReader:
         self.bad = 0
         self._rest = bytearray()  # empty, or a '$' and the bytes of its frame so far
 
-    def take_bad(self) -> int:
-        """Number of damaged frames since the last call."""
-        bad, self.bad = self.bad, 0
-        return bad
-
     def feed(self, data: bytes) -> list[Frame]:
         """Take bytes, and return the frames that they complete."""
         found = []

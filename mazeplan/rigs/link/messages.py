@@ -79,8 +79,7 @@ class Identity:
     protocol: number of its protocol.
     min_us, max_us: hard limits of the pulses, us.
     slew_us_per_s: hard limit of the slew rate, us/s.
-    watchdog_s: silence after which the board levels the plate, s.
-    cause: cause of the board's last start."""
+    watchdog_s: silence after which the board levels the plate, s."""
 
     name: str
     protocol: int
@@ -89,7 +88,6 @@ class Identity:
     max_us: float
     slew_us_per_s: float
     watchdog_s: float
-    cause: str
 
 
 @dataclass(frozen=True)
@@ -120,32 +118,9 @@ class TiltReport:
         return self.counts[0] * SUPPLY_V / FULL, self.counts[1] * SUPPLY_V / FULL
 
 
-@dataclass(frozen=True)
-class BoardEvent:
-    """An event of the board.
-
-    number: number of the event.
-    word: BOOT or WATCHDOG.
-    time_s: time by the board's clock, s.
-    value: for BOOT the bits of the cause, for WATCHDOG the number of strikes so far."""
-
-    number: int
-    word: str
-    time_s: float
-    value: int
-
-
-CAUSES = ((8, "watchdog of the chip"), (4, "supply too low"), (2, "reset line"), (1, "power on"))
-
-
 def tenths(pulse_us: float) -> int:
     """Pulse in tenths of a microsecond."""
     return round(10 * pulse_us)
-
-
-def cause_name(bits: int) -> str:
-    """Cause of the chip's start, in words."""
-    return ", ".join(name for bit, name in CAUSES if bits & bit) or "unknown"
 
 
 def wire_number(sequence: int) -> int:
@@ -187,21 +162,15 @@ def read_identity(frame: Frame) -> tuple[int, Identity]:
     (wire,), (protocol,) = frame.numbers(1), frame.numbers(1, first=2)
     name, version = frame.fields[1], frame.fields[3]
     if name != NAME or protocol != PROTOCOL:  # the rest may be anything
-        return wire, Identity(name, protocol, version, 0.0, 0.0, 0.0, 0.0, "")
-    low, high, slew, watchdog, cause = frame.numbers(5, first=4)
-    return wire, Identity(name, protocol, version, low / 10, high / 10, float(slew), watchdog / 1000, cause_name(cause))
+        return wire, Identity(name, protocol, version, 0.0, 0.0, 0.0, 0.0)
+    low, high, slew, watchdog = frame.numbers(4, first=4)
+    return wire, Identity(name, protocol, version, low / 10, high / 10, float(slew), watchdog / 1000)
 
 
 def read_limits(frame: Frame) -> tuple[int, tuple[int, tuple[int, ...]]]:
     """(number of the request, (axis, accepted limits as `AxisLimits.on_the_line`)). Raises ValueError."""
     wire, axis, *values = frame.numbers(6)
     return wire, (axis, tuple(values))
-
-
-def read_event(frame: Frame) -> BoardEvent:
-    """An event. Raises ValueError."""
-    (number,), (time, value) = frame.numbers(1), frame.numbers(2, first=2)
-    return BoardEvent(number, frame.fields[1], time / 1e4, value)
 
 
 RESTART = 20_000  # tenths of a ms; if both clocks differ by more between two reports, the board has restarted
