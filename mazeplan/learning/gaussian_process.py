@@ -16,8 +16,7 @@ hyperparameters; `fast_gp` is the compiled predictor for control.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -73,10 +72,6 @@ class KernelTerm:
     lengthscales: Array
     amplitude: float
     flip: tuple[float, ...] = ()
-
-    def told_as(self) -> tuple[str, dict[str, Any]]:
-        """Name and fields for `maths.fingerprint`. Logs hold fingerprints under the earlier name of this class."""
-        return "Term", {f.name: getattr(self, f.name) for f in fields(self)}
 
     def scaled(self, a: Array, b: Array) -> tuple[Array, list[tuple[float, Array]]]:
         """Scaled columns (C, N) of a (N, D); and, for b (K, D), pairs of a sign and scaled columns (C, K)."""

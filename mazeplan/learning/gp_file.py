@@ -1,14 +1,12 @@
 """Arrays of a Gaussian process beside a model file: ringN.npz, read without pickle and checked before use.
 
-model.yaml repeats the hyperparameters for people. The arrays belong to exactly these numbers: a file with numbers
-changed by hand is refused.
+model.yaml has the SHA-256 of each file: a file that was changed is refused.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,12 +19,10 @@ from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.features import INPUTS
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 
-UNITS = {"theta_dot": "rad/s", "beta_dot": "rad/s", "gamma_dot": "rad/s"}  # sin and cos: 1
 MOST_ROWS = 20_000
 MOST_BYTES = 64 << 20
 MOST_NAME = 100  # maximum bytes of the name of a kernel
-DIGITS = 6  # of the hyperparameters in the YAML
-NAMES = ("inputs", "alpha", "lengthscales", "amplitude", "noise", "family")
+NAMES = ("inputs", "alpha", "columns", "lengthscales", "amplitude", "noise", "family")
 
 
 def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
@@ -45,7 +41,7 @@ def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str
         noise=np.array(h.noise),
         family=np.array(h.family),
     )
-    return {**write_content(path, stream.getvalue()), **_summary(process)}
+    return write_content(path, stream.getvalue())
 
 
 def write_content(path: Path, content: bytes) -> dict[str, Any]:
@@ -60,27 +56,9 @@ def rounded(inputs: np.ndarray) -> np.ndarray:
     return inputs.astype(np.float32).astype(np.float64)
 
 
-def _summary(process: GaussianProcess) -> dict[str, Any]:
-    """The hyperparameters, rounded, for model.yaml."""
-    h, only = process.hyper, process.hyper.only
-
-    return {
-        "rows": len(process),
-        "kernel": h.family,
-        "amplitude": {"value": short(only.amplitude), "unit": "rad/s^2"},
-        "noise": {"value": short(h.noise), "unit": "rad/s^2"},
-        "lengthscales": {
-            INPUTS[column]: {"value": short(float(scale)), "unit": UNITS.get(INPUTS[column], "1")}
-            for column, scale in zip(only.columns, only.lengthscales, strict=True)
-        },
-    }
-
-
 def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
     """The Gaussian process of an entry of model.yaml. Raises ValueError."""
-    process = _process(content_of(folder, entry), str(entry["file"]))
-    check_entry(entry, _summary(process))
-    return process
+    return _process(content_of(folder, entry), str(entry["file"]))
 
 
 def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
@@ -100,27 +78,6 @@ def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
     return content
 
 
-def check_entry(entry: Mapping[str, Any], known: Mapping[str, Any]) -> None:
-    """Raises ValueError if an entry differs from the summary of its arrays."""
-    for key, value in entry.items():
-        if key not in ("file", "sha256") and not _same(value, known.get(key)):
-            raise ValueError(f"{key}: changed by hand; the arrays belong to other numbers, learn the model anew")
-
-
-def short(value: float) -> float:
-    """A number with the digits of the YAML."""
-    return float(f"{value:.{DIGITS}g}")
-
-
-def _same(a: Any, b: Any) -> bool:
-    """Whether two entries are equal up to the rounding of numbers."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
-    if isinstance(a, int | float) and isinstance(b, int | float):
-        return math.isclose(a, b, rel_tol=10.0 ** (1 - DIGITS))
-    return a == b
-
-
 def arrays_of(content: bytes, most: int) -> dict[str, np.ndarray]:
     """The arrays of an .npz file of at most `most` bytes, without pickle. Raises ValueError."""
     try:
@@ -135,7 +92,7 @@ def arrays_of(content: bytes, most: int) -> dict[str, np.ndarray]:
 
 def _process(content: bytes, name: str) -> GaussianProcess:
     try:
-        held = {"columns": np.arange(len(INPUTS)), **arrays_of(content, MOST_BYTES)}  # old files have no columns
+        held = arrays_of(content, MOST_BYTES)
         missing = [key for key in NAMES if key not in held]
         if missing:
             raise ValueError(f"it lacks {', '.join(missing)}")

@@ -9,7 +9,7 @@
     tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
     body: {of: 1f..., rolling: {value: 0.082, stderr: 0.001, unit: m/s^2}, ..., terms: {floor_warp: ...}}
-    processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
+    processes: {1: {file: ring1.npz, sha256: ...}, ...}
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
 
@@ -229,7 +229,7 @@ class _Reader:
             return {}
         out = {}
         for name, entry in self.section(node, ("processes",)).items():
-            self.section(entry, ("processes", name), None, ("file", "sha256"))
+            self.section(entry, ("processes", name), ("file", "sha256"), ("file", "sha256"))
             try:
                 out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
             except ValueError as problem:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
-from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Latency
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.rigid_body_entries import Body
@@ -49,7 +48,7 @@ class RigModel:
     processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
     camera: Camera = field(default_factory=Camera)
     tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
-    body: Body | None = field(default=None, metadata=LATER)
+    body: Body | None = None
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring, or of the nearest ring that has one."""

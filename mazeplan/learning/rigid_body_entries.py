@@ -15,7 +15,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.name_hints import one_of
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter, Term
@@ -142,7 +141,7 @@ class Body:
     values: dict[str, float]
     of: str
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
-    terms: tuple[Term, ...] = field(default=(), metadata=LATER)
+    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value in self.values.items():

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-LATER = {"later": True}  # metadata of a newer field: at its default it does not change older fingerprints
-
 
 def fingerprint(value: Any) -> str:
     """SHA-256 (hex) of a value made of dataclasses, mappings, sequences, arrays, numbers and text, to the last bit;
@@ -32,8 +30,6 @@ def _parts(value: Any) -> Iterator[bytes]:
     elif is_dataclass(value) and not isinstance(value, type):
         yield type(value).__name__.encode()
         for field in fields(value):
-            if field.metadata.get("later") and getattr(value, field.name) == field.default:
-                continue
             yield field.name.encode()
             yield from _parts(getattr(value, field.name))
     elif isinstance(value, Mapping):

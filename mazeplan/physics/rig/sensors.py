@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from mazeplan.core.maths.fingerprint import LATER
-
 ROUNDS = 20  # iterations that correct the lens (fixed point); each leaves a share k |p - c|^2 of the error
 LIMITS = (
     ("offset_x", -0.05, 0.05, "m"), ("offset_y", -0.05, 0.05, "m"), ("angle", -0.8, 0.8, "rad"),
@@ -34,10 +32,10 @@ class Camera:
     offset_x: float = 0.0
     offset_y: float = 0.0
     angle: float = 0.0
-    scale: float = field(default=1.0, metadata=LATER)
-    distortion: float = field(default=0.0, metadata=LATER)
-    distortion_x: float = field(default=0.0, metadata=LATER)
-    distortion_y: float = field(default=0.0, metadata=LATER)
+    scale: float = 1.0
+    distortion: float = 0.0
+    distortion_x: float = 0.0
+    distortion_y: float = 0.0
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:

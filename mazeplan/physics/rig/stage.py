@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Array
 
 PROMPT = 60.0  # rad/s; a servo that a record shows to follow at once is at least this fast
@@ -53,10 +52,10 @@ class StageAxis:
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
     backlash: float = 0.0
     deadband: float = 0.0
-    coupling: float = field(default=0.0, metadata=LATER)
-    order: int = field(default=2, metadata=LATER)
-    rate_limit: float = field(default=math.inf, metadata=LATER)
-    resolution: float = field(default=0.0, metadata=LATER)
+    coupling: float = 0.0
+    order: int = 2
+    rate_limit: float = math.inf
+    resolution: float = 0.0
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2):
