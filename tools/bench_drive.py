@@ -15,7 +15,7 @@ from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.execution import run_job
 from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import Job, Setup

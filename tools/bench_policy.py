@@ -23,7 +23,8 @@ from mazeplan.control.tilt import Plate
 from mazeplan.core import resources
 from mazeplan.core.records import State
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.evaluate import Campaign, evaluate
+from mazeplan.run.campaign.evaluate import evaluate
+from mazeplan.run.campaign.one_run import Campaign
 
 FOLDER = BUILD / "policy"
 SEED, WORKERS = 20_000, 2  # no choice was made by runs with seeds from here on

@@ -18,7 +18,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +31,6 @@ from bench_kit import Section, Table
 SECONDS = 300.0
 SIX = tuple(f"strange_rigs:{name}" for name in ("Stepper", "Prompt", "Late", "Springy", "Blind", "Slow"))
 FIRST = 8000  # seed of the first drawn rig of the table; none of these had a part in the work on the program
-CHOSEN_BY = 900  # first seed of the runs by which `learn --rig` chooses
 SIGMAS = 3.0  # standard errors of a difference of mean times from which learning made a rig slower
 
 
@@ -44,11 +43,10 @@ def make(name: str, maze: Any) -> Any:
     return getattr(importlib.import_module(module), cls)(maze, {})
 
 
-def trial(name: str, runs: int, seed: int, driven: bool = False) -> dict[str, Any]:
+def trial(name: str, runs: int, seed: int) -> dict[str, Any]:
     """What one rig showed.
 
-    runs: with and without the model; 0: only what `learn` writes
-    driven: whether `learn` drives a few runs itself, as with --rig"""
+    runs: with and without the model; 0: only what `learn` writes"""
     from mazeplan.core.errors import MazeplanError
     from mazeplan.core.logs.table import read_table
     from mazeplan.diagnosis.rig.reference_file import load_reference, save_reference
@@ -65,7 +63,7 @@ def trial(name: str, runs: int, seed: int, driven: bool = False) -> dict[str, An
         run_collection(make(name, maze), maze, plan, log)
         began = time.process_time()
         try:
-            done = learn([read_table(log)], maze, "pi", drive=driver(name, maze) if driven else None)
+            done = learn([read_table(log)], maze, "pi")
             out["learn_s"] = round(time.process_time() - began, 1)
             model = load_model(save_model(done.model, written))
             if done.reference is not None:
@@ -82,18 +80,9 @@ def trial(name: str, runs: int, seed: int, driven: bool = False) -> dict[str, An
     return out
 
 
-def driver(name: str, maze: Any) -> Callable[[Any], list[float]]:
-    """The runs by which `learn --rig` chooses: other seeds than those that are scored."""
-
-    def times(model: Any) -> list[float]:
-        return [r.time_s if r.success else math.inf for r in drive(name, model, maze, 8, CHOSEN_BY)]
-
-    return times
-
-
 def drive(name: str, model: Any, maze: Any, runs: int, seed: int = 0) -> list[Any]:
     """Runs with the starts and seeds of `evaluate`."""
-    from mazeplan.run.campaign.evaluate import start_angle
+    from mazeplan.run.campaign.one_run import start_angle
     from mazeplan.run.execution import run_job
     from mazeplan.run.settings import load_settings
     from mazeplan.run.specification import Job, Setup
@@ -177,7 +166,6 @@ def drawn_section(quick: bool) -> Section:
     many = [row for row in measured([(f"drawn {FIRST + i}", 8, 0) for i in range(drawn)]) if "error" not in row]
     arrive = [sum(row[when]["success"] == row[when]["runs"] for row in many) for when in ("before", "after")]
     worse = [row["rig"] for row in many if slower(row)]
-    still = [row["rig"] for row in measured([(name, 8, 0, True) for name in worse]) if slower(row)]
     written = measured([(name, 0, seed) for name in (*others(), *SIX) for seed in range(logs)])
     failed, open_ = [r for r in written if "error" in r], [n for r in written if "error" not in r for n in r["open"]]
     table = Table(("what", "figure"))
@@ -185,7 +173,6 @@ def drawn_section(quick: bool) -> Section:
     table.add("arrive in all runs without a model", arrive[0])
     table.add("arrive in all runs with the model that they learned", arrive[1])
     table.add(f"made worse by learning: fewer arrivals, or longer by {SIGMAS:g} standard errors", listed(worse))
-    table.add("the same with `learn --rig`, which drives a few runs", listed(still))
     table.add("records that could not be learned from", drawn - len(many))
     table.add(f"records of the named rigs, {logs} each: unreadable files", f"{len(failed)} of {len(written)}")
     table.add("numbers in them at a bound or as uncertain as their range", len(open_))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,6 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import REQUIRED, Key
 
-MODEL = re.compile(r"[ \t]*<TreeNodesModel\s*(?:/>|>.*?</TreeNodesModel\s*>)[ \t]*(?:\r?\n)?", re.DOTALL)
 TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
 TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "std::vector<std::string>"}  # C++ names
 
@@ -23,13 +21,6 @@ def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
     root = etree.Element("root", BTCPP_format="4")
     add_models(etree.SubElement(root, "TreeNodesModel"), registry)
     return etree.tostring(root, pretty_print=True, encoding="unicode")
-
-
-def without_model(text: str) -> str:
-    """The text of a tree's file without the model of leaves, which only editors read. A model with SubTrees stays,
-    because it affects the tree."""
-    found = MODEL.search(text)
-    return text if found is None or "<SubTree" in found.group() else text[: found.start()] + text[found.end() :]
 
 
 def add_models(model: Any, registry: Mapping[str, type[TreeNode]]) -> None:

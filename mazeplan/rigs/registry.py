@@ -36,11 +36,17 @@ class _KeptOpen(RigWrapper):
 
 
 @contextmanager
-def named_rig(rig: str | Path | Rig | type) -> Iterator[str]:
-    """A name for `make_rig` within this context. A class of rigs is made anew each time, a rig is closed at the end."""
+def named_rig(rig: str | Path | Rig | type, *, alone: bool) -> Iterator[str]:
+    """A name for `make_rig` within this context. A class of rigs is made anew each time, a rig is closed at the end.
+
+    alone: whether all work is done in this process, and none is kept. Otherwise a rig that is an object raises
+        InputError: nobody else could make it."""
     if isinstance(rig, str | Path):
         yield str(rig)
         return
+    if not alone:
+        problem = "got a rig that is an object, expected a name, a file or module:Class with workers, dask or store"
+        raise InputError(problem, key="rig")
     kind = rig if isinstance(rig, type) else type(rig)
     _check_class(kind, kind.__name__, {})
     name = f"{kind.__name__} of Python"

@@ -1,10 +1,10 @@
-"""Executes one job: opens the log, makes and drives the run, and levels the plate afterwards, whatever happens."""
+"""Executes a request, or one job on a rig: opens the log, makes and drives the run, and levels the plate afterwards,
+whatever happens."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mazeplan.btree.blame import blames_a_node, exception_line
@@ -16,7 +16,31 @@ from mazeplan.learning.modelfile import ATTACHED, MEDIA_TYPE
 from mazeplan.rigs.interface import Rig
 from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
+from mazeplan.run.request import Company, NavigationRequest
 from mazeplan.run.specification import CRASHED, Job, Setup, log_header, model_to_keep
+
+
+def execute(request: NavigationRequest, company: Company | None = None, job: Job | None = None) -> NavigationResult:
+    """Do what a request asks for. job: in place of the request's own
+
+    Raises InputError for a request that cannot be used, RigError when the rig fails."""
+    company = company or Company()
+    ready = request.resolve(company, job)
+    try:
+        result = run_job(
+            ready.rig, ready.setup, ready.job, log=request.log, display=company.display, goals=company.goals,
+            feed=company.feed,
+        )  # fmt: skip
+    except BaseException:
+        with suppress(RigError):  # the first error matters
+            ready.rig.close()
+        raise
+    try:
+        ready.rig.close()
+    except RigError as error:  # the run itself has a result
+        error.result = result
+        raise
+    return result
 
 
 def run_job(
@@ -28,24 +52,7 @@ def run_job(
     goals: requests from other threads
     feed: gets every message of the log, in the thread of the run; the run waits meanwhile
 
-    Raises RigError when the rig failed."""
-    result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals, feed=feed)
-    if problem is None:
-        return result
-    problem.result = result
-    try:
-        raise problem
-    finally:
-        del problem  # its traceback refers to this frame: the frame must not refer to it, or both would stay
-
-
-def attempt_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
-    goals: Goals | None = None, prepare: Callable[[Run], None] | None = None, feed: Sink | None = None,
-) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
-    """As `run_job`, but if the rig fails, it returns result and error and raises nothing.
-
-    prepare: is called with the run before it begins"""
+    Raises RigError, with the result, when the rig failed."""
     setup = setup.on(rig)
     ended: list[tuple[NavigationResult, RigError | None]] = []
     with ExitStack() as stack:
@@ -58,8 +65,6 @@ def attempt_job(
         gc.freeze()
         stack.callback(gc.unfreeze)
         stack.callback(_level, rig, ended)
-        if prepare is not None:
-            prepare(run)
         try:
             ended.append((run.drive(), None))
         except RigError as error:
@@ -72,7 +77,14 @@ def attempt_job(
                 messages.result(_result_after(run, error).json())
             raise
         messages.result(ended[0][0].json())
-    return ended.pop()  # an error that stays in this frame would be in a cycle with it, and keep the rig
+    result, problem = ended.pop()
+    if problem is None:
+        return result
+    problem.result = result
+    try:
+        raise problem
+    finally:
+        del problem  # its traceback refers to this frame: the frame must not refer to it, or both would stay
 
 
 def _result_after(run: Run, error: Exception) -> NavigationResult:

@@ -8,7 +8,6 @@ from this event.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from typing import Protocol
@@ -161,7 +160,7 @@ class RecordedRequests:
 
     def __init__(self, events: Iterable[TimedEvent], maze: Maze) -> None:
         self._left: list[tuple[float, Request]] = []
-        mailbox = Goals(replace(maze, balls=1))  # in earlier versions several balls went to any ring
+        mailbox = Goals(maze)
         for timed in events:
             request = timed.event
             if timed.kind in ("goal", "closed", "opened", "stopped") and not isinstance(request, Request):

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
@@ -38,8 +38,6 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.judge import PARTS, Judgement, judge
 
-Drive = Callable[[RigModel], Sequence[float]]  # time of each run, s; infinite if the ball did not arrive
-SURE = 2.0  # standard errors of a difference of times
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
@@ -72,12 +70,10 @@ class Learned:
 def learn(
     tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
     smoothing: Smoothing = SMOOTHING, progress: Words = no_words, advance: Advance = no_advance,
-    drive: Drive | None = None,
 ) -> Learned:  # fmt: skip
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
-    kind:  one of `modelfile.KINDS`
-    drive: does a few runs on a simulated rig with a model; the model that drives best is kept"""
+    kind: one of `modelfile.KINDS`"""
     table, sources = join(tables), tuple(one.source for one in tables)
     if tilt_is_measured(table):
         fit = fit_rig(table, maze, sources, progress=progress)
@@ -106,13 +102,9 @@ def learn(
     progress("judging as a run would use it")
     parts = PARTS if kind in WITH_BODY else ()
     judgement = judge(model, short, maze, later, parts=parts, fits=not remaining > FITS)
-    model, driven = judgement.model, dict[str, float]()
-    if drive is not None:
-        progress("driving")
-        model, driven = _driven(model, maze, drive)
+    model = judgement.model
     done = Learned(model, fit, reference, why, rings, judgement, remaining)
     scores: dict[str, Any] = {**model.scores, "fits": done.fits(), "judged": judgement.document()}
-    scores |= {"driven_s": {name: round(time, 3) for name, time in driven.items()}} if driven else {}
     return replace(done, model=replace(model, scores=scores))
 
 
@@ -138,24 +130,6 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> StageModel:
     if axis.order:
         axis = replace(axis, stderr={"natural_frequency": COARSE * axis.natural_frequency})
     return StageModel(axis, axis)
-
-
-def _driven(model: RigModel, maze: Maze, drive: Drive) -> tuple[RigModel, dict[str, float]]:
-    """The model, or a safer one that drives better beyond doubt; and the mean time of each, s, infinite without an
-    arrival."""
-    ways = {"learned": model, "without the contact": replace(model, body=None)} if model.body else {"learned": model}
-    ways["nothing learned"] = replace(RigModel.nominal(maze), data=model.data, scores=model.scores)
-    times = {name: np.array(drive(way)) for name, way in ways.items()}
-    best = "learned"
-    for name, other in times.items():
-        mine, there = np.isfinite(times[best]), np.isfinite(other)
-        gain = (times[best] - other)[mine & there]
-        error = float(np.std(gain)) / math.sqrt(max(len(gain), 1))
-        faster = len(gain) > 1 and float(np.mean(gain)) > SURE * error
-        if there.sum() > mine.sum() or (there.sum() == mine.sum() and faster):
-            best = name
-    means = {name: float(np.mean(t[np.isfinite(t)])) if np.isfinite(t).any() else math.inf for name, t in times.items()}
-    return ways[best], {name: mean for name, mean in means.items() if math.isfinite(mean)}
 
 
 def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:

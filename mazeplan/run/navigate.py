@@ -1,27 +1,22 @@
-"""`mazeplan.navigate(...)` for Python, and the execution of a `NavigationRequest`."""
+"""`mazeplan.navigate(...)` for Python."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.trees import reads_key, refuse_mistakes
-from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.core.display import Display
-from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink
 from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.execution import run_job
+from mazeplan.run.execution import execute
 from mazeplan.run.goals import Goals
-from mazeplan.run.request import Company, Navigation, NavigationRequest
+from mazeplan.run.request import Company, NavigationRequest
 from mazeplan.run.settings import Settings
 from mazeplan.run.specification import TIME_LIMIT
 
@@ -48,7 +43,6 @@ def navigate(
     display: Display | None = None,
     goals: Goals | None = None,
     own_process: bool = False,
-    guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
     feed: Sink | None = None,
     around: Callable[[Rig], Rig] | None = None,
     watch: Callable[[BehaviorTree, RunContext], None] | None = None,
@@ -69,7 +63,7 @@ def navigate(
     balls: number of balls, 1 or 2; None: as the map says; with 2 the default tree is `two_balls`
     seed: of start angle and simulated noise
     time_limit: rig time for each goal, from when it was given, s
-    display, goals, own_process, guard, feed, around, watch: see `request.Company`
+    display, goals, own_process, feed, around, watch: see `request.Company`
 
     The tree is checked before anything moves, as `behavior check` does.
 
@@ -77,63 +71,7 @@ def navigate(
     """
     request = NavigationRequest(
         start, goal, map, str(rig) if isinstance(rig, Path) else rig, model, policy, behavior, tuple(behavior_modules),
-        effects, settings, start_angle_deg,
-        tuple(closed), tuple(via), balls, seed, time_limit, log,
+        effects, settings, start_angle_deg, tuple(closed), tuple(via), balls, seed, time_limit, log,
     )  # fmt: skip
-    company = Company(display, goals, own_process, guard, feed, around, watch)
-    return execute(request, request.resolve(company), company)
-
-
-def execute(request: NavigationRequest, ready: Navigation, company: Company) -> NavigationResult:
-    """Do what a request asks for. ready: the request, resolved. Raises as `navigate`."""
-    setup = replace(ready.setup, watch=_checked(request.behavior, ready.job.via, company.watch))
-    with _open_rig(ready.rig, company.guard):
-        result = run_job(
-            ready.rig, setup, ready.job, log=request.log, display=company.display, goals=company.goals,
-            feed=company.feed,
-        )  # fmt: skip
-    try:
-        ready.rig.close()
-    except RigError as error:  # the run itself has a result
-        error.result = result
-        raise
-    return result
-
-
-def _checked(
-    behavior: str, via: Sequence[int], watch: Callable[[BehaviorTree, RunContext], None] | None
-) -> Callable[[BehaviorTree, RunContext], None]:
-    """Wraps `watch` so that it also refuses mistakes in the first tree of a run, before the rig moves.
-
-    Trees of later goals come from the same file and are not checked again."""
-    checked = False
-
-    def looked(tree: BehaviorTree, context: RunContext) -> None:
-        nonlocal checked
-        if watch is not None:
-            watch(tree, context)  # before the check, as it may give blackboard entries
-        if checked:
-            return
-        checked = True
-        refuse_mistakes(tree)
-        if via and not reads_key(tree, "waypoints"):
-            rings = ", ".join(f"ring{ring}" for ring in via)
-            expected = "expected `waypoints`, or a tree that does"
-            raise InputError(
-                f"got {rings}, but the tree {one_line(behavior, 300)} does not read {{waypoints}}; {expected}",
-                key="via",
-            )
-
-    return looked
-
-
-@contextmanager
-def _open_rig(machine: Rig, guard: Callable[[Rig], AbstractContextManager[object]] | None) -> Iterator[None]:
-    """Enter the guard; close the rig on an error."""
-    try:
-        with nullcontext() if guard is None else guard(machine):
-            yield
-    except BaseException:
-        with suppress(RigError):  # the first error matters
-            machine.close()
-        raise
+    company = Company(display, goals, own_process, feed, around, watch)
+    return execute(request, company)

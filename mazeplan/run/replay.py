@@ -1,33 +1,30 @@
 """Replays a recorded run without its rig: the observations of the log go through estimator and tree again, and each
 tick must make the recorded decision.
 
-The log identifies everything that affects decisions. Its header holds map, settings, goal and seed,
-and the names and SHA-256 of tree, modules and packaged model. Any other model is attached. Wall time affects only the
+The log identifies everything that affects decisions. Its header holds map, settings, goal and seed, and the
+names and SHA-256 of tree, modules and packaged model. Any other model is attached. Wall time affects only the
 planner's deadlines; a replay ends each search at the recorded iteration (`control.deadline`). The events of the log
 repeat the requests from outside (`goals`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mazeplan.behavior.trees import read_tree
-from mazeplan.btree.palette import without_model
 from mazeplan.control.deadline import Recorded
 from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.core import resources
 from mazeplan.core.display import NullDisplay
-from mazeplan.core.errors import LogError, ModelError, SettingsError, TreeError
+from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
@@ -79,14 +76,13 @@ class Difference:
 @dataclass(frozen=True)
 class Replay:
     """Result of a replay. ticks, plans, events: numbers that were compared and are alike; cut_off: plans that a
-    deadline ended; reason: of the recorded run; recorded_by: version that wrote the log; difference: None if alike."""
+    deadline ended; reason: of the recorded run; difference: None if alike."""
 
     ticks: int
     plans: int
     events: int
     cut_off: int
     reason: str
-    recorded_by: str
     difference: Difference | None
 
     @property
@@ -100,21 +96,20 @@ class _OverError(Exception):
 
 
 def replay(
-    log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None,
-    advance: Advance = no_advance,
+    log: str | Path, *, model: str | Path | RigModel | None = None, advance: Advance = no_advance
 ) -> Replay:  # fmt: skip
-    """Replay a log of `navigate`. model, behavior: the present places of model and tree, if they moved.
+    """Replay a log of `navigate`. model: of the run, for a log that does not hold it.
     advance: gets the number of the tick and the number of all ticks.
 
-    Raises LogError if the log is cut, damaged, not of a navigation, or older than replays, or if model, tree or modules
-    have changed since; InputError if they cannot be read."""
+    Raises LogError if the log is cut, damaged, or not of a navigation, or if model, tree or modules have changed since;
+    InputError if they cannot be read."""
     path = Path(log)
     header, messages, complete = read_messages(path)
     _check_kind(header, complete, path)
     with checked_fields(path):
         facts = replay_facts(header["replay"])
         script = _Script([m for m in messages if m[0] not in UNCOMPARED], facts.rate_hz, advance)
-        setup = _setup_of(header, facts, path, model, behavior)
+        setup = _setup_of(header, facts, path, model)
         job = _job_of(header, facts, setup.maze)
         events = (TimedEvent.from_document(document) for topic, document in messages if topic == "/event")
         requests = RecordedRequests(events, setup.maze)
@@ -122,7 +117,7 @@ def replay(
     run = Run(script, setup, job, compared, NullDisplay(), watch=script.watch, requests=requests)
     with suppress(_OverError):
         compared.result(run.drive().json())
-    return script.outcome(str(header.get("version", "")))
+    return script.outcome()
 
 
 def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
@@ -131,8 +126,6 @@ def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
             "got a log of `collect`, expected one of `navigate --log`: here no tree decided alone", file=path
         )
     kept = header.get("replay")
-    if kept is None:
-        raise LogError("was written before runs could be replayed: its header does not hold what decided", file=path)
     if not isinstance(kept, dict):
         raise LogError("damaged: expected a mapping", file=path, key="header.replay")
     if problem := format_problem(kept.get("format"), REPLAY_FORMAT, header.get("version")):
@@ -154,20 +147,18 @@ def _job_of(header: dict[str, Any], facts: ReplayFacts, maze: Maze) -> Job:
     return Job(start, goal, facts.start_theta, seed, float(header["time_limit_s"]), facts.closed, via)
 
 
-def _setup_of(
-    header: dict[str, Any], facts: ReplayFacts, path: Path, model: str | Path | RigModel | None, behavior: str | None
-) -> Setup:
+def _setup_of(header: dict[str, Any], facts: ReplayFacts, path: Path, model: str | Path | RigModel | None) -> Setup:
     checked = check_text(str(header["map"]), file=f"{path}: header.map")
     if checked.maze is None:
         raise checked.errors[0]
-    tree = _tree_of(facts, path, behavior or str(header["behavior"]), given=behavior is not None)
+    tree = _tree_of(facts, path, str(header["behavior"]))
     for name, module in facts.modules.items():
         file = user_module(name, "--behavior-module").__file__ or ""
-        _check_file("module", f"{name} ({file})", file, module.sha256, path)
+        _check_module(f"{name} ({file})", file, module.sha256, path)
     if facts.effects is not None:
         own_effects(facts.effects.spec)
         file = user_module(facts.effects.spec.partition(":")[0], "--effects").__file__ or ""
-        _check_file("module", file, file, facts.effects.sha256, path)
+        _check_module(file, file, facts.effects.sha256, path)
     try:
         settings = settings_from_text(facts.settings)
     except (ValueError, SettingsError) as problem:
@@ -188,13 +179,12 @@ def _setup_of(
     )
 
 
-def _tree_of(facts: ReplayFacts, path: Path, behavior: str, given: bool) -> str:
+def _tree_of(facts: ReplayFacts, path: Path, behavior: str) -> str:
     file = Path(facts.behavior_file)
-    if given or not file.is_file():  # a packaged tree may be elsewhere by now
+    if not file.is_file():  # a packaged tree may be elsewhere by now
         file = resources.find("behaviors", behavior, ".xml")
-    if file.is_file():
-        advice = "; --behavior FILE: where it is now"
-        _check_tree(str(file), facts.behavior_sha256, path, advice)
+    if file_sha256(*read_tree(str(file)).files) != facts.behavior_sha256:
+        raise _changed("behaviour tree", str(file), path)
     return str(file)
 
 
@@ -219,27 +209,12 @@ def _unpacked(attached: bytes, path: Path) -> RigModel:
         raise LogError(f"the model in it {problem}", file=path) from None
 
 
-def _check_file(what: str, name: str, file: str | Path, sha256: str | None, path: Path, advice: str = "") -> None:
+def _check_module(name: str, file: str, sha256: str, path: Path) -> None:
     if file_sha256(file) != sha256:
-        raise _changed(what, name, path, advice)
+        raise _changed("module", name, path)
 
 
-def _check_tree(name: str, sha256: str, path: Path, advice: str) -> None:
-    """Raises LogError if the file of the tree, or a file that it includes, has changed."""
-    try:
-        files = read_tree(name).files
-    except TreeError:
-        files = (Path(name),)
-    if file_sha256(*files) == sha256:
-        return
-    with suppress(OSError, ValueError):  # the model of the leaves (TreeNodesModel) may be new: only editors read it
-        text = "".join(without_model(file.read_text(encoding="utf-8")) for file in files)
-        if hashlib.sha256(text.encode()).hexdigest() == sha256:
-            return
-    raise _changed("behaviour tree", name, path, advice)
-
-
-def _changed(what: str, name: str, path: Path, advice: str) -> LogError:
+def _changed(what: str, name: str, path: Path, advice: str = "") -> LogError:
     return LogError(f"the {what} {name} is not that of the run, by its SHA-256{advice}", file=path)
 
 
@@ -306,13 +281,13 @@ class _Script:
             self._same += 1
         return self._same == len(self.replayed)
 
-    def outcome(self, recorded_by: str) -> Replay:
+    def outcome(self) -> Replay:
         """The result of the comparison."""
         difference = self._difference()
         topics = [topic for topic, _ in self.replayed[: self._same]]
         cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
         ticks, plans, events = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
-        return Replay(ticks, plans, events, cut_off, self._reason, recorded_by, difference)
+        return Replay(ticks, plans, events, cut_off, self._reason, difference)
 
     def _difference(self) -> Difference | None:
         alike, then = self._alike(), self.recorded
@@ -359,22 +334,9 @@ def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
     if a is None or b is None or a[0] != b[0]:
         return ("message",)
     (topic, then), (_, now) = a, b
-    if topic == "/result":  # an older log has fewer fields
-        now = _known_fields(then, now)
-    elif topic == "/tick" and "planned_theta" not in then:  # nor that of a Track with a name of its own
-        now = {**now, "planned_theta": None}
     names = CHOSEN if topic == "/tick" else [name for name in {**then, **now} if name not in MEASURED]
     near = LAST_DIGIT if topic == "/plan" else NEAR
     return tuple(name for name in names if not _near(then.get(name), now.get(name), near))
-
-
-def _known_fields(then: Any, now: Any) -> Any:
-    """The fields of the new message that the recorded message has, too."""
-    if isinstance(then, dict) and isinstance(now, dict):
-        return {name: _known_fields(then[name], value) for name, value in now.items() if name in then}
-    if isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
-        return [_known_fields(a, b) for a, b in zip(then, now, strict=True)]
-    return now
 
 
 def _near(a: Any, b: Any, near: float) -> bool:
@@ -386,8 +348,3 @@ def _near(a: Any, b: Any, near: float) -> bool:
     if isinstance(a, float) and isinstance(b, float):  # JSON keeps floats and integers apart
         return math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
     return type(a) is type(b) and a == b
-
-
-def told_by_another_version(outcome: Replay) -> bool:
-    """Whether the log was written by another version of the program than this one."""
-    return outcome.recorded_by != version("mazeplan")

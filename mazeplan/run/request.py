@@ -1,20 +1,20 @@
 """What one navigation is asked to do: the request that the command line and Python fill in, and how it is resolved.
 
-NavigationRequest --resolve--> Navigation (maze, job, setup, rig) --execution--> NavigationResult
+NavigationRequest --resolve--> Navigation (rig, job, setup) --execution--> NavigationResult
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.trees import StaticContext, load_tree
+from mazeplan.behavior.trees import StaticContext, load_tree, reads_key, refuse_mistakes
+from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy
@@ -35,6 +35,8 @@ from mazeplan.run.resolve import check_start_angle, model_source, resolve_model,
 from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
+NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
+
 
 @dataclass(frozen=True)
 class Company:
@@ -43,16 +45,14 @@ class Company:
     display: shows its progress
     goals: requests from other threads
     own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
-    guard: a context around the run that is entered with the rig, such as an emergency stop
     feed: called in the thread of the run with topic, rig time and document of each message of a log
     around: wraps the rig, for example to pace it by the wall clock
-    watch: called with each tree and its context before it begins, for example by a monitor
+    watch: called with each tree and its context before it begins
     """
 
     display: Display | None = None
     goals: Goals | None = None
     own_process: bool = False
-    guard: Callable[[Rig], AbstractContextManager[object]] | None = None
     feed: Sink | None = None
     around: Callable[[Rig], Rig] | None = None
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
@@ -79,6 +79,7 @@ class NavigationRequest:
     seed: int = 0
     time_limit: float = TIME_LIMIT
     log: str | Path | None = None
+    deadline: bool = True  # whether plans have a limit of time by the wall clock
 
     @cached_property
     def maze(self) -> Maze:
@@ -111,30 +112,42 @@ class NavigationRequest:
         usual = "policy" if self.policy is not None else "waypoints" if self.via else self.behavior
         return tree_of(self.maze, usual)
 
-    def resolve(self, company: Company) -> Navigation:
-        """Make the rig, and read everything that the request names. Raises InputError, RigError."""
-        maze, job, rig_name = self.maze, self.job, self.rig if isinstance(self.rig, str) else None
+    def resolve(self, company: Company | None = None, job: Job | None = None) -> Navigation:
+        """Make the rig, read everything that the request names, and check the tree. job: in place of the request's own
+
+        Raises InputError, RigError."""
+        company, job = company or Company(), job or self.job
+        maze, rig_name = self.maze, self.rig if isinstance(self.rig, str) else None
         made = make_rig(self.rig, maze) if isinstance(self.rig, str) else self.rig
         rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
         check_balls(maze, rig, job, self.policy is not None)
         check_ready(rig)
         own_effects(self.effects)
-        # the tree before the model, which may compile for minutes
-        load_tree(self.tree, registry_with(self.behavior_modules), StaticContext(maze))
+        self._check_tree(job)  # before the model, which may compile for minutes
         model = self.model
+        settings = self.settings if isinstance(self.settings, Settings) else load_settings(self.settings)
         setup = Setup(
             maze,
             resolve_model(model, rig_name, maze),
             self.tree,
             rig_label(self.rig) if isinstance(self.rig, str) else type(self.rig).__name__,
             model_name="" if isinstance(model, RigModel | None) else str(model),
-            settings=self.settings if isinstance(self.settings, Settings) else load_settings(self.settings),
+            settings=settings if self.deadline else settings.with_values(NO_DEADLINE),
             behavior_modules=tuple(self.behavior_modules),
+            watch=company.watch,
             model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
             effects=self.effects,
             policy=self.policy if isinstance(self.policy, Policy | None) else load_policy(self.policy),
         )
         return Navigation(rig, job, setup)
+
+    def _check_tree(self, job: Job) -> None:
+        tree = load_tree(self.tree, registry_with(self.behavior_modules), StaticContext(self.maze))
+        refuse_mistakes(tree)
+        if job.via and not reads_key(tree, "waypoints"):
+            rings, name = ", ".join(f"ring{ring}" for ring in job.via), one_line(self.behavior, 300)
+            expected = "expected `waypoints`, or a tree that does"
+            raise InputError(f"got {rings}, but the tree {name} does not read {{waypoints}}; {expected}", key="via")
 
 
 @dataclass(frozen=True)

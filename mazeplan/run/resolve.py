@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from functools import lru_cache
 from pathlib import Path
 
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError, ModelError, ShortWarning
-from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path
+from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path, model_stamp
 from mazeplan.learning.rig_model import transfer_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -59,6 +60,12 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
 
 def model_from(source: str | Path, maze: Maze) -> RigModel:
     """The model in a folder, or the packaged model of that name, carried over to the maze. Raises ModelError."""
+    return _model(str(source), maze, model_stamp(source))
+
+
+@lru_cache(maxsize=4)
+def _model(source: str, maze: Maze, stamp: object) -> RigModel:
+    """The model, read once for all runs of a process. stamp: changes when the model's files change"""
     model = load_model(source)
     return transfer_model(model, load_map(HOME), maze) if is_packaged_model(source) else model
 

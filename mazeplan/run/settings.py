@@ -19,8 +19,6 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
-# options that texts of `Settings.text` may lack: those of 0.1.0 do not have them
-NEWER = {"horizon", "prompt_s", "substeps"}
 FORMAT = 1  # format number; also that of a file without `format`
 
 
@@ -58,10 +56,10 @@ def settings_from_text(text: str) -> Settings:
 
 
 def _filled(options: Any, values: Any) -> Any:
-    """A copy with these values. Those of NEWER may be missing."""
+    """A copy with these values."""
     held = {f.name: getattr(options, f.name) for f in fields(options)}
     sections = {name for name, value in held.items() if is_dataclass(value)}
-    if not isinstance(values, dict) or not held.keys() - NEWER <= values.keys() <= held.keys():
+    if not isinstance(values, dict) or not values.keys() == held.keys():
         raise ValueError(f"expected {', '.join(sorted(held))}")
     return replace(options, **{n: _filled(held[n], v) if n in sections else v for n, v in values.items()})
 

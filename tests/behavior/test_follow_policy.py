@@ -149,4 +149,4 @@ def test_tree_and_policy_go_together_or_not_at_all():
     with pytest.raises(InputError, match="follows a learned policy, but the run has none: give --policy DIR"):
         run_tree("policy")
     with pytest.raises(InputError, match="--policy: the tree has no FollowPolicy"):
-        run_tree("navigate", policy=hand_made())
+        run_tree("waypoints", policy=hand_made())

@@ -85,25 +85,22 @@ def test_the_document_is_that_of_the_contract(compare):
 def test_the_tables(compare):
     out, err = compare("one.csv", *QUICK)
     assert err == ""
-    lines = out.splitlines()
-    assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
-    assert lines[1].startswith("ring 2 train/test")
-    assert lines[1].count("/") == 1 + len(KINDS)
-    assert re.fullmatch(r" +95 % of the test +too few: [1-4] blocks? of time", lines[2])
-    assert any(line.startswith("ring 2  ") and "windows" in line and "npd" in line for line in lines)
-    assert "rates: " in out
-    assert any(line.endswith("60") and "training rows" in line for line in lines)
-    assert "note:" not in out
+    (row,) = (line for line in out.splitlines() if "rows," in line)
+    assert row.split()[:4] == ["ring", "2:", "60", "rows,"]
+    assert row.count("/") == len(KINDS) == row.count("too few")
+    assert any("windows" in line for line in out.splitlines())
+    assert "rates" in out
 
 
 @pytest.mark.slow
 def test_a_long_record_has_intervals_and_a_verdict(compare):
     out, err = compare("long.csv", *QUICK)
     assert err == ""
-    assert re.search(r"sp \d+\.\d\d ± \d+\.\d\d/\d+\.\d\d ± \d+\.\d\d", out)
-    assert re.search(r"95 % of the test( +\[\d\.\d{3}, \d\.\d{3}\]){5}\n", out)
+    out = out.replace("\u00a0", " ")
+    assert re.search(r"\d+\.\d\d ± \d+\.\d\d / \d+\.\d\d ± \d+\.\d\d", out)
+    assert len(re.findall(r"\[\d\.\d\d, \d\.\d\d\]", out)) == len(KINDS)
     assert "too few" not in out
-    said = re.search(r"ring 2  (?:best: |no clear best: )(\w+),? (?:has )?(-?\d+\.\d\d) degrees less error", out)
+    said = re.search(r"Ring 2: (?:best: |no clear best: )(\w+),? (?:has )?(-?\d+\.\d\d) degrees less error", out)
     assert said
     document, _ = compare("long.csv", *QUICK, "--json")
     best, errors = document["ring2"]["best"], {k: e["40"] for k, e in document["ring2"]["rollout"].items()}
@@ -111,4 +108,3 @@ def test_a_long_record_has_intervals_and_a_verdict(compare):
     assert best["less"] == pytest.approx(errors[best["next"]] - errors[best["kind"]], abs=2e-4)
     assert float(said[2]) == pytest.approx(math.degrees(best["less"]), abs=0.02)
     assert best["interval"][0] <= best["less"] <= best["interval"][1]
-    assert "samples, degrees" in out

@@ -70,7 +70,7 @@ def test_models_of_effects_are_written(learn, log, tmp_path, kind):
 @pytest.mark.usefixtures("no_reference")
 @pytest.mark.parametrize("kind", ["np", "sp"])
 def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
-    code, out, err = learn(log, "--kind", kind, "--most", "300", "--smoothing", "savgol", "--seed", "1")
+    code, out, err = learn(log, "--kind", kind, "--most", "300", "--seed", "1")
     assert (code, err) == (0, "")  # progress is for terminals
     model = load_model(tmp_path / "model")
     assert model.kind == kind
@@ -81,7 +81,7 @@ def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
     with_it, before = scores[f"nrmse_test_{kind}"], scores["nrmse_test_effects"]
     useful = {ring for ring in with_it if kind == "np" or with_it[ring] <= before[ring]}  # np has nothing else
     assert {f"ring{ring}" for ring in model.processes} == useful
-    assert scores["smoothing"]["method"] == "savgol"
+    assert scores["smoothing"]["method"] == "rts"
     # of 300 rows, with a ball that also hits walls, a Gaussian process cannot make much
     assert 0.0 < with_it["ring2"] < 0.95
     assert before["ring2"] < 0.7

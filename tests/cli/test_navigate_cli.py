@@ -48,7 +48,7 @@ def test_evaluate_prints_a_summary(call):
     arguments = ("evaluate", "--rig", "ideal", "--from", "ring4", "--runs", "2")
     code, out, _ = call(*arguments)
     assert code == 0
-    assert "arrived       2 of 2" in out
+    assert "2 of 2 arrived" in out
     assert "tick" in out
     assert json.loads(call(*arguments, "--json")[1])["success"] == 2
     assert call(*arguments, "--time-limit", "0.1")[0] == 1

@@ -8,7 +8,7 @@ from strange_rigs import StrangeRig
 
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.execution import run_job
 from mazeplan.run.specification import Job, Setup
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plant import play
 
-from mazeplan.apps.cli.model import report
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.models import models_section
+from mazeplan.apps.report.page import section_text
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.camera_center import Centre, find_centre, smoothing_of, straightened
 from mazeplan.learning.comparison import compare
@@ -63,12 +67,12 @@ def test_straightened_samples_are_those_of_a_camera_that_is_right():
     assert np.std(error) < 0.15 * np.std(right.theta_ddot[rows])
 
 
-def test_compare_predicts_as_well_in_the_measured_angle_and_tells_the_centre(capsys):
+def test_compare_predicts_as_well_in_the_measured_angle_and_tells_the_centre():
     table = record(seconds=90.0)
     (scores,) = compare([table], [], load_map("cme"), CompareOptions(kinds=("pi",)))
     assert scores.centre == pytest.approx((OFF[0] * RADIUS, OFF[1] * RADIUS), abs=1e-3)
-    report([scores])
-    assert "another point than the rings' centre, in mm: ring 1 5." in capsys.readouterr().out
+    section = models_section(Input("comparison", Path("x.json"), "x", {"ring1": scores.document()}))
+    assert "another point than the rings' centre, in mm: ring 1 5." in section_text(section)
     (right,) = compare([record((0.0, 0.0), 90.0)], [], load_map("cme"), CompareOptions(kinds=("pi",)))
     assert right.centre == (0.0, 0.0)
     assert scores.nrmse_test["pi"] < right.nrmse_test["pi"] + 0.03

@@ -12,7 +12,8 @@ from scipy.stats import binomtest
 from mazeplan.apps.report.evaluation import EvaluatedRuns, evaluation_section, interval
 from mazeplan.apps.report.inputs import Input, of_document
 from mazeplan.apps.report.page import PagePicture, PageTable
-from mazeplan.run.campaign.evaluate import Campaign, evaluate, setup_document, summary
+from mazeplan.run.campaign.evaluate import evaluate, setup_document, summary
+from mazeplan.run.campaign.one_run import Campaign
 
 
 def given(name="toy", setup=None, **more):

@@ -25,7 +25,7 @@ def test_tables_have_the_numbers_of_the_document():
     assert list(first.head) == ["", "bare equation (p)", "terms and process (sp)"]
     assert plain(first)[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345\n[0.31, 0.37]"]
     assert first.strong == {(0, 2), (1, 2)}
-    assert plain(second)[0] == ["ring 1: 7 windows", "7.1 / 14.1"]
+    assert plain(second)[0] == ["ring 1: 7 windows (too few for ±), evenly spaced", "7.07 / 14.14"]
     late = comparison()
     late["ring1"]["rollout"] |= {"p": {"20": 0.1, "40": 0.3}, "np": {"20": 0.3, "40": 0.2}}
     table = kept(section(late).parts, PageTable)[1]

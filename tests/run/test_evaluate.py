@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
-from mazeplan.run.campaign.evaluate import Campaign, evaluate, start_angle, summary
+from mazeplan.run.campaign.evaluate import evaluate, summary
+from mazeplan.run.campaign.one_run import Campaign, start_angle
 
 
 def outcome(success=True, time_s=3.0, failures=(), planner=1.0):

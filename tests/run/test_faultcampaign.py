@@ -9,13 +9,13 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.records import NavigationResult, RingPassage
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.faults.schedule import Entry, FaultTrial
-from mazeplan.run.campaign import faults as faultcampaign
-from mazeplan.run.campaign.evaluate import Campaign
-from mazeplan.run.campaign.faults import Outcome, evaluate_faults, good, report, run_trial
-from mazeplan.run.execution import attempt_job, run_job
+from mazeplan.run.campaign.evaluate import run_all
+from mazeplan.run.campaign.executor import open_executor
+from mazeplan.run.campaign.faults import good, report
+from mazeplan.run.campaign.one_run import Campaign, do_run
+from mazeplan.run.execution import run_job
 from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
@@ -24,6 +24,10 @@ SHORT = Campaign(runs=1, rig="ideal", start=3, seed=40)
 
 def trial(kind, name=None, **values):
     return FaultTrial(name or kind, (Entry(kind=kind, **values),))
+
+
+def run_trial(campaign, trial):
+    return do_run(replace(campaign, fault=trial), 0)
 
 
 def early(kind, **values):
@@ -46,12 +50,12 @@ def early(kind, **values):
     ],
 )
 def test_what_is_got_over_and_as_what_it_is_noticed(kind, noticed, within):
-    outcome = run_trial(SHORT, early(kind), 0)
+    outcome = run_trial(SHORT, early(kind))
     assert outcome.result.success, outcome
-    assert outcome.wrong == ()
-    assert [fault.kind.name for fault in outcome.faults] == [kind]
-    assert outcome.noticed_as == noticed
-    assert 0.0 <= outcome.noticed_s <= within
+    assert outcome.noticed.wrong == ()
+    assert [fault["kind"] for fault in outcome.noticed.faults] == [kind]
+    assert outcome.noticed.noticed_as == noticed
+    assert 0.0 <= outcome.noticed.noticed_s <= within
 
 
 @pytest.mark.parametrize(
@@ -65,11 +69,11 @@ def test_what_is_got_over_and_as_what_it_is_noticed(kind, noticed, within):
     ],
 )
 def test_what_ends_a_run_ends_it_with_its_reason_and_a_level_plate(kind, reason, within):
-    outcome = run_trial(SHORT, early(kind), 0)
+    outcome = run_trial(SHORT, early(kind))
     assert not outcome.result.success
     assert outcome.result.reason == reason
-    assert outcome.wrong == ()
-    assert outcome.noticed_s <= within
+    assert outcome.noticed.wrong == ()
+    assert outcome.noticed.noticed_s <= within
     row = report(early(kind), [outcome])
     assert (row["arrived"], row["stopped"], row["as_expected"]) == (0, {reason: 1}, 1)
     assert good([row])
@@ -85,13 +89,16 @@ def test_the_same_for_any_number_of_workers_and_in_the_order_of_the_trials(tmp_p
 
     def same(outcomes):
         return [
-            [(o.result.time_s, o.result.rings, o.faults, o.noticed_s, o.result.seed) for o in of] for of in outcomes
+            [(o.result.time_s, o.result.rings, o.noticed.faults, o.noticed.noticed_s, o.result.seed) for o in of]
+            for of in outcomes
         ]
 
-    alone = evaluate_faults(campaign, trials, progress=finished.append)
-    assert finished == [1, 2, 3, 4]
-    assert same(evaluate_faults(campaign, trials, workers=2)) == same(alone)
-    assert [[o.faults[0].kind.name for o in of] for of in alone] == [["tilt_nan"] * 2, ["position_nan"] * 2]
+    campaigns = [replace(campaign, fault=trial) for trial in trials]
+    with open_executor(1) as here, open_executor(2) as apart:
+        alone = run_all(campaigns, here, progress=finished.append)
+        assert finished == [1, 2, 3, 4]
+        assert same(run_all(campaigns, apart)) == same(alone)
+    assert [[o.noticed.faults[0]["kind"] for o in of] for of in alone] == [["tilt_nan"] * 2, ["position_nan"] * 2]
     assert [o.result.seed for o in alone[0]] == [40, 41]
 
 
@@ -110,19 +117,16 @@ class Restless(PlanarRig):
         return replace(super().observe(), beta=self.z[4] + self.tilt)
 
 
-def planar_campaign(monkeypatch, rig):
-    monkeypatch.setattr(faultcampaign, "rig_of_run", lambda campaign, index, maze: rig)
-    setup = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
-    monkeypatch.setattr(faultcampaign, "setup_of", lambda campaign, maze: setup)
-    return Campaign(runs=1, start=4, seed=3)
+def planar_campaign(rig):
+    return Campaign(map=MAZE, rig=rig, model=known(MAZE), settings=PATIENT, start=4, seed=3)
 
 
 @pytest.mark.slow
-def test_a_plate_that_is_not_level_afterwards_is_wrong(monkeypatch):
-    campaign = planar_campaign(monkeypatch, Restless(MAZE))
-    outcome = run_trial(campaign, early("commands_lost"), 0)
+def test_a_plate_that_is_not_level_afterwards_is_wrong():
+    campaign = planar_campaign(Restless(MAZE))
+    outcome = run_trial(campaign, early("commands_lost"))
     assert outcome.result.success
-    assert outcome.wrong == ("the plate was left at 1.15 deg",)
+    assert outcome.noticed.wrong == ("the plate was left at 1.15 deg",)
     row = report(early("commands_lost"), [outcome])
     assert row["wrong"] == ["seed 3: the plate was left at 1.15 deg"]
     assert not good([row])
@@ -130,27 +134,11 @@ def test_a_plate_that_is_not_level_afterwards_is_wrong(monkeypatch):
 
 def test_a_program_that_hangs_is_wrong(monkeypatch):
     rig = PlanarRig(MAZE)
-    campaign = planar_campaign(monkeypatch, rig)
+    campaign = planar_campaign(rig)
     wall = iter(itertools.chain([0.0] * 20, itertools.repeat(6.5)))  # from one reading on, the clock is 6.5 s later
     monkeypatch.setattr("mazeplan.rigs.faults.faulty.monotonic", lambda: next(wall))
-    outcome = run_trial(replace(campaign, time_limit=1.0), early("commands_lost"), 0)
-    assert outcome.wrong == ("no call of the rig for 6.5 s",)
-
-
-# -- the table -------------------------------------------------------------------------------------------------------
-
-
-def outcome(reason="arrived", failures=(), doubts=(), noticed=None, seed=0, wrong=(), fault="frames_lost"):
-    none = {"p50": 0.0, "p99": 0.0, "max": 0.0}
-    result = NavigationResult(
-        reason == "arrived", reason, 3.0, seed, "r", (RingPassage(1, 3.0, None),), tuple(failures), 0, none, None, none,
-        doubts=tuple(doubts),
-    )  # fmt: skip
-    drawn = trial(fault).draw(seed)
-    return Outcome(result, drawn, noticed, "ball_lost" if noticed is not None else "", tuple(wrong))
-
-
-# -- rigs that fail --------------------------------------------------------------------------------------------------
+    outcome = run_trial(replace(campaign, time_limit=1.0), early("commands_lost"))
+    assert outcome.noticed.wrong == ("no call of the rig for 6.5 s",)
 
 
 class Failing(PlanarRig):
@@ -163,10 +151,9 @@ class Failing(PlanarRig):
 
 def test_a_rig_that_fails_is_a_result_of_its_own():
     setup, job = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT), Job(1, 5, 0.3)
-    result, problem = attempt_job(Failing(MAZE), setup, job)
+    with pytest.raises(RigError, match="smoke") as caught:
+        run_job(Failing(MAZE), setup, job)
+    result = caught.value.result
     assert (result.success, result.reason) == (False, "rig_failed")
     assert result.failures[-1].words == "smoke"
     assert result.time_s == pytest.approx(0.5, abs=0.02)
-    with pytest.raises(RigError, match="smoke") as caught:
-        run_job(Failing(MAZE), setup, job)
-    assert str(caught.value) == str(problem)

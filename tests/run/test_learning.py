@@ -12,8 +12,9 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.records import Doubt, Failure, FailureKind
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.campaign import online_learning as learning
-from mazeplan.run.campaign.evaluate import Campaign, run_one
+from mazeplan.run.campaign.one_run import Campaign, run_one
 from mazeplan.run.campaign.online_learning import Ticks, evaluate_learning, open_learner, unfit
+from mazeplan.run.request import Company
 
 MAZE = load_map("cme")
 
@@ -21,7 +22,7 @@ MAZE = load_map("cme")
 @pytest.fixture(scope="module")
 def a_run():
     ticks = Ticks()
-    return run_one(Campaign(1, "toy", start=3, goal=5, seed=4), 0, None, ticks), ticks
+    return run_one(Campaign(rig="toy", start=3, goal=5, seed=4), 0, Company(feed=ticks)), ticks
 
 
 def test_a_delay_that_was_measured_of_the_rig_counts_for_more_than_the_models():
@@ -47,12 +48,12 @@ def test_runs_that_tell_nothing_true_are_not_learned_from(a_run):
 def test_each_run_is_driven_with_what_the_runs_before_taught_also_after_a_break(monkeypatch, tmp_path):
     driven = []
 
-    def run(campaign, index, model, ticks):
-        driven.append((index, model))
-        return run_one(campaign, index, model, ticks)
+    def run(campaign, index, company):
+        driven.append((index, campaign.model))
+        return run_one(campaign, index, company)
 
     monkeypatch.setattr(learning, "run_one", run)
-    campaign, kept = Campaign(2, "toy", goal=5, seed=11), tmp_path / "kept"
+    campaign, kept = Campaign(runs=2, rig="toy", goal=5, seed=11), tmp_path / "kept"
     outcomes, lessons = evaluate_learning(campaign, kept)
     more, further = evaluate_learning(replace(campaign, runs=1), kept)
     assert [o.seed for o in (*outcomes, *more)] == [11, 12, 13]

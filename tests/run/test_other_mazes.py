@@ -8,7 +8,7 @@ import pytest
 
 from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.evaluate import Campaign, job_of, run_one
+from mazeplan.run.campaign.one_run import Campaign, run_one
 from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
 
@@ -45,12 +45,12 @@ def test_a_start_in_a_wall_is_refused_and_a_drawn_one_moved():
     with pytest.raises(InputError, match="start angle: got 99, where a radial wall leaves the ball no room in ring 1"):
         navigate(map="detour", rig="ideal", start_angle_deg=99.0)
     maze = load_map("detour")
-    job = job_of(Campaign(1, map="detour", seed=9200), 2, maze)
+    job = Campaign(map="detour", seed=9200).job_of(2)
     assert job.goal == 4
     assert job.theta is not None
     placed = maze.clear_angle(1, job.theta)
     assert math.degrees(job.theta) == pytest.approx(101.25)
     assert math.degrees(placed) == pytest.approx(106.9, abs=0.2)
-    started = run_one(Campaign(1, rig="ideal", map="detour", time_limit=0.1), 2).start  # what is told of it, too
+    started = run_one(Campaign(rig="ideal", map="detour", time_limit=0.1), 2).start  # what is told of it, too
     assert started is not None
     assert started.theta == placed

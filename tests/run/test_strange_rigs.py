@@ -11,7 +11,7 @@ from mazeplan.core.records import FailureKind
 from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.collect import Collection, run_collection
 from mazeplan.run.execution import run_job
 from mazeplan.run.learn import learn

@@ -84,17 +84,16 @@ class HeldRun:
         self.machine, self.tick, self.result = machine, tick, result
         self.ready, self.end, self.orders, self.numbers = threading.Event(), threading.Event(), [], []
 
-    def __call__(self, number, goals, feed, around, guard):
+    def __call__(self, number, goals, feed, around):
         self.numbers.append(number)
         goals.begin(MAZE)
         self.rig = around(self.machine or make_rig("toy", MAZE))
-        with guard(self.rig):
-            if self.tick:
-                feed("/header", 0.0, {})
-                feed("/tick", 0.0, {"t": 0.0, "opening": "2-3@0"})
-            self.ready.set()
-            assert self.end.wait(60.0)
-            self.orders += goals.take(0.0)
+        if self.tick:
+            feed("/header", 0.0, {})
+            feed("/tick", 0.0, {"t": 0.0, "opening": "2-3@0"})
+        self.ready.set()
+        assert self.end.wait(60.0)
+        self.orders += goals.take(0.0)
         return outcome(self.result)
 
 
@@ -156,12 +155,13 @@ def refuses():
 )
 def test_a_real_machine_is_levelled_by_its_own_method(monkeypatch, methods, told):
     called = []
-    machine = SimpleNamespace(**{name: lambda name=name: called.append(name) for name in methods} or {"level": refuses})
+    calls = {name: lambda name=name: called.append(name) for name in methods} or {"level": refuses}
+    machine = SimpleNamespace(rate_hz=30.0, **calls)
     run = HeldRun(machine)
     with served(run, monkeypatch) as (_, page):
         page.press("start")
         assert run.ready.wait(60.0)
-        assert run.rig is machine  # neither paced nor made to go wrong
+        assert run.rig.inside is machine  # neither paced nor made to go wrong
         assert page.press("level") == ("running", told)
         assert after(page, run) == [StopRequested()]
     assert called == list(methods[:1])

@@ -44,6 +44,10 @@ def evaluate(
         return
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.apps.cli.report import write_report
+    from mazeplan.apps.report.evaluation import evaluation_section
+    from mazeplan.apps.report.inputs import Input
+    from mazeplan.apps.report.page import section_text
+    from mazeplan.core.results import finite
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.balls import with_balls
@@ -59,14 +63,13 @@ def evaluate(
         bar=lambda total, begin: campaign_progress(total, begin=begin),
     )  # fmt: skip
     document = done.document
+    name = document["setup"]["rig"] + (" with faults" if faults else "")
     if report is not None:
-        write_report("evaluation", document, report, document["setup"]["rig"] + (" with faults" if faults else ""))
+        write_report("evaluation", document, report, name)
     if as_json:
         print_json(document)
-    elif faults is not None:
-        print("\n".join(fault_lines(document["faults"])))
     else:
-        print("\n".join(summary_lines(document)))
+        print(section_text(evaluation_section(Input("evaluation", Path(name), name, finite(document)))))
     sys.exit(_exit_status(document))
 
 
@@ -98,33 +101,3 @@ def _exit_status(document: dict[str, Any]) -> int:
     if failed is not None:
         raise RigError(failed["words"])
     return 0 if document["success"] == document["runs"] else 1
-
-
-def summary_lines(document: dict[str, Any]) -> list[str]:
-    """The summary of a campaign, as lines."""
-    times, failures = document["time_s"], document["failures"]
-    lines = [f"arrived       {document['success']} of {document['runs']}"]
-    if times["mean"] is not None:
-        figures = ", ".join(f"{key} {times[key]:.2f} s" for key in ("mean", "best", "p50", "p95", "worst"))
-        lines.append(f"time          {figures}")
-    lines.append("failures      " + (", ".join(f"{kind} {count}" for kind, count in failures.items()) or "none"))
-    for key, label in (("planner_ms", "planner"), ("tick_ms", "tick")):
-        figures = ", ".join(f"{name} {document[key][name]:.2f} ms" for name in ("p50", "p99", "max"))
-        lines.append(f"{label:13s} {figures}")
-    return lines
-
-
-def fault_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """One line for each fault, and below it a line for each broken rule."""
-    width = max(len("fault"), *(len(row["fault"]) for row in rows))
-    lines = [f"{'fault':{width}s}  arrived  noticed  after s  recoveries, and other ends"]
-    for row in rows:
-        after = "-" if row["noticed_s"] is None else f"{row['noticed_s']['p50']:.2f}"
-        ends = [f"{reason} {count}" for reason, count in row["stopped"].items()]
-        if row["because"]:
-            ends.append(f"cannot be survived: {row['because']}")
-        text = "; ".join([", ".join(row["recoveries"]) or "none", *ends])
-        arrived, noticed = f"{row['arrived']}/{row['runs']}", f"{row['noticed']}/{row['faulted']}"
-        lines.append(f"{row['fault']:{width}s}  {arrived:>7s}  {noticed:>7s}  {after:>7s}  {text}")
-        lines += [f"{'':{width}s}  WRONG: {wrong}" for wrong in row["wrong"]]
-    return lines

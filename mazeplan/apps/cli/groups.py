@@ -13,7 +13,7 @@ GROUPS = {
     "Model": ("--effects", "--policy", "--settings", "--learn", "--declare", "--system", "--device", "--epochs"),
     "Tree": ("--behavior", "--behavior-module"),
     "Processes": ("--workers", "--dask", "--no-deadline"),
-    "Output": ("--video", "--memory", "--store", "--report", "--test", "--port", "--force"),
+    "Output": ("--video", "--store", "--report", "--test", "--port", "--force"),
 }
 GROUP_OF = {option: group for group, options in GROUPS.items() for option in options}
 

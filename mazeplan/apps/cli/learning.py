@@ -34,7 +34,6 @@ def collect(
     as_json: opt.AsJson = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
-    from mazeplan.apps.cli.emergency import interrupt, stop_key
     from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.commands.collect import collect as record
@@ -44,8 +43,7 @@ def collect(
     with _report_kept(output), ProgressBar("seconds", transient=False) as bar:
         done = record(
             output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed, tilt=tilt,
-            highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
-            advance=bar.advance,
+            highest_hz=highest_hz, own_process=True, advance=bar.advance,
         )  # fmt: skip
     if done.tour is not None:
         report(done.tour)
@@ -78,7 +76,6 @@ def learn(
     kind: opt.Kind = "sp",
     device: opt.Device = "cpu",
     most: opt.LearnRows = 4000,
-    smoothing: opt.Smoothing = "rts",
     seed: opt.Seed = 0,
     map_: opt.MapOfLog = None,
     columns: opt.Columns = None,
@@ -92,7 +89,8 @@ def learn(
         check_there(log)
     from mazeplan.apps.cli.model import model_lines
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.report.words import verdict_lines
+    from mazeplan.apps.report.learning import score_section
+    from mazeplan.apps.report.page import section_text
     from mazeplan.learning.fits import fits_words
     from mazeplan.run.commands.learn import learn as fit
 
@@ -100,7 +98,7 @@ def learn(
         say("--device cuda: all kinds train on the processor")
     with ProgressBar("learning") as bar:
         learned = fit(
-            logs, output, kind=kind, device=device, most=most, smoothing=smoothing, seed=seed, map=map_,
+            logs, output, kind=kind, device=device, most=most, seed=seed, map=map_,
             columns=columns or [], progress=bar.show, advance=bar.advance,
         )  # fmt: skip
     if as_json:
@@ -109,7 +107,8 @@ def learn(
     done, model = learned.learned, learned.model
     lines = [*model_lines(model), f"fit: {fits_words(model)}", done.judgement.words()]
     lines += [f"rigid ball: {done.why}"] if model.body is None and done.why else []
-    print("\n".join([*lines, f"wrote {learned.document['model']}", *verdict_lines(learned.document["score"])]))
+    scored = section_text(score_section(str(output), learned.document["score"]))
+    print("\n".join([*lines, f"wrote {learned.document['model']}", scored]))
 
 
 def improve(

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.cli.emergency import stop_key
 from mazeplan.apps.cli.navigate import navigate_once
 from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.core.errors import InputError, MazeplanError
@@ -25,6 +23,7 @@ from mazeplan.rigs.faults.schedule import at_once
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
 from mazeplan.run.goals import Goals
 from mazeplan.run.request import Company, NavigationRequest
 
@@ -112,7 +111,7 @@ class LiveSession:
         self._count += 1
         try:
             self.result, self.problem = None, None
-            self.result = self._once(number, goals=self._goals, feed=self._take, around=self._around, guard=self._guard)
+            self.result = self._once(number, goals=self._goals, feed=self._take, around=self._around)
         except MazeplanError as problem:
             self.problem = problem
             self.result = getattr(problem, "result", None)
@@ -137,20 +136,15 @@ class LiveSession:
             self._page.take(topic, t, document)
 
     def _around(self, rig: Rig) -> Rig:
-        """Pace a simulation by wall-clock time and make it ready for faults; leave a real rig as it is."""
+        """Pace a simulation by wall-clock time, and make it ready for faults. The page levels what this returns."""
         own = traits(rig)
-        if own.realtime:
-            return rig
-        if own.inject is not None:
-            orders = DriverHooks(aimed_at=lambda: self._opening, close=self._goals.close)
-            rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
-        return PacedRig(rig)
-
-    @contextmanager
-    def _guard(self, machine: Rig) -> Iterator[None]:
-        self._machine = machine
-        with stop_key(machine, self._goals.stop):
-            yield
+        if not own.realtime:
+            if own.inject is not None:
+                orders = DriverHooks(aimed_at=lambda: self._opening, close=self._goals.close)
+                rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
+            rig = PacedRig(rig)
+        self._machine = machine = watched(rig, own_process=True)
+        return machine
 
     # -- orders -----------------------------------------------------------------------------------------------------
 

@@ -30,9 +30,6 @@ CsvFile = Annotated[
 RunModel = Annotated[
     str | None, typer.Option("--model", metavar="MODEL", help="Model of the run, for a log that does not hold it.")
 ]
-RunTree = Annotated[
-    str | None, typer.Option("--behavior", metavar="TREE", help="Behaviour tree of the run, if its file was moved.")
-]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
@@ -67,7 +64,7 @@ def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> No
 
 
 @app.command("replay")
-def replay(log: opt.RunLogFile, model: RunModel = None, behavior: RunTree = None, as_json: opt.AsJson = False) -> None:
+def replay(log: opt.RunLogFile, model: RunModel = None, as_json: opt.AsJson = False) -> None:
     """Run the tree again on a recorded run, and check that every tick decides the same.
 
     Exit status 1: a tick decides otherwise; the first one is shown."""
@@ -75,7 +72,7 @@ def replay(log: opt.RunLogFile, model: RunModel = None, behavior: RunTree = None
     from mazeplan.run.replay import replay as run
 
     with ProgressBar("replaying") as bar:
-        outcome = run(log, model=model, behavior=behavior, advance=bar.advance)
+        outcome = run(log, model=model, advance=bar.advance)
     if as_json:
         print_json({"log": str(log), **asdict(outcome), "identical": outcome.identical})
     else:
@@ -85,17 +82,12 @@ def replay(log: opt.RunLogFile, model: RunModel = None, behavior: RunTree = None
 
 def replay_lines(log: Path, outcome: Replay) -> list[str]:
     """The comparison of a run with its replay, as lines."""
-    from mazeplan.run.replay import told_by_another_version
-
     cut_off = f" ({outcome.cut_off} searches ended by the deadline)" if outcome.cut_off else ""
     same = f"{outcome.ticks} ticks, {outcome.plans} plans{cut_off}, {outcome.events} events"
     first = outcome.difference
     if first is None:
         return [f"{log}: identical: {same}"]
-    lines = [f"{log}: different at t = {first.t:.3f} s, tick {first.tick}, {first.what}: {', '.join(first.fields)}"]
-    if told_by_another_version(outcome):
-        lines.append(f"  recorded by another version of mazeplan, {outcome.recorded_by}")
-    return lines
+    return [f"{log}: different at t = {first.t:.3f} s, tick {first.tick}, {first.what}: {', '.join(first.fields)}"]
 
 
 def summary(log: RunLog) -> dict[str, Any]:

@@ -108,22 +108,15 @@ def note_missing_model(rig: str, model: str | Path | RigModel | None) -> None:
 
 
 def navigate_once(request: NavigationRequest, company: Company) -> NavigationResult:
-    """Run one request and show its progress on the terminal. Without `goals` in its company, a key stops a real rig."""
-    from mazeplan.apps.cli.emergency import stop_key
+    """Run one request and show its progress on the terminal."""
     from mazeplan.apps.cli.progress import NavigationProgress
     from mazeplan.core.errors import RigError
-    from mazeplan.run.goals import Goals
-    from mazeplan.run.navigate import execute
+    from mazeplan.run.execution import execute
 
-    if company.goals is None:
-        goals = Goals(request.maze)
-        company = replace(company, goals=goals, guard=lambda machine: stop_key(machine, goals.stop))
-    company = replace(company, own_process=True)
-    ready = request.resolve(company)
     note_missing_model(str(request.rig), request.model)
     with NavigationProgress() as progress:
         try:
-            result = execute(request, ready, replace(company, display=progress))
+            result = execute(request, replace(company, own_process=True, display=progress))
         except RigError as problem:
             if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
                 progress.finished(problem.result)

@@ -112,9 +112,6 @@ Radius = Annotated[
     ),
 ]
 Device = Annotated[str, Option("--device", metavar="cpu|cuda", help="Device for training: cpu or cuda (policies).")]
-Smoothing = Annotated[
-    Literal["rts", "savgol"], Option("--smoothing", metavar="rts|savgol", help="Method for missing derivatives.")
-]
 
 # -- navigate, evaluate -------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from mazeplan.apps.report.drawing import FAILURE_MARKERS, failure_mark, line
 from mazeplan.apps.report.inputs import Input, number, read_as_printed
-from mazeplan.apps.report.page import PagePicture, PageSection, PageTable
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.words import MISSING, seconds, setup_facts
 from mazeplan.core.errors import InputError, MapError
 from mazeplan.core.records import Array
@@ -69,8 +70,11 @@ def evaluation_section(given: Input) -> PageSection:
     """The section of a page about an evaluation. Raises InputError, MapError for a map that cannot be used."""
     with read_as_printed(given):
         runs = EvaluatedRuns(given)
+        faults, times = _faults(given.document.get("faults") or ()), _computing(given.document)
     parts: list[Any] = [
+        *faults,
         _table(runs),
+        times,
         PagePicture(
             "arrivals", "Arrived by then", "share of the runs that arrived against time",
             partial(_arrivals, runs=runs), (9.0, 3.2),
@@ -112,6 +116,33 @@ def _table(runs: EvaluatedRuns) -> PageTable:
         label = f"failures {kind.replace('_', ' ')}: in runs that arrived + in the others"
         rows.append([label, f"{count[True]} + {count[False]}"])
     return PageTable("In figures; times are of the runs that arrived", ("", ""), rows)
+
+
+def _computing(document: dict[str, Any]) -> PageTable:
+    """Computing time by the wall clock."""
+    names = {"planner_ms": "plan", "tick_ms": "tick"}
+    rows = [
+        [label, *(f"{float(document[key][name]):.2f} ms" for name in ("p50", "p99", "max"))]
+        for key, label in names.items()
+        if document.get(key)
+    ]
+    return PageTable("Computing time", ("of", "median", "99 %", "most"), rows)
+
+
+def _faults(faults: Sequence[dict[str, Any]]) -> list[PageTable | Note]:
+    """The table of injected faults, and a note for each broken rule."""
+    if not faults:
+        return []
+    rows, notes = [], []
+    for fault in faults:
+        after = MISSING if fault["noticed_s"] is None else f"{fault['noticed_s']['p50']:.2f} s"
+        ends = [f"{reason} {count}" for reason, count in fault["stopped"].items()]
+        ends += [f"cannot be survived: {fault['because']}"] if fault["because"] else []
+        arrived, noticed = f"{fault['arrived']} of {fault['runs']}", f"{fault['noticed']} of {fault['faulted']}"
+        rows.append([fault["fault"], arrived, noticed, after, ", ".join(fault["recoveries"]), "; ".join(ends)])
+        notes += [Note(f"Wrong: {fault['fault']}, {wrong}") for wrong in fault["wrong"]]
+    head = ("fault", "arrived", "noticed", "after", "recoveries", "other ends")
+    return [PageTable("Injected faults", head, rows), *notes]
 
 
 def _arrivals(figure: Figure, runs: EvaluatedRuns) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.report.drawing import legend_beside
 from mazeplan.apps.report.inputs import Input, read_as_printed
@@ -50,24 +50,25 @@ def model_section(given: Input) -> PageSection:
     """The section about a learned model: the verdict on its logs, ring by ring, and how well its parts fit."""
     document = given.document
     with read_as_printed(given):
-        score = document["score"]
-        rows = [
-            [ring, str(r["windows"]), f"{r['error']:.3f}", f"{r['persistence']:.3f}", f"{r['noise']:.3f}", r["verdict"]]
-            for ring, r in score["rings"].items()
-        ]
         fits = [[part, f"{times:.2f}"] for part, times in document["fits"].items()]
-        notes = [Note(text) for text in document["advice"]]
-        lead = f"{document['verdict'].capitalize()}: {score['because']}."
-    head = ("ring", "windows", "model", "without a model", "noise", "verdict")
-    tables = [
-        PageTable("Mean absolute error of the angle after 40 samples, rad", head, rows),
-        PageTable("Errors of the fit, in times the noise", ("part", "times"), fits),
+        scored = score_section(str(document["model"]), document["score"])
+        facts = [("model", str(document["model"])), ("kind", str(document["kind"]))]
+    tables = [PageTable("Errors of the fit, in times the noise", ("part", "times"), fits)] if fits else []
+    return PageSection("Learned model", scored.lead, facts, [*tables, *scored.parts])
+
+
+def score_section(model: str, score: dict[str, Any]) -> PageSection:
+    """The section about how well a model predicts logs: `score --json`, which `learn --json` has, too."""
+    rows = [
+        [ring, str(r["windows"]), f"{r['error']:.3f}", f"{r['persistence']:.3f}", f"{r['noise']:.3f}", r["verdict"]]
+        for ring, r in score["rings"].items()
     ]
-    facts = [("model", str(document["model"])), ("kind", str(document["kind"]))]
+    head = ("ring", "windows", "model", "without a model", "noise", "verdict")
+    table = PageTable("Mean absolute error of the angle after 40 samples, rad", head, rows)
+    lead = f"{score['verdict'].capitalize()}: {score['because']}."
     words = "In each ring: with the model, without a model, and the noise."
-    errors = [PagePicture("errors", "Error of the angle after 40 samples", words, partial(_errors, score["rings"]))]
-    parts = [*(errors if rows else []), *(table for table in tables if table.rows), *notes]
-    return PageSection("Learned model", lead, facts, parts)
+    shown = PagePicture("errors", "Error of the angle after 40 samples", words, partial(_errors, score["rings"]))
+    return PageSection(f"Model {model}", lead, (), [*([shown, table] if rows else []), *map(Note, score["advice"])])
 
 
 def _errors(rings: Mapping[str, Mapping[str, float]], figure: Figure) -> None:

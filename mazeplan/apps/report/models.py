@@ -1,4 +1,4 @@
-"""The report of a comparison of kinds of models (`compare --json`)."""
+"""The report of a comparison of kinds of models (`compare --json`): the tables of the paper, and what they tell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.inputs import Input, number, read_as_printed
-from mazeplan.apps.report.page import PageSection, PageTable
+from mazeplan.apps.report.page import Note, PageSection, PageTable
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
 from mazeplan.core.errors import InputError
 from mazeplan.learning.split import TOO_FEW, enough
@@ -25,6 +25,8 @@ def models_section(given: Input) -> PageSection:
         document = {int(key.removeprefix("ring")): given.document[key] for key in given.document}
         document = dict(sorted(document.items()))
         parts: list[Any] = [_accelerations(document), _rollouts(document)]
+        parts += [Note(f"Ring {ring}: {_best(scores)}.") for ring, scores in document.items() if scores.get("best")]
+        parts += _of_the_data(document)
         first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
         if first.get("rates") is not None:
             facts.append(("rates", str(first["rates"])))
@@ -108,10 +110,57 @@ def _rollouts(document: Comparison) -> PageTable:
 
     def text(ring: int, kind: str) -> str:
         errors = document[ring]["rollout"].get(kind)
-        return SLASH.join(words.number(DEG * number(errors[n]), 1) for n in ("20", "40")) if errors else MISSING
+        return SLASH.join(_error(document[ring], kind, n) for n in ("20", "40")) if errors else MISSING
 
-    labels = {ring: f"ring {ring}: {s.get('windows')} windows" for ring, s in document.items() if s["rollout"]}
+    labels = {ring: f"ring {ring}: {_windows(s)}" for ring, s in document.items() if s["rollout"]}
+    title = "Mean absolute error of the angle after 20 / 40 samples, degrees ± half of the 95 % interval"
     return _scores_table(
-        "Mean absolute error of the angle after 20 / 40 samples, degrees", kinds(document, "rollout"), labels,
+        title, kinds(document, "rollout"), labels,
         lambda ring, kind: number(document[ring]["rollout"].get(kind, {}).get("40")), text,
     )  # fmt: skip
+
+
+def _windows(scores: dict[str, Any]) -> str:
+    """The number of windows of roll-outs, and whether they are too few for an interval."""
+    few = "" if _enough(scores) else f" ({TOO_FEW} for ±)"
+    return f"{scores.get('windows')} windows{few}, {scores.get('windows_chosen')}"
+
+
+def _enough(scores: dict[str, Any]) -> bool:
+    """Whether a ring has enough windows, in enough blocks of time, for an interval."""
+    return enough(scores.get("windows") or 0, (scores.get("blocks") or {}).get("windows") or 0)
+
+
+def _error(scores: dict[str, Any], kind: str, steps: str) -> str:
+    """A roll-out error in degrees, with half of its 95 % interval, if there is one."""
+    low, high = map(number, (scores.get("interval95") or {}).get(steps, {}).get(kind) or (None, None))
+    half = f" ± {0.5 * DEG * (high - low):.2f}" if math.isfinite(high - low) and _enough(scores) else ""
+    return f"{words.number(DEG * number(scores['rollout'][kind][steps]), 2)}{half}"
+
+
+def _best(scores: dict[str, Any]) -> str:
+    """The kind that predicts best after 40 samples: by how much, and how certain the difference is."""
+    best = scores["best"]
+    less, low, high = (DEG * number(value) for value in (best["less"], *best["interval"]))
+    led = f"{less:.2f} degrees less error after 40 samples than {best['next']}"
+    if not _enough(scores) or not math.isfinite(low):
+        return f"least error: {best['kind']}, {led}; {TOO_FEW} blocks of time to tell"
+    interval = f"95 % interval {low:.2f} to {high:.2f}"
+    return f"best: {best['kind']}, {led} ({interval})" if low > 0.0 else (
+        f"no clear best: {best['kind']} has {led} ({interval})"
+    )  # fmt: skip
+
+
+def _of_the_data(document: Comparison) -> list[Note]:
+    """What the data have of their own: signs of the tilts, and the point about which the camera counts the angle."""
+    notes = [
+        Note(f"These data count {axis} the other way round (gravity would pull uphill); its sign was changed.")
+        for axis in ("beta", "gamma")
+        if any((scores.get("signs") or {}).get(axis, 1) < 0 for scores in document.values())
+    ]
+    centres = {ring: scores.get("centre_m") or (0.0, 0.0) for ring, scores in document.items()}
+    off = [f"ring {ring} {1e3 * x:.1f}, {1e3 * y:.1f}" for ring, (x, y) in centres.items() if x or y]
+    if off:
+        about = "The camera counts the angle about another point than the rings' centre, in mm"
+        notes.append(Note(f"{about}: {'; '.join(off)}."))
+    return notes

@@ -125,6 +125,21 @@ class PageSection:
     parts: Sequence[PagePicture | PageTable | Note]
 
 
+def section_text(section: PageSection) -> str:
+    """The section as text for a terminal, without its pictures."""
+    width = max((len(name) for name, _ in section.facts), default=0)
+    lines = [section.lead, *(f"  {name:{width}s}  {value}" for name, value in section.facts)]
+    for part in section.parts:
+        if isinstance(part, PageTable):
+            rows = [[cell.replace("\n", " ") for cell in row] for row in (part.head, *part.rows)]
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            pairs = ([*zip(row, widths, strict=True)] for row in rows)
+            lines += [f"{part.caption}:", *("  " + "  ".join(f"{c:{w}s}" for c, w in row).rstrip() for row in pairs)]
+        elif isinstance(part, Note):
+            lines.append(f"{part.text} {part.code}".rstrip())
+    return "\n".join(line for line in lines if line.strip())
+
+
 def write_page(path: Path, title: str, sections: Sequence[PageSection]) -> None:
     """Write the page. Raises InputError for a path that cannot be written."""
     shown = []

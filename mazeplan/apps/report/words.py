@@ -101,10 +101,3 @@ def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str,
             shown = f"{value:g}" if isinstance(value, float) else str(value).strip("[]")
             facts.append((seed if name == "seed" else label, f"{shown} s" if name.endswith("_s") else shown))
     return facts
-
-
-def verdict_lines(document: dict[str, Any]) -> list[str]:
-    """Lines of text: the verdict with its reason, and what to do next."""
-    return [f"verdict       {document['verdict']}: {document['because']}"] + [
-        f"next          {text}" for text in document["advice"]
-    ]

@@ -23,24 +23,23 @@ from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import FailureReported, OtherEvent, TimedEvent
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array, Failure, FailureKind, NavigationResult, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.run.execution import run_job
-from mazeplan.run.resolve import resolve_model, ring_number
+from mazeplan.rigs.registry import make_rig
+from mazeplan.run.execution import execute
+from mazeplan.run.request import NO_DEADLINE, Company, NavigationRequest
+from mazeplan.run.resolve import resolve_model
 from mazeplan.run.settings import Settings, load_settings
-from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+from mazeplan.run.specification import TIME_LIMIT
 
 Leaves = Mapping[str, str | Script]
 Ball = Callable[[float], tuple[int, float] | None]  # time -> ring and angle (deg) of the ball, or None
 FASTEST = 1.0  # m/s; a faster change of place is a jump, not a speed
 OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_OUT)  # perhaps no leaf reported them
-PATIENCE_MS = 1e6  # ms of wall time for a plan; a short deadline would make a run depend on the load of the machine
 
 
 def run_tree(
@@ -75,46 +74,30 @@ def run_tree(
     Raises InputError for arguments that cannot be used."""
     if log is not None and str(tree).lstrip().startswith("<"):
         raise InputError("a log names the file of its tree; write the text into one", key="log")
-    maze = map if isinstance(map, Maze) else load_map(map)
-    machine = _machine(rig, mishap, maze)
-    watch = Watch(leaves, _truth(machine))
-    how = settings if isinstance(settings, Settings) else load_settings(settings)
-    setup = Setup(
-        maze,
-        resolve_model(None, rig, maze) if isinstance(rig, str) and rig != "light" else identified(maze),
-        str(tree),
-        rig_label(rig) if isinstance(rig, str) and rig != "light" else "light",
-        settings=how.with_values({"travel": {"deadline_ms": PATIENCE_MS}}),
-        behavior_modules=tuple(behavior_modules),
-        watch=watch,
-        policy=policy,
-    )
-    aim = ring_number(len(maze.rings) if goal is None else goal, maze)
-    start_ring = ring_number(start, maze)
-    job = Job(start_ring, aim, math.radians(start_angle_deg), seed, time_limit, _openings(closed, maze))
+    maze, light = map if isinstance(map, Maze) else load_map(map), rig == "light"
+    if mishap is not None and not light:
+        raise InputError("mishaps happen on the light rig; a simulated rig has `faults` in its file", key="rig")
+    machine = LightRig(maze, mishap=mishap) if light else make_rig(rig, maze) if isinstance(rig, str) else rig
+    model = resolve_model(None, rig, maze) if isinstance(rig, str) and not light else identified(maze)
+    request = NavigationRequest(
+        start, goal, maze, machine, model, policy, str(tree), tuple(behavior_modules), settings=settings,
+        start_angle_deg=start_angle_deg, closed=tuple(closed), seed=seed, time_limit=time_limit, log=log,
+        deadline=False,
+    )  # fmt: skip
+    watch, aim = Watch(leaves, _truth(machine)), request.job.goal
     try:
-        result = run_job(machine, setup, job, log=log)
+        result = execute(request, Company(watch=watch))
     except RigError as problem:
         watch.events.append(
             TimedEvent(watch.ticks[-1].t if watch.ticks else 0.0, OtherEvent("rig_failed", {"detail": str(problem)}))
         )
         return _record(watch, maze, aim, "rig_failed", False)
-    finally:
-        machine.close()
     if result.reason in OF_THE_RUN:
         last = result.failures[-1]
         failure = FailureReported(str(last.kind), last.where, last.words)
         if not any(timed.event == failure for timed in watch.events):
             watch.events.append(TimedEvent(last.t, failure))
     return _record(watch, maze, aim, result.reason, result.success, result)
-
-
-def _machine(rig: str | Rig, mishap: Mishap | None, maze: Maze) -> Rig:
-    if rig == "light":
-        return LightRig(maze, mishap=mishap)
-    if mishap is not None:
-        raise InputError("mishaps happen on the light rig; a simulated rig has `faults` in its file", key="rig")
-    return make_rig(rig, maze) if isinstance(rig, str) else rig
 
 
 def _truth(rig: Rig) -> Callable[[], tuple[int, float] | None]:
@@ -175,25 +158,24 @@ def tick_tree(
 
     Raises InputError for arguments that cannot be used."""
     maze = map if isinstance(map, Maze) else load_map(map)
-    aim = ring_number(len(maze.rings) if goal is None else goal, maze)
-    options = load_settings()
+    job, options = NavigationRequest(1, goal, maze, closed=tuple(closed)).job, load_settings()
     path = _states(ball or (lambda t: (1, 0.0)), maze, options.estimator.lost_after)
     context = RunContext(
         maze=maze,
         graph=RouteGraph(maze),
         plate=Plate(maze.tilt_limit),
-        goal=aim,
-        steering=Steering(_Planners(maze), options.with_values({"travel": {"deadline_ms": PATIENCE_MS}}).leaves),
+        goal=job.goal,
+        steering=Steering(_Planners(maze), options.with_values(NO_DEADLINE).leaves),
         ahead=lambda seconds: _carried(context.here, seconds, maze),
         report=lambda event: None,
     )
-    for name in _openings(closed, maze):
+    for name in job.closed:
         context.graph.close(name)
     for kind in failures:
         context.failed(Failure(_kind(kind), "before", 0.0))
     watch = Watch(leaves)
     loaded = load_tree(tree, registry_with(behavior_modules), context, main)
-    for key, value in {"goal": aim, **(keys or {})}.items():
+    for key, value in {"goal": job.goal, **(keys or {})}.items():
         loaded.blackboard.set_external(key, value)
     watch(loaded, context)
     for _ in range(ticks):
@@ -202,7 +184,7 @@ def tick_tree(
         if loaded.tick().name != "RUNNING":
             break
     reason = watch.ticks[-1].status if watch.ticks else ""
-    return _record(watch, maze, aim, reason, reason == "SUCCESS")
+    return _record(watch, maze, job.goal, reason, reason == "SUCCESS")
 
 
 def _states(ball: Ball, maze: Maze, lost_after: float) -> Iterator[State]:
@@ -228,14 +210,6 @@ def _states(ball: Ball, maze: Maze, lost_after: float) -> Iterator[State]:
         (x, y), (vx, vy) = map(float, last), map(float, velocity)
         ring = maze.ring_at(math.hypot(x, y))
         yield State(t, x, y, vx, vy, 0.0, 0.0, 0.0, 0.0, ring, now is not None, t - last_seen > lost_after)
-
-
-def _openings(names: Sequence[str], maze: Maze) -> tuple[str, ...]:
-    known = [opening.name for opening in maze.openings]
-    for name in names:
-        if name not in known:
-            raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed")
-    return tuple(names)
 
 
 def _kind(name: str) -> FailureKind:

@@ -8,7 +8,7 @@ run's seed. Each run has its own seed, so the results are the same for any numbe
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,70 +18,51 @@ from mazeplan.core.display import NullDisplay
 from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign.executor import Executor, open_executor
-from mazeplan.run.campaign.one_run import (
-    FIXED_STARTS,
-    Campaign,
-    Ran,
-    job_of,
-    measured,
-    rig_failed,
-    rig_of_run,
-    run_one,
-    setup_of,
-    start_angle,
-)
+from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.store import Store
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import log_header
 
-__all__ = [
-    "FIXED_STARTS", "Campaign", "evaluate", "job_of", "rig_failed", "run_one", "setup_document", "setup_of",
-    "start_angle", "summary",
-]  # fmt: skip
-
 
 def evaluate(
-    campaign: Campaign,
-    *,
-    workers: int = 1,
-    progress: Callable[[int], None] | None = None,
-    executor: Executor | None = None,
-    store: Store | None = None,
-) -> list[NavigationResult]:
-    """All results of a campaign in the order of their runs.
+    campaign: Campaign, *, workers: int = 1, progress: Callable[[int], None] | None = None,
+    executor: Executor | None = None, store: Store | None = None,
+) -> list[NavigationResult]:  # fmt: skip
+    """All results of a campaign in the order of their runs; see `run_all`."""
+    with open_executor(workers) as own:
+        (runs,) = run_all([campaign], executor or own, progress=progress, stores=[] if store is None else [store])
+    return [run.result for run in runs]
 
-    workers: number of processes
+
+def run_all(
+    campaigns: Sequence[Campaign], executor: Executor, *, progress: Callable[[int], None] | None = None,
+    stores: Sequence[Store] = (),
+) -> list[list[Ran]]:  # fmt: skip
+    """All runs of campaigns that differ in their faults only, in their order.
+
     progress: is called with the number of finished runs after each run
-    executor: does the runs, in place of `workers` (`campaign.executor.open_executor`)
-    store: runs in it are not done again; new runs are stored as they end
+    stores: one for each campaign, or none; runs in it are not done again, and new runs are stored as they end
     """
-    if executor is None:
-        with open_executor(workers) as own:
-            return evaluate(campaign, progress=progress, executor=own, store=store)
-    done = {} if store is None else {k: r for k, r in store.results.items() if k < campaign.runs}
-    missing = [index for index in range(campaign.runs) if index not in done]
-    if missing and (executor.apart or store is not None):
-        check(campaign)
-    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
-    for k, ran in executor.each(do_run, [(campaign, index) for index in missing]):
-        done[missing[k]] = ran.result
-        if store is not None:
-            store.keep(missing[k], ran)
+    every = [(c, k) for c, campaign in enumerate(campaigns) for k in range(campaign.runs)]
+    done = {(c, k): run for c, store in enumerate(stores) for k, run in store.runs.items() if (c, k) in every}
+    missing = [place for place in every if place not in done]
+    if missing and (executor.apart or stores):
+        check(campaigns[0])
+    given = [replace(one, own_process=one.own_process or executor.apart) for one in campaigns]
+    for number, ran in executor.each(do_run, [(given[c], k) for c, k in missing]):
+        c, k = missing[number]
+        done[c, k] = ran
+        if stores:
+            stores[c].keep(k, ran)
         if progress is not None:
             progress(len(done))
-    return [done[index] for index in range(campaign.runs)]
-
-
-def do_run(campaign: Campaign, index: int) -> Ran:
-    """Run number `index` of a campaign, with its times."""
-    return Ran(*measured(lambda: run_one(campaign, index)))
+    return [[done[c, k] for k in range(campaign.runs)] for c, campaign in enumerate(campaigns)]
 
 
 def check(campaign: Campaign) -> None:
     """Prepare a run without doing it, to find wrong input before any process begins. Raises InputError."""
-    maze = campaign.maze()
-    rig = rig_of_run(campaign, 0, maze)
-    Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
+    ready = campaign.resolve(job=campaign.job_of(0))
+    Run(ready.rig, ready.setup, ready.job, None, NullDisplay())
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
@@ -112,11 +93,10 @@ def setup_document(campaign: Campaign) -> dict[str, Any]:
     effects: MODULE:FUNCTION of the user
     policy: folder of the policy
     """
-    maze = campaign.maze()
-    job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
-    header = log_header(setup, job, 0.0)
+    ready = campaign.resolve(job=campaign.job_of(0))
+    header = log_header(ready.setup, ready.job, 0.0)
     names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
-    more = {"effects": campaign.effects, "policy": campaign.policy}
+    more = {"effects": campaign.effects, "policy": None if campaign.policy is None else str(campaign.policy)}
     return {**{name: header[name] for name in (*names, "time_limit_s")}, **{k: v for k, v in more.items() if v}}
 
 

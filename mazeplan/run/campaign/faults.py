@@ -1,4 +1,4 @@
-"""Many navigations with injected faults: for each fault, whether the run noticed it and recovered.
+"""A run with injected faults: whether the run noticed them, and whether it recovered.
 
 A fault counts as noticed when the run reports its first failure or doubt, or ends, at or after the fault's beginning.
 Only reports of the program count, not the schedule of faults. Each run is also checked for what must never happen: a
@@ -9,125 +9,118 @@ a plate that is not level afterwards.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mazeplan.behavior.context import RunContext
+from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import FailureKind, NavigationResult
+from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
-from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
+from mazeplan.rigs.faults.schedule import FaultTrial
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.watchdog import WatchedRig, watched
-from mazeplan.run.campaign.evaluate import Campaign, check, job_of, rig_failed, setup_of
-from mazeplan.run.campaign.executor import Executor, open_executor
-from mazeplan.run.campaign.one_run import Ran, collect_garbage, measured, rig_of_run
-from mazeplan.run.campaign.store import Store
-from mazeplan.run.execution import attempt_job
+from mazeplan.rigs.watchdog import WatchedRig
 from mazeplan.run.goals import Goals
-from mazeplan.run.loop import Run
+from mazeplan.run.request import Company
+
+if TYPE_CHECKING:
+    from mazeplan.run.campaign.one_run import Ran
 
 AT_ONCE = ("doubt clock", "rig_failed")
 NAMED = {"arrived", *map(str, FailureKind)}
 BUSY_S = 10.0  # s, limit of a tick in trials of `observe_hangs`: long, because a busy computer is not the fault tried
 IDLE_S = 5.0  # s of wall time within which the program must call the rig again
 SETTLE_S = 1.0  # s that the plate has to become level
+ROUNDED = 1e-4  # s; times of faults have four digits
 LEVEL_TOLERANCE = 5e-3  # rad, 0.3 deg: a plate counts as level within this, because of noise and backlash
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One run with faults.
+class Noticed:
+    """What came of the faults in one run.
 
-    faults: the faults that began
+    faults: documents of the faults that began
     noticed_s: time from the beginning of the first fault until the run noticed it, s; None: never
     noticed_as: name of the report that noticed it; empty: none
     wrong: what happened that must never happen, in words
     """
 
-    result: NavigationResult
-    faults: tuple[Drawn, ...]
+    faults: tuple[dict[str, Any], ...]
     noticed_s: float | None
     noticed_as: str
     wrong: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """The document of `navigate` with additional keys about the faults."""
-        return {
-            **self.result.json(),
-            "faults": [fault.to_json() for fault in self.faults],
-            "noticed_s": self.noticed_s,
-            "noticed_as": self.noticed_as,
-            "wrong": list(self.wrong),
-        }
+    def document(self) -> dict[str, Any]:
+        """The keys that the document of the run has beside those of `navigate`."""
+        return {**asdict(self), "faults": list(self.faults), "wrong": list(self.wrong)}
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any], trial: FaultTrial) -> Outcome:
-        """Inverse of `to_json`, for a run of this trial."""
-        plain = dict(document)
-        begun, noticed_s, noticed_as, wrong = (plain.pop(key) for key in ("faults", "noticed_s", "noticed_as", "wrong"))
-        result = NavigationResult.from_json(plain)
-        faults = tuple(drawn for drawn in trial.draw(result.seed) if drawn.to_json() in begun)
-        return cls(result, faults, noticed_s, noticed_as, tuple(wrong))
+    def of_document(cls, document: Mapping[str, Any]) -> Noticed | None:
+        """Inverse of `document`; None for a run without a fault."""
+        if "noticed_as" not in document:
+            return None
+        faults, wrong = tuple(document["faults"]), tuple(document["wrong"])
+        return cls(faults, document["noticed_s"], document["noticed_as"], wrong)
 
 
-@dataclass(frozen=True)
-class Tried:
-    """An outcome, and the run with its times."""
+class Trial:
+    """The faults of one run. They go between program and rig with `company`."""
 
-    outcome: Outcome
-    ran: Ran
+    def __init__(self, trial: FaultTrial, maze: Maze, seed: int) -> None:
+        self._trial, self._maze, self._seed = trial, maze, seed
+        self._goals = Goals(maze)
+        self._orders = DriverHooks(close=self._goals.close)
+        self._faulty: FaultyRig | None = None
 
+    def company(self) -> Company:
+        """What lets the faults act on a run."""
+        return Company(goals=self._goals, around=self._around, watch=self._watch)
 
-def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
-    """Run number `index` of a trial. It builds everything anew, so the outcome is the same in every process."""
-    maze = campaign.maze()
-    job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
-    goals = Goals(maze)
-    orders = DriverHooks(close=goals.close)
-    faulty = FaultyRig(rig_of_run(campaign, index, maze), maze, trial.draw(job.seed), orders)
-    if any(kind.name == "observe_hangs" for kind in trial.kinds):
-        rig: Rig = WatchedRig(faulty, BUSY_S)
-    else:
-        rig = watched(faulty, own_process=campaign.own_process)
+    def _around(self, rig: Rig) -> Rig:
+        self._faulty = _Inspected(rig, self._maze, self._trial.draw(self._seed), self._orders)
+        hangs = any(kind.name == "observe_hangs" for kind in self._trial.kinds)
+        return WatchedRig(self._faulty, BUSY_S) if hangs else self._faulty
 
-    def prepare(run: Run) -> None:
-        orders.aimed_at = lambda: None if run.context.leg.opening is None else run.context.leg.opening.name
+    def _watch(self, tree: BehaviorTree, context: RunContext) -> None:
+        self._orders.aimed_at = lambda: None if context.leg.opening is None else context.leg.opening.name
 
-    try:
-        try:
-            result = attempt_job(rig, setup, job, goals=goals, prepare=prepare)[0]
-        except RigError as problem:
-            result = rig_failed(problem, job, setup.rig_name)
+    def noticed(self, result: NavigationResult) -> Noticed:
+        """What came of the faults. result: of the run"""
+        faulty = self._faulty
+        if faulty is None:
+            return Noticed((), None, "", ())
+        wrong = [f"ended with {result.reason!r}"] if result.reason not in NAMED else []
+        wrong += _left_wrong(faulty)
         noticed_s, noticed_as = _noticed(result, faulty)
-        return Outcome(result, tuple(faulty.begun), noticed_s, noticed_as, _wrong(result, faulty))
-    finally:
-        with suppress(RigError):
-            rig.close()
-        collect_garbage()
+        return Noticed(tuple(fault.to_json() for fault in faulty.begun), noticed_s, noticed_as, tuple(wrong))
 
 
-def do_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Tried:
-    """As `run_trial`, with the times of the run."""
-    outcome, wall_s, cpu_s, host = measured(lambda: run_trial(campaign, trial, index))
-    return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, host))
+class _Inspected(FaultyRig):
+    """A faulty rig that stays open until somebody has looked at its plate."""
+
+    def close(self) -> None:
+        """End a call that hangs."""
+        self._closed.set()
 
 
-def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
+def _left_wrong(faulty: FaultyRig) -> list[str]:
+    """What the run did to the rig that must never happen. Closes the rig."""
     wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
-    if result.reason not in NAMED:
-        wrong.append(f"ended with {result.reason!r}")
     if faulty.idle_s > IDLE_S:
         wrong.append(f"no call of the rig for {faulty.idle_s:.1f} s")
     if not faulty.levelled:
         wrong.append("the plate was not levelled")
     elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL_TOLERANCE:
         wrong.append(f"the plate was left at {np.degrees(tilt):.2f} deg")
-    return tuple(wrong)
+    with suppress(RigError):
+        faulty.inside.close()
+    return wrong
 
 
 def _noticed(result: NavigationResult, faulty: FaultyRig) -> tuple[float | None, str]:
@@ -147,46 +140,7 @@ def _noticed(result: NavigationResult, faulty: FaultyRig) -> tuple[float | None,
     return min(late, default=(None, ""))
 
 
-def evaluate_faults(
-    campaign: Campaign,
-    trials: Sequence[FaultTrial],
-    *,
-    workers: int = 1,
-    progress: Callable[[int], None] | None = None,
-    executor: Executor | None = None,
-    stores: Sequence[Store] = (),
-) -> list[list[Outcome]]:
-    """All outcomes of `campaign.runs` runs of each trial, in their order.
-
-    progress: is called with the number of finished runs after each run
-    stores: one for each trial, or none
-    workers, executor: as of `evaluate.evaluate`
-    """
-    if executor is None:
-        with open_executor(workers) as own:
-            return evaluate_faults(campaign, trials, progress=progress, executor=own, stores=stores)
-    every = [(t, k) for t in range(len(trials)) for k in range(campaign.runs)]
-    done = {
-        (t, k): Outcome.from_json(store.documents[k], trials[t])
-        for t, store in enumerate(stores)
-        for k in range(campaign.runs)
-        if k in store.documents
-    }
-    missing = [place for place in every if place not in done]
-    if missing and executor.apart:
-        check(campaign)
-    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
-    for number, tried in executor.each(do_trial, [(campaign, trials[t], k) for t, k in missing]):
-        t, k = missing[number]
-        done[t, k] = tried.outcome
-        if stores:
-            stores[t].keep(k, tried.ran, tried.outcome.to_json())
-        if progress is not None:
-            progress(len(done))
-    return [[done[t, k] for k in range(campaign.runs)] for t in range(len(trials))]
-
-
-def report(trial: FaultTrial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def report(trial: FaultTrial, runs: Sequence[Ran]) -> dict[str, Any]:
     """The results of a trial: its row of the table, as `evaluate --faults --json` prints it.
 
     faulted: number of runs in which a fault began before the end
@@ -196,34 +150,33 @@ def report(trial: FaultTrial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """
     because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
     ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}
-    faulted = [outcome for outcome in outcomes if outcome.faults]
-    noticed = [outcome.noticed_s for outcome in faulted if outcome.noticed_s is not None]
-    times = [outcome.result.time_s for outcome in outcomes if outcome.result.success]
-    arrived = len(times)
-    stopped = Counter(outcome.result.reason for outcome in outcomes if not outcome.result.success)
-    expected = arrived if not because else arrived + sum(count for end, count in stopped.items() if end in ends)
+    faulted = [(run.result, run.noticed) for run in runs if run.noticed is not None and run.noticed.faults]
+    noticed = [found.noticed_s for _, found in faulted if found.noticed_s is not None]
+    times = [run.result.time_s for run in runs if run.result.success]
+    stopped = Counter(run.result.reason for run in runs if not run.result.success)
+    expected = len(times) + sum(count for end, count in stopped.items() if because and end in ends)
     recoveries = {
         failure.recovery
-        for outcome in faulted
-        for failure in outcome.result.failures
-        if failure.recovery is not None and failure.t >= min(fault.at_s for fault in outcome.faults) - 1e-6
+        for result, found in faulted
+        for failure in result.failures
+        if failure.recovery is not None and failure.t >= min(fault["at_s"] for fault in found.faults) - ROUNDED
     }
     return {
         "fault": trial.name,
         "kinds": [kind.name for kind in trial.kinds],
         "survivable": not because,
         "because": because or None,
-        "runs": len(outcomes),
+        "runs": len(runs),
         "faulted": len(faulted),
         "noticed": len(noticed),
         "noticed_s": {"p50": _rounded(np.median(noticed)), "worst": _rounded(max(noticed))} if noticed else None,
-        "noticed_as": dict(Counter(outcome.noticed_as for outcome in faulted if outcome.noticed_as).most_common()),
+        "noticed_as": dict(Counter(found.noticed_as for _, found in faulted if found.noticed_as).most_common()),
         "recoveries": sorted(recoveries),
-        "arrived": arrived,
+        "arrived": len(times),
         "time_s": _rounded(np.mean(times)) if times else None,
         "stopped": dict(stopped.most_common()),
         "as_expected": expected,
-        "wrong": [f"seed {outcome.result.seed}: {what}" for outcome in outcomes for what in outcome.wrong],
+        "wrong": [f"seed {r.result.seed}: {what}" for r in runs if r.noticed is not None for what in r.noticed.wrong],
     }
 
 

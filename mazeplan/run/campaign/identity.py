@@ -10,22 +10,17 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mazeplan.behavior.trees import read_tree
-from mazeplan.control.policy_file import ARRAYS, YAML
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError
-from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.user_modules import user_module
-from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file
-from mazeplan.run.campaign.one_run import Campaign, job_of, setup_of
+from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.specification import file_sha256, log_header
 
 LETTERS = 16  # length of a digest: these letters of a SHA-256 are enough for the few campaigns of a folder
 PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
@@ -38,50 +33,30 @@ def identity(campaign: Campaign) -> dict[str, Any]:
 
     Files that the user's code opens itself, and modules that the user's modules import, are left out. Raises InputError
     if a part of the campaign cannot be used."""
-    maze = campaign.maze()
-    setup, job = setup_of(campaign, maze), job_of(campaign, 0, maze)
-    path = rig_file(campaign.rig)
-    kind, settings = (campaign.rig, {}) if path is None else read_rig_file(path)
-    modules = [*campaign.behavior_modules, campaign.effects, kind]
-    files = [Path(str(_module(name.partition(":")[0]))) for name in modules if name is not None]
-    files += [] if campaign.policy is None else [Path(campaign.policy) / name for name in (YAML, ARRAYS)]
-    trees = read_tree(str(resources.find("behaviors", setup.behavior, ".xml"))).files
+    ready = campaign.resolve(job=campaign.job_of(0))
+    header = log_header(ready.setup, ready.job, ready.rig.rate_hz)
+    facts, path = header["replay"], rig_file(str(campaign.rig))
+    kind, settings = (str(campaign.rig), {}) if path is None else read_rig_file(path)
+    files = {**facts["modules"], **{name: facts[name] for name in ("effects", "policy") if name in facts}}
     return {
         "program": dict(program()),
-        "rig": {"class": kind, "settings": {key: value for key, value in settings.items() if key != "model"}},
-        "map": dump_map(maze),
-        "model": fingerprint(setup.model),
-        "behavior": [file.read_text(encoding="utf-8", errors="replace") for file in trees],
-        "settings": asdict(setup.settings),
-        "start_ring": job.start,
-        "goal_ring": job.goal,
-        "seed": campaign.seed,
-        "time_limit_s": campaign.time_limit,
-        "files": {file.name: content_sha256(file) for file in files},
-    }
-
-
-def _module(name: str) -> str | None:
-    return user_module(name, f"module {name!r}").__file__
-
-
-def content_sha256(path: Path) -> str:
-    """SHA-256 of a file. Raises InputError if it cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
+        "rig": {
+            "class": kind, "settings": {key: value for key, value in settings.items() if key != "model"},
+            "file": None if kind is None else file_sha256(user_module(kind.partition(":")[0], "rig").__file__ or ""),
+        },
+        **{name: header[name] for name in ("map", "start_ring", "goal_ring", "seed", "time_limit_s")},
+        "model": facts["model_sha256"],
+        "behavior": facts["behavior_sha256"],
+        "settings": facts["settings"],
+        "files": {name: file["sha256"] for name, file in files.items()},
+        "fault": None if campaign.fault is None else campaign.fault.to_json(),
+    }  # fmt: skip
 
 
 def digest_of(document: Mapping[str, Any]) -> str:
     """A short digest of a document."""
     text = json.dumps(document, sort_keys=True, default=str, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:LETTERS]
-
-
-def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """Names of the parts in which two documents differ."""
-    return ", ".join(key.removesuffix("_s").replace("_", " ") for key in one if one[key] != other.get(key))
 
 
 @cache

@@ -30,8 +30,8 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.assembly import plate_of
 from mazeplan.run.campaign.executor import open_executor
-from mazeplan.run.campaign.one_run import Campaign, collect_garbage, rig_of_run, setup_of
-from mazeplan.run.execution import attempt_job
+from mazeplan.run.campaign.one_run import Campaign, run_one
+from mazeplan.run.request import Company
 from mazeplan.run.specification import Job
 
 LEARNED = ("Track", "Align", "PassOpening")
@@ -121,16 +121,9 @@ class Teacher:
 
 def demonstrate(campaign: Campaign, index: int, policy: Policy | None) -> Demonstration:
     """Do run number `index` and return its lesson. policy: drives; None: the planner drives."""
-    maze = campaign.maze()
-    seed = campaign.seed + index
     teacher = Teacher(policy)
-    setup = replace(setup_of(campaign, maze), watch=teacher.watch)
-    rig = rig_of_run(campaign, index, maze)
-    try:
-        result, _ = attempt_job(rig, setup, _job(maze, seed, index, campaign.time_limit))
-    finally:
-        rig.close()
-        collect_garbage()
+    job = _job(campaign.maze, campaign.seed + index, index, campaign.time_limit)
+    result = run_one(campaign, index, Company(watch=teacher.watch), job)
     commands = np.array([(c.u_beta, c.u_gamma) for c in teacher.commands]).reshape(-1, 2)
     return Demonstration(np.array(teacher.rows).reshape(-1, len(INPUTS)), commands, result.success)
 
@@ -153,8 +146,8 @@ def train(
     show: gets the step under way
     tell: gets the result of each round
     """
-    maze = campaign.maze()
-    plate = plate_of(maze, setup_of(campaign, maze).driving_model)
+    maze = campaign.maze
+    plate = plate_of(maze, campaign.resolve().setup.driving_model)
     campaign = replace(campaign, deadline=False, own_process=options.workers > 1)
     first, lessons, policy = SEEDS + MOST_RUNS * options.seed, list[Demonstration](), None
     with open_executor(options.workers) as executor:
@@ -170,7 +163,7 @@ def train(
             show(f"round {number + 1}: fitting to {sum(len(of.inputs) for of in lessons)} samples")
             done = Round(number, options.runs, sum(of.arrived for of in new.values()))
             facts = {
-                "rig": rig_label(campaign.rig), "map": maze.name, **asdict(options),
+                "rig": rig_label(str(campaign.rig)), "map": maze.name, **asdict(options),
                 "run_seeds": [first, first + options.rounds * options.runs - 1],
             }  # fmt: skip
             policy = _fitted(lessons, plate, options, facts, done, piece(advance, number + 0.8, 0.2, options.rounds))

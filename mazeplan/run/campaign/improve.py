@@ -30,7 +30,8 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import Effect
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
+from mazeplan.run.campaign.evaluate import evaluate, summary
+from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.collect import Collection, run_collection
 from mazeplan.run.learn import learn
 from mazeplan.run.resolve import model_source, resolve_model
@@ -48,7 +49,7 @@ class Options:
     seconds: length of the record of a round, s
     seed: of commands, places and noise; navigations have their usual starts, seeded by it
     workers: number of processes
-    map: name or file of the map
+    map: name or file of the map, or the map
     own_process: whether the watchdog may end the process
     effects: MODULE:FUNCTION of the user's effects, for the navigations
     """
@@ -58,7 +59,7 @@ class Options:
     seconds: float = 400.0
     seed: int = 0
     workers: int = 1
-    map: str = "cme"
+    map: str | Path | Maze = "cme"
     own_process: bool = False
     effects: str | None = None
 
@@ -68,7 +69,7 @@ def improve(
     folder: Path,
     options: Options,
     *,
-    model: str | None = None,
+    model: str | Path | RigModel | None = None,
     reference: Sequence[Table] = (),
     own: Sequence[Effect] = (),
     tell: Words | None = None,
@@ -88,17 +89,18 @@ def improve(
 
     Raises InputError, RigError."""
     tell, working, advance = tell or no_words, working or no_words, advance or no_advance
-    maze = load_map(options.map)
-    known = resolve_model(model, rig, maze)
+    maze = options.map if isinstance(options.map, Maze) else load_map(options.map)
     check_seconds(options.seconds, make_rig(rig, maze).rate_hz)
+    known = resolve_model(model, rig, maze)
     working("what the rig was like")
     path, learned = model, ""
+    source = "" if isinstance(model, RigModel) else model_source(model, rig)
     if reference:
         was = reference_of(reference, maze, known)
-    elif model_source(model, rig) is None:
+    elif source is None:
         known, was, learned = _first_model(rig, maze, known, folder / "first", options, tell, working, advance)
     else:
-        was = known_reference(model_source(model, rig), known, maze)
+        was = known_reference(source or None, known, maze)
     rounds: list[dict[str, Any]] = []
     before = None
     for number in range(1, options.rounds + 1):
@@ -130,7 +132,13 @@ def improve(
 def _collected(rig: str, maze: Maze, log: Path, options: Options, seed: int, advance: Advance) -> Table:
     """A record of the rig. seed: beside the one of the options"""
     rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
-    plan = Collection(options.seconds, rings, seed + options.seed, rig_given=rig, map_given=options.map)
+    plan = Collection(
+        options.seconds,
+        rings,
+        seed + options.seed,
+        rig_given=rig,
+        map_given=maze.name if isinstance(options.map, Maze) else str(options.map),
+    )
     machine = watched(make_rig(rig, maze), own_process=options.own_process)
     collected = of_total(advance, math.ceil(options.seconds))
     run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
@@ -167,11 +175,17 @@ def check_seconds(seconds: float, rate_hz: float) -> None:
 
 
 def _navigate(
-    rig: str, model: str | None, options: Options, tell: Words, when: str, working: Words, advance: Advance
-) -> dict[str, Any]:
+    rig: str,
+    model: str | Path | RigModel | None,
+    options: Options,
+    tell: Words,
+    when: str,
+    working: Words,
+    advance: Advance,
+) -> dict[str, Any]:  # fmt: skip
     working(f"navigating {when}")
     how: dict[str, Any] = {"own_process": options.own_process, "effects": options.effects}
-    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, **how)
+    campaign = Campaign(runs=options.runs, rig=rig, map=options.map, model=model, seed=options.seed, **how)
     done = evaluate(campaign, workers=options.workers, progress=of_total(advance, options.runs))
     document = summary(done)
     del document["results"]

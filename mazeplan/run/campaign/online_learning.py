@@ -8,18 +8,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError, ModelError
 from mazeplan.core.logs.table import table_of
 from mazeplan.core.records import FailureKind, NavigationResult
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.online import STATE, Lesson, OnlineModel, open_online, save_online
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
-from mazeplan.run.campaign.evaluate import Campaign, run_one
 from mazeplan.run.campaign.lock import exclusive_lock
+from mazeplan.run.campaign.one_run import Campaign, run_one
+from mazeplan.run.request import Company
 from mazeplan.run.resolve import resolve_model
 
 LOCK = ".learning.lock"
@@ -44,7 +46,9 @@ class Ticks:
 
 
 @contextmanager
-def open_learner(model: str | None, rig: str, maze: Maze, folder: Path | None) -> Iterator[OnlineModel]:
+def open_learner(
+    model: str | Path | RigModel | None, rig: str, maze: Maze, folder: Path | None
+) -> Iterator[OnlineModel]:
     """The model that learns, for `--model`, `--rig` and `-o`: the one stored in the folder, else a new one.
 
     Meanwhile no other process learns in the folder. Raises InputError."""
@@ -67,9 +71,9 @@ def open_learner(model: str | None, rig: str, maze: Maze, folder: Path | None) -
                     folder.rmdir()
 
 
-def _stored(model: str | None, rig: str, maze: Maze, folder: Path) -> OnlineModel:
+def _stored(model: str | Path | RigModel | None, rig: str, maze: Maze, folder: Path) -> OnlineModel:
     if (folder / STATE).exists():
-        if model is not None and Path(model).resolve() != folder.resolve():
+        if model is not None and (isinstance(model, RigModel) or Path(model).resolve() != folder.resolve()):
             raise InputError(f"--model: got {model}, but what {folder} has learned so far goes on: leave --model out")
         return open_online(folder, maze, rig_label(rig))
     if other := [path.name for path in folder.iterdir() if path.name != LOCK]:
@@ -118,14 +122,16 @@ def evaluate_learning(
     The numbers of the runs go on from the runs that the stored model has seen. So an interrupted campaign goes on as if
     it had not been interrupted. Raises InputError."""
     outcomes, lessons = [], []
-    with open_learner(campaign.model, campaign.rig, campaign.maze(), folder) as online:
+    rig = str(campaign.rig)
+    with open_learner(campaign.model, rig, campaign.maze, folder) as online:
         first = online.now
         for index in range(campaign.runs):
             ticks = Ticks()
-            outcomes.append(run_one(campaign, first + index, online.model, ticks))
+            now = replace(campaign, model=online.model)
+            outcomes.append(run_one(now, first + index, Company(feed=ticks)))
             lessons.append(learn_from(online, outcomes[-1], ticks))
             if folder is not None:
-                save_online(online, folder, rig_label(campaign.rig))
+                save_online(online, folder, rig_label(rig))
             if tell is not None:
                 tell(lessons[-1])
             if progress is not None:

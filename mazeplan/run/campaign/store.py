@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -23,8 +24,10 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.whole_file import whole_file
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.rigs.registry import rig_label
-from mazeplan.run.campaign.identity import difference, digest_of, identity
+from mazeplan.run.campaign.faults import Noticed
+from mazeplan.run.campaign.identity import digest_of, identity
 from mazeplan.run.campaign.lock import exclusive_lock
 from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.resolve import model_source
@@ -32,63 +35,48 @@ from mazeplan.run.resolve import model_source
 FORMAT = 1
 SPREADS = ("p50", "p99", "max")
 TABLE = "runs.parquet"
+FAULT_KEYS = tuple(field.name for field in fields(Noticed))
 
 
 class Store:
     """The runs of one campaign in a folder.
 
-    documents: {number of the run: its result as a JSON document} of the stored runs
+    runs: {number of the run: the run} of the stored ones
     name: digest that identifies the campaign
     """
 
     def __init__(self, folder: Path, campaign: Campaign, setup: Mapping[str, Any]) -> None:
-        self.folder, self._setup, self.name = folder, setup, digest_of(setup)
+        self.folder, self.name = folder, digest_of(setup)
         self.path = folder / f"campaign-{self.name}.jsonl"
-        model = model_source(campaign.model, campaign.rig)
+        given = campaign.model
+        model = given.kind if isinstance(given, RigModel) else model_source(given, str(campaign.rig))
         head = {
             "format": FORMAT, "version": version("mazeplan"), "campaign": self.name,
-            "rig": rig_label(campaign.rig), "map": Path(campaign.map).stem,
-            "model": "nominal" if model is None else Path(model).name, "behavior": Path(campaign.behavior).stem,
+            "rig": rig_label(str(campaign.rig)), "map": campaign.maze.name,
+            "model": "nominal" if model is None else Path(model).name, "behavior": Path(campaign.tree).stem,
             "start_ring": setup["start_ring"], "goal_ring": setup["goal_ring"],
             "time_limit_s": campaign.time_limit, "fault": (setup["fault"] or {}).get("name"), "setup": setup,
         }  # fmt: skip
-        self.documents: dict[int, dict[str, Any]] = {}
+        self.runs: dict[int, Ran] = {}
         if self.path.exists():
-            _, runs = read_runs(self.path)
-            self.documents = {row["index"]: row["result"] for row in runs}
+            _, rows = read_runs(self.path)
+            self.runs = {row["index"]: Ran(_result(row["result"]), Noticed.of_document(row["result"])) for row in rows}
             _end_line(self.path)
         else:
             self._append(head)
 
-    @property
-    def results(self) -> dict[int, NavigationResult]:
-        """{number of the run: its result} of the stored runs."""
-        return {index: NavigationResult.from_json(document) for index, document in self.documents.items()}
-
-    def keep(self, index: int, ran: Ran, document: dict[str, Any] | None = None) -> None:
-        """Store a run at once. document: replaces the document of its result, if it has to hold more."""
-        document = ran.result.json() if document is None else document
+    def keep(self, index: int, ran: Ran) -> None:
+        """Store a run at once."""
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         times = {"wall_s": ran.wall_s, "cpu_s": ran.cpu_s, "host": ran.host, "ended": now}
-        self._append({"index": index, **times, "result": document})
-        self.documents[index] = document
+        self._append({"index": index, **times, "result": ran.document()})
+        self.runs[index] = ran
 
     def _append(self, row: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row, default=str) + "\n")
             file.flush()
             os.fsync(file.fileno())
-
-    def others(self, known: Sequence[str] = ()) -> list[str]:
-        """A line for each other campaign in the folder: its name, and in what it differs. Leaves out the names in
-        `known`."""
-        heads = [read_runs(path)[0] for path in _files(self.folder)]
-        own = json.loads(json.dumps(self._setup, default=str))
-        return [
-            f"{head['campaign']} (other {difference(own, head['setup'])})"
-            for head in heads
-            if head["campaign"] not in {self.name, *known}
-        ]
 
 
 def read_runs(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -115,7 +103,7 @@ def runs_table(folder: Path) -> pd.DataFrame:
 
 def row_of(head: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of a run. head: the first line of its file; run: its line."""
-    result = NavigationResult.from_json({key: run["result"][key] for key in run["result"] if key not in FAULT_KEYS})
+    result = _result(run["result"])
     same = {key: value for key, value in head.items() if key not in ("format", "setup")}
     return {
         **same,
@@ -134,13 +122,15 @@ def row_of(head: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
         **{f"planner_ms_{key}": result.planner_ms.get(key) for key in SPREADS},
         **{f"tick_ms_{key}": result.tick_ms.get(key) for key in SPREADS},
         **{key: run[key] for key in ("wall_s", "cpu_s", "host", "ended")},
-        "settings": json.dumps(head["setup"]["settings"]),
+        "settings": head["setup"]["settings"],
         "setup": json.dumps(head["setup"]),
         "result": json.dumps(run["result"]),
     }
 
 
-FAULT_KEYS = {"faults", "noticed_s", "noticed_as", "wrong"}  # in the document of a run with an injected fault
+def _result(document: Mapping[str, Any]) -> NavigationResult:
+    """The result in a document, which may have keys about faults."""
+    return NavigationResult.from_json({key: value for key, value in document.items() if key not in FAULT_KEYS})
 
 
 def _files(folder: Path) -> list[Path]:
@@ -165,22 +155,11 @@ def _write_table(folder: Path) -> None:
 
 
 @contextmanager
-def open_store(folder: Path, campaign: Campaign) -> Iterator[Store]:
-    """The store of a campaign in a folder, as a context manager, for one process at a time. It makes the folder, and
+def open_stores(folder: Path, campaigns: Sequence[Campaign]) -> Iterator[tuple[Store, ...]]:
+    """The store of each campaign in a folder, as a context manager, for one process at a time. It makes the folder, and
     afterwards the table, whatever happens.
 
-    Raises InputError if the folder cannot be used, or if another process does this campaign there."""
-    with open_stores(folder, campaign, [None]) as (store,):
-        yield store
-
-
-@contextmanager
-def open_stores(
-    folder: Path, campaign: Campaign, faults: Sequence[Mapping[str, Any] | None]
-) -> Iterator[tuple[Store, ...]]:
-    """As `open_store`, with one store for each entry of `faults`: runs with another fault are another campaign.
-
-    faults: documents with the `name` of the fault; None: no fault"""
+    Raises InputError if the folder cannot be used, or if another process does one of the campaigns there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
@@ -188,11 +167,11 @@ def open_stores(
     if any(folder.iterdir()) and not _files(folder):
         expected = "expected a new or empty folder, or one with runs of `evaluate`"
         raise InputError(f"--store: {folder} is no store of runs: it holds other files; {expected}")
-    setups = [{**identity(campaign), "fault": fault} for fault in faults]
     with ExitStack() as stack:
         stores = []
         stack.callback(_write_table, folder)
-        for setup in setups:
+        for campaign in campaigns:
+            setup = identity(campaign)
             lock = folder / f".campaign-{digest_of(setup)}.lock"
             stack.enter_context(exclusive_lock(lock, "--store", "this campaign"))
             stores.append(Store(folder, campaign, setup))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -49,7 +47,6 @@ def collect(
     tilt: float | None = None,
     highest_hz: float = 1.5,
     own_process: bool = False,
-    guard: Callable[[Rig], AbstractContextManager[object]] = nullcontext,
     advance: Advance = no_advance,
 ) -> RecordResult:
     """Excite a rig with 50 random sines per axis and write a log.
@@ -60,7 +57,6 @@ def collect(
     place: with `rings`: whether a person places the ball in each ring instead
     tilt: largest tilt, degrees; None: the map's limit
     highest_hz: highest frequency of the sines
-    guard: context in which the rig is driven
     advance: gets the progress, s
 
     Raises InputError, RigError."""
@@ -87,12 +83,11 @@ def collect(
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
     shown = of_total(advance, math.ceil(seconds))
-    with guard(machine):
-        if setup is None:
-            samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
-        else:
-            tour = run_tour(machine, setup, plan, output, progress=shown)
-            samples = tour.rows
+    if setup is None:
+        samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
+    else:
+        tour = run_tour(machine, setup, plan, output, progress=shown)
+        samples = tour.rows
     document = {
         "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "map": given, "seed": seed,
         "tour": None if tour is None else asdict(tour),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,14 +19,14 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
-from mazeplan.run.campaign.evaluate import evaluate as run_campaign
+from mazeplan.rigs.registry import named_rig
+from mazeplan.run.campaign.evaluate import run_all, setup_document, summary
 from mazeplan.run.campaign.executor import Executor, open_executor
-from mazeplan.run.campaign.faults import evaluate_faults, report
+from mazeplan.run.campaign.faults import report
+from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.campaign.online_learning import evaluate_learning, lesson_document, lesson_line
 from mazeplan.run.campaign.pairs import PairedRuns, paired
-from mazeplan.run.campaign.store import Store, open_store, open_stores
-from mazeplan.run.commands.given import by_name
+from mazeplan.run.campaign.store import Store, open_stores
 from mazeplan.run.specification import TIME_LIMIT
 
 RUNS, FAULT_RUNS = 16, 10
@@ -93,63 +93,54 @@ def evaluate(
     folder = None if output is None else Path(output)
     _check_learning(learn, folder, workers, {"--faults": faults, "--dask": dask, "--store": store})
     work = Work(workers, dask, None if store is None else Path(store), say, bar)
-    with by_name(rig, map, model, alone=(workers or 1) == 1 and dask is None and store is None) as named:
+    alone = (workers or 1) == 1 and dask is None and store is None
+    with named_rig(rig, alone=alone) as name:
         campaign = Campaign(
-            runs=runs or (FAULT_RUNS if faults else RUNS), rig=named.rig, map=named.map, model=named.model, start=start,
-            behavior="policy" if policy is not None and behavior == "navigate" else behavior,
-            goal=goal, seed=seed, time_limit=time_limit, settings=None if settings is None else str(settings),
-            behavior_modules=tuple(behavior_modules), own_process=own_process, deadline=deadline,
-            effects=effects, policy=None if policy is None else str(policy), balls=balls,
+            start, goal, map, name, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
+            seed=seed, time_limit=time_limit, deadline=deadline, runs=runs or (FAULT_RUNS if faults else RUNS),
+            own_process=own_process,
         )  # fmt: skip
-        if faults is not None:
-            outcomes, document = _with_faults(campaign, str(faults), work)
-        elif learn:
+        if learn:
             outcomes, learning = _learning(campaign, folder, work)
             document = {**summary(outcomes), "learning": learning}
         else:
-            outcomes = _plain(campaign, work)
-            document = summary(outcomes)
+            ran, document = _without_lessons(campaign, None if faults is None else str(faults), work)
+            outcomes = [run.result for run in ran]
         document["setup"] = setup_document(campaign)
     return Evaluation(document, tuple(outcomes))
 
 
-def _plain(campaign: Campaign, work: Work) -> list[NavigationResult]:
-    """Run a campaign without faults. Returns all results."""
+def _without_lessons(campaign: Campaign, faults: str | None, work: Work) -> tuple[list[Ran], dict[str, Any]]:
+    """Do all runs of a campaign; with faults, all runs of each fault. Returns the runs and their document.
+
+    faults: file of the schedule, or all; None: no faults"""
+    trials = () if faults is None else _trials(faults, campaign.time_limit, work.say)
+    campaigns = [replace(campaign, fault=trial) for trial in trials] or [campaign]
     with ExitStack() as stack:
-        stores = [] if work.store is None else [stack.enter_context(open_store(work.store, campaign))]
-        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, 1))
-        return run_campaign(campaign, progress=advance, executor=executor, store=stores[0] if stores else None)
+        stores = () if work.store is None else stack.enter_context(open_stores(work.store, campaigns))
+        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, len(campaigns)))
+        runs = run_all(campaigns, executor, progress=advance, stores=stores)
+    flat = [run for of_one in runs for run in of_one]
+    document = summary([run.result for run in flat]) | {"results": [run.document() for run in flat]}
+    if trials:
+        document["faults"] = [report(trial, found) for trial, found in zip(trials, runs, strict=True)]
+    return flat, document
 
 
-def _with_faults(campaign: Campaign, faults: str, work: Work) -> tuple[list[NavigationResult], dict[str, Any]]:
-    """Run a campaign that tries each fault of a schedule. faults: file of the schedule, or all"""
-    trials = _trials(faults)
-    late = [trial.name for trial in trials if any(e.at_s[0] >= campaign.time_limit for e in trial.entries)]
-    if late:
-        limit = f"begins only after the time limit of {campaign.time_limit:g} s"
-        work.say(f"--faults: {', '.join(late)}: {limit}; expected an earlier at_s, or a longer --time-limit")
-    with ExitStack() as stack:
-        documents = [trial.to_json() for trial in trials]
-        stores = () if work.store is None else stack.enter_context(open_stores(work.store, campaign, documents))
-        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, len(trials)))
-        outcomes = evaluate_faults(campaign, trials, progress=advance, executor=executor, stores=stores)
-    flat = [outcome for per_trial in outcomes for outcome in per_trial]
-    results = [outcome.result for outcome in flat]
-    document = summary(results)
-    document["results"] = [outcome.to_json() for outcome in flat]
-    document["faults"] = [report(trial, found) for trial, found in zip(trials, outcomes, strict=True)]
-    return results, document
-
-
-def _trials(faults: str) -> tuple[FaultTrial, ...]:
-    """The trials of a schedule. faults: file of the schedule, or all"""
+def _trials(faults: str, limit_s: float, say: Words) -> tuple[FaultTrial, ...]:
+    """The trials of a schedule; says which begin only after the time limit. faults: file of the schedule, or all"""
     if faults == "all":
         return every_kind()
     kind = faults if faults in KINDS else nearest(faults, KINDS)
     if kind is not None and not Path(faults).exists():
         how = f"{kind} is a kind of fault, for such a file: `faults: [{{kind: {kind}}}]`"
         raise InputError(f"got {faults!r}, expected all, or a schedule of faults (YAML); {how}", key="--faults")
-    return load_schedule(faults)
+    trials = load_schedule(faults)
+    late = [trial.name for trial in trials if any(e.at_s[0] >= limit_s for e in trial.entries)]
+    if late:
+        limit = f"begins only after the time limit of {limit_s:g} s"
+        say(f"--faults: {', '.join(late)}: {limit}; expected an earlier at_s, or a longer --time-limit")
+    return trials
 
 
 @contextmanager
@@ -177,7 +168,7 @@ def _executor(work: Work, stores: Sequence[Store], runs: int, campaigns: int) ->
 
 
 def _kept(stores: Sequence[Store], runs: int) -> int:
-    return sum(index in store.documents for store in stores for index in range(runs))
+    return sum(index in store.runs for store in stores for index in range(runs))
 
 
 def _check_learning(learn: bool, output: Path | None, workers: int | None, others: dict[str, object]) -> None:

@@ -16,12 +16,10 @@ from mazeplan.core.results import DocumentResult
 from mazeplan.core.whole_file import named_when_whole
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.registry import named_rig
 from mazeplan.run.campaign import improve as campaign
-from mazeplan.run.commands.given import by_name
 
 
 @dataclass(frozen=True)
@@ -75,16 +73,15 @@ def improve(
 
     Raises InputError, RigError."""
     with ExitStack() as stack:
-        named = stack.enter_context(by_name(rig, map, model, alone=workers == 1))
+        name = stack.enter_context(named_rig(rig, alone=workers == 1))
         own = own_effects(effects)
-        make_rig(named.rig, load_map(named.map))
-        options = campaign.Options(rounds, runs, seconds, seed, workers, named.map, own_process, effects)
+        options = campaign.Options(rounds, runs, seconds, seed, workers, map, own_process, effects)
         kept = output or stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-"))
         stack.enter_context(named_when_whole(Path(kept)))
         known = [as_table(log, parse_columns(columns)) for log in several(reference)]
         shown: dict[str, Any] = {"tell": tell, "working": progress, "advance": advance}
         done = campaign.improve(
-            named.rig, Path(kept), options, model=named.model, reference=known, own=own, **shown
+            name, Path(kept), options, model=model, reference=known, own=own, **shown
         )  # fmt: skip
     if output is None:
         for entry in done:

@@ -19,7 +19,6 @@ from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.learning.policy_training import DEVICES
-from mazeplan.learning.smoothing import Smoothing
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.commands.log_context import logged_map
 from mazeplan.run.learn import Learned
@@ -47,7 +46,6 @@ def learn(
     kind: str = "sp",
     device: str = "cpu",
     most: int = 4000,
-    smoothing: str = "rts",
     seed: int = 0,
     map: str | Path | Maze | None = None,
     columns: Iterable[str] | Mapping[str, str] = (),
@@ -60,20 +58,18 @@ def learn(
     output: folder of the model; None: the model is only returned
     kind: p, pi, np or sp
     most: most training rows of a Gaussian process, per ring
-    smoothing: rts or savgol, for missing derivatives
     columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
 
     Raises InputError, TableError."""
     if device not in DEVICES:
         raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
-    chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(starts=2), seed=seed)
     given, named = several(logs), parse_columns(columns)
     maze = logged_map(map, *given).maze
     progress("reading")
     tables = [as_table(log, named) for log in given]
     try:
-        done = learn_model(tables, maze, kind, options, smoothing=chosen, progress=progress, advance=advance)
+        done = learn_model(tables, maze, kind, options, progress=progress, advance=advance)
     except ValueError as problem:
         raise TableError(str(problem), file=", ".join(_place(log) for log in given)) from None
     path = None if output is None else save_model(done.model, output)

@@ -19,10 +19,11 @@ from campaign_work import refuse
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign import dask_cluster as daskcluster
-from mazeplan.run.campaign.evaluate import Campaign, evaluate
+from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.campaign.identity import program
-from mazeplan.run.campaign.store import open_store, runs_table
+from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.campaign.store import open_stores, runs_table
 
 RUNS = 12
 ROOT = Path(__file__).resolve().parents[3]
@@ -79,7 +80,7 @@ def site(scheduler, tmp_path_factory) -> Iterator[Site]:
         yield scheduler
 
 
-CAMPAIGN = Campaign(RUNS, "mazeplan.apps.testing.lightrig:LightRig", start=4, deadline=False)
+CAMPAIGN = Campaign(runs=RUNS, rig="mazeplan.apps.testing.lightrig:LightRig", start=4, deadline=False)
 
 
 def same(results: list[NavigationResult]) -> list[dict]:
@@ -122,7 +123,7 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
         if finished == 4:
             os.kill(site.workers[0].pid, signal.SIGKILL)
 
-    with open_store(tmp_path, CAMPAIGN) as store, open_executor(dask=site.address) as executor:
+    with open_stores(tmp_path, [CAMPAIGN]) as (store,), open_executor(dask=site.address) as executor:
         assert same(evaluate(CAMPAIGN, executor=executor, store=store, progress=kill)) == same(alone)
     assert site.workers[0].wait() == -signal.SIGKILL
     table = runs_table(tmp_path)
@@ -134,8 +135,8 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
             site.scheduler.kill()
 
     more = replace(CAMPAIGN, runs=400)
-    with open_store(tmp_path, more) as store, open_executor(dask=site.address) as executor:
-        assert len(store.results) == RUNS
+    with open_stores(tmp_path, [more]) as (store,), open_executor(dask=site.address) as executor:
+        assert len(store.runs) == RUNS
         with pytest.raises(RigError, match=r"the scheduler at .* does not answer any more"):
             evaluate(more, executor=executor, store=store, progress=end)
     assert len(runs_table(tmp_path)) >= RUNS + 2

@@ -8,25 +8,23 @@ from dataclasses import replace
 import pytest
 
 from mazeplan.learning.modelfile import PACKAGED
-from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.one_run import GC_INTERVAL, Campaign, run_one, setup_of
+from mazeplan.run.campaign.one_run import GC_INTERVAL, Campaign, run_one
 from mazeplan.run.loop import Run
 
-MAZE = load_map("cme")
-SHORT = Campaign(1, "ideal", start=5, goal=5, time_limit=0.1, deadline=False)
+SHORT = Campaign(rig="ideal", start=5, goal=5, time_limit=0.1, deadline=False)
 
 
 def test_a_model_is_read_once_and_again_when_it_was_edited(tmp_path):
     folder = tmp_path / "mine"
     shutil.copytree(PACKAGED / "toy", folder)
-    campaign = Campaign(3, "toy", model=str(folder))
-    first = setup_of(campaign, MAZE).model
-    assert setup_of(campaign, MAZE).model is first
+    campaign = Campaign(rig="toy", model=str(folder))
+    first = campaign.resolve().setup.model
+    assert campaign.resolve().setup.model is first
     file = folder / "model.yaml"
     text = file.read_text()
     file.write_text(text.replace("rate_hz: 30", "rate_hz: 25"))
     assert file.read_text() != text
-    assert (first.rate_hz, setup_of(campaign, MAZE).model.rate_hz) == (30.0, 25.0)
+    assert (first.rate_hz, campaign.resolve().setup.model.rate_hz) == (30.0, 25.0)
 
 
 @pytest.mark.slow

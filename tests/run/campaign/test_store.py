@@ -12,11 +12,11 @@ import pytest
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Doubt, Failure, FailureKind, GoalGiven, NavigationResult, RingPassage, Start
-from mazeplan.run.campaign.evaluate import Campaign, evaluate
-from mazeplan.run.campaign.one_run import Ran
-from mazeplan.run.campaign.store import open_store, runs_table
+from mazeplan.run.campaign.evaluate import evaluate
+from mazeplan.run.campaign.one_run import Campaign, Ran
+from mazeplan.run.campaign.store import open_stores, runs_table
 
-LIGHT = Campaign(4, "mazeplan.apps.testing.lightrig:LightRig", start=4, seed=7, deadline=False)
+LIGHT = Campaign(runs=4, rig="mazeplan.apps.testing.lightrig:LightRig", start=4, seed=7, deadline=False)
 SPREAD = {"p50": 0.1, "p99": 1.0 / 3.0, "max": 7.25}
 FAILURE = Failure(FailureKind.STUCK, "Track", 0.1 + 0.2, "in ring 4", "shake", 1e-17, None)
 
@@ -40,9 +40,9 @@ def test_a_result_comes_back_to_the_last_bit():
 
 
 def test_a_row_is_pleasant_to_read(tmp_path):
-    with open_store(tmp_path, LIGHT) as store:
-        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
-        store.keep(0, Ran(run(7, success=False), 0.25, 0.125, "here:2"))
+    with open_stores(tmp_path, [LIGHT]) as (store,):
+        store.keep(1, Ran(run(8), None, 0.5, 0.125, "here:1"))
+        store.keep(0, Ran(run(7, success=False), None, 0.25, 0.125, "here:2"))
         assert len(runs_table(tmp_path)) == 2  # while it is under way, too
     assert {path.name for path in tmp_path.glob("[!.]*")} == {f"campaign-{store.name}.jsonl", "runs.parquet"}
     table = pd.read_parquet(tmp_path / "runs.parquet")
@@ -72,49 +72,47 @@ def test_a_row_is_pleasant_to_read(tmp_path):
 def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
     alone = evaluate(LIGHT)
     begun = []
-    with open_store(tmp_path, replace(LIGHT, runs=2)) as store:
+    with open_stores(tmp_path, [replace(LIGHT, runs=2)]) as (store,):
         evaluate(replace(LIGHT, runs=2), store=store, progress=begun.append)
-    with open_store(tmp_path, LIGHT) as store:
-        assert set(store.results) == {0, 1}
+    with open_stores(tmp_path, [LIGHT]) as (store,):
+        assert set(store.runs) == {0, 1}
         gone_on = evaluate(LIGHT, store=store, progress=begun.append)
     assert begun == [1, 2, 3, 4]  # the third was the first that the second command did
     assert [same(result) for result in gone_on] == [same(result) for result in alone]
-    with open_store(tmp_path, LIGHT) as store:
+    with open_stores(tmp_path, [LIGHT]) as (store,):
         assert evaluate(LIGHT, store=store, progress=begun.append) == gone_on
     assert len(begun) == 4
     assert list(runs_table(tmp_path)["index"]) == [0, 1, 2, 3]
 
 
-def test_other_campaigns_stay_apart_and_are_named(tmp_path):
+def test_other_campaigns_stay_apart(tmp_path):
     other = replace(LIGHT, seed=8, start=3)
-    with open_store(tmp_path, other) as store:
-        store.keep(0, Ran(run(8), 0.5, 0.125, "here:1"))
-    with open_store(tmp_path, LIGHT) as store:
-        assert store.results == {}
-        (told,) = store.others()
-        assert told.endswith("(other start ring, seed)")
-        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
+    with open_stores(tmp_path, [other]) as (store,):
+        store.keep(0, Ran(run(8), None, 0.5, 0.125, "here:1"))
+    with open_stores(tmp_path, [LIGHT]) as (store,):
+        assert store.runs == {}
+        store.keep(0, Ran(run(7), None, 0.5, 0.125, "here:1"))
     table = runs_table(tmp_path)
     assert table.groupby("campaign").size().tolist() == [1, 1]
-    with open_store(tmp_path, other) as store:
-        assert [result.seed for result in store.results.values()] == [8]
+    with open_stores(tmp_path, [other]) as (store,):
+        assert [ran.result.seed for ran in store.runs.values()] == [8]
 
 
 def test_a_line_that_a_killed_command_left_incomplete_is_made_again(tmp_path):
-    with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
-        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+    with open_stores(tmp_path, [LIGHT]) as (store,):
+        store.keep(0, Ran(run(7), None, 0.5, 0.125, "here:1"))
+        store.keep(1, Ran(run(8), None, 0.5, 0.125, "here:1"))
     store.path.write_bytes(store.path.read_bytes()[:-9])
     assert list(runs_table(tmp_path)["index"]) == [0]
-    with open_store(tmp_path, LIGHT) as store:
-        assert set(store.results) == {0}
-        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+    with open_stores(tmp_path, [LIGHT]) as (store,):
+        assert set(store.runs) == {0}
+        store.keep(1, Ran(run(8), None, 0.5, 0.125, "here:1"))
     assert list(runs_table(tmp_path)["index"]) == [0, 1]
 
 
 def test_folders_that_cannot_be_a_store_are_refused(tmp_path):
     (tmp_path / "file").touch()
     for wrong in (tmp_path, tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(InputError, match="--store"), open_store(wrong, LIGHT):
+        with pytest.raises(InputError, match="--store"), open_stores(wrong, [LIGHT]):
             pass
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
