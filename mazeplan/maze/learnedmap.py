@@ -2,7 +2,7 @@
 
 Logs never show ball, tilt limit, height of the walls, thickness of the rim, and radial walls: these come from the prior
 map. So does what one log does not show, such as the width of an opening whose sides the ball hardly touched. The
-learned map states the source of each number.
+learned map states the source of each width.
 """
 
 from __future__ import annotations
@@ -51,8 +51,6 @@ class LearnedMap:
     """The learned maze and the source of each number.
 
     maze: None if the maze is incomplete, see `problems`
-    widths: width of each opening, m, and its source
-    borrowed: openings of the prior map, for walls that the ball never passed
     centre: of the circles in the camera's frame, m; it is the origin of rings and openings
     noise: 1 sigma of the camera per axis, m
     samples: number of samples with the ball
@@ -64,8 +62,6 @@ class LearnedMap:
     maze: Maze | None
     rings: tuple[LearnedRing, ...]
     openings: tuple[LearnedOpening, ...]
-    widths: tuple[tuple[float, str], ...]
-    borrowed: tuple[Opening, ...]
     centre: tuple[float, float]
     noise: float
     samples: int
@@ -77,13 +73,11 @@ class LearnedMap:
 
 
 def learn_map(
-    track: BallTrack, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
-    name: str = "learned", progress: Words = no_words,
-) -> LearnedMap:  # fmt: skip
+    track: BallTrack, prior: Maze, *, prior_name: str, min_count: int = MIN_COUNT, progress: Words = no_words
+) -> LearnedMap:
     """The map with rings and openings from a track, and the rest from the prior map.
 
     prior_name: name of the prior map in messages
-    borrow: use the prior map's openings for walls that the ball never passed
     min_count: minimum number of passages through an opening
 
     Raises TableError if the track does not show two rings.
@@ -97,25 +91,22 @@ def learn_map(
     likely = [_likely_width(prior, wall, len(rings)) for wall in range(1, len(rings))]
     progress("openings")
     openings = find_openings(passages, track, bands, radius, likely, min_count=min_count)
-    widths = tuple(_width(opening, openings, likely[opening.outer - 1], prior_name) for opening in openings)
-    passed = {opening.outer for opening in openings if not opening.problem}
-    borrowed = tuple(o for o in prior.openings if o.outer not in passed and o.inner <= len(rings))
-    borrowed = borrowed if borrow and len(prior.rings) == len(rings) else ()
+    openings = tuple(_with_width(opening, openings, likely[opening.outer - 1], prior_name) for opening in openings)
     maze = Maze(
-        name,
+        "learned",
         prior.ball,
         tuple(Ring(ring.number, _rounded(ring.inner_radius), _rounded(ring.outer_radius)) for ring in rings),
-        _openings(openings, widths, borrowed),
+        tuple(_opening(o) for o in openings if not o.problem),
         prior.tilt_limit,
         prior.wall_height,
         prior.rim_thickness,
     )
     maze, check, dropped = _with_radial_walls(maze, prior, prior_name)
     problems = _never_passed(maze, openings) or tuple(error.problem for error in check.errors)
-    warnings = (*_warnings(rings, bands, prior, prior_name, borrow), *dropped)
+    warnings = (*_warnings(rings, prior), *dropped)
     return LearnedMap(
-        None if problems else maze, rings, openings, widths, borrowed, bands.centre, bands.noise, len(track.t),
-        len(passages.wall), passages.skipped, prior_name, warnings, problems,
+        None if problems else maze, rings, openings, bands.centre, bands.noise, len(track.t), len(passages.wall),
+        passages.skipped, prior_name, warnings, problems,
     )  # fmt: skip
 
 
@@ -135,35 +126,21 @@ def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, 
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
-    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments.
+    """The learned map as YAML that `load_map` reads.
 
     sources: names of the files from which the map was learned
 
     Raises ValueError if no maze was learned."""
     if learned.maze is None:
         raise ValueError(f"no map was learned: {'; '.join(learned.problems)}")
-    rings = iter(_ring_comment(ring) for ring in learned.rings)
-    known = {
-        (o.outer, _degrees(o.angle)): _opening_comment(o, source)
-        for o, (_, source) in zip(learned.openings, learned.widths, strict=True)
-        if not o.problem
-    }
-    comments = iter(
-        known.get((o.outer, _degrees(o.angle)), f"never passed; from {learned.prior}") for o in learned.maze.openings
+    files = ", ".join(name if name.isprintable() else shown(name) for name in sources)
+    x, y = (1e3 * value for value in learned.centre)
+    return (
+        f"# Learned from where the ball was{': ' * bool(files)}{files}\n"
+        f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture. It is the origin here.\n"
+        f"# What no log shows (ball, tilt limit, wall height, rim, radial walls) is from {learned.prior}.\n"
+        + dump_map(learned.maze)
     )
-    lines = _preamble(learned, sources)
-    for line in dump_map(learned.maze).splitlines():
-        if line.startswith("  - {inner_radius_mm"):
-            line += f" # {next(rings)}"
-        elif line.startswith("  - {rings"):
-            line += f" # {next(comments)}"
-        lines.append(line)
-    lines += [
-        f"  # left out: rings [{o.outer}, {o.outer + 1}], angle_deg {_degrees(o.angle)}: {o.problem}"
-        for o in learned.openings
-        if o.problem
-    ]
-    return "\n".join(lines) + "\n"
 
 
 # Rings.
@@ -238,26 +215,22 @@ def _likely_width(prior: Maze, wall: int, rings: int) -> float:
     return float(np.median(same or [o.width for o in prior.openings]))
 
 
-def _width(opening: LearnedOpening, all_: Sequence[LearnedOpening], likely: float, prior: str) -> tuple[float, str]:
-    """Width, m, and its source."""
+def _with_width(
+    opening: LearnedOpening, openings: Sequence[LearnedOpening], likely: float, prior: str
+) -> LearnedOpening:
+    """The opening with a width: its own, else the mean of others in the wall, else that of the prior map."""
     if opening.width is not None:
-        return opening.width, "its sides"
-    measured = [o.width for o in all_ if o.outer == opening.outer and o.width is not None and not o.problem]
+        return opening
+    measured = [o.width for o in openings if o.outer == opening.outer and o.width is not None and not o.problem]
     if measured:
-        return sum(measured) / len(measured), "other openings of the wall"
-    return likely, prior
+        return replace(opening, width=sum(measured) / len(measured), width_from="other openings of the wall")
+    return replace(opening, width=likely, width_from=prior)
 
 
-def _openings(
-    openings: Sequence[LearnedOpening], widths: Sequence[tuple[float, str]], borrowed: Sequence[Opening]
-) -> tuple[Opening, ...]:
-    found = list(borrowed)
-    for o, (width, _) in zip(openings, widths, strict=True):
-        if not o.problem:
-            angle = _degrees(o.angle)
-            label = default_name(o.outer, o.outer + 1, angle)
-            found.append(Opening(label, o.outer, o.outer + 1, math.radians(angle), _rounded(width)))
-    return tuple(sorted(found, key=lambda o: (o.outer, o.angle % (2.0 * math.pi))))
+def _opening(o: LearnedOpening) -> Opening:
+    angle = place_deg(o.angle, PLACES_DEG)
+    label = default_name(o.outer, o.outer + 1, angle)
+    return Opening(label, o.outer, o.outer + 1, math.radians(angle), _rounded(o.width or 0.0))
 
 
 def _never_passed(maze: Maze, openings: Sequence[LearnedOpening]) -> tuple[str, ...]:
@@ -270,12 +243,8 @@ def _never_passed(maze: Maze, openings: Sequence[LearnedOpening]) -> tuple[str, 
     return tuple(problems)
 
 
-def _warnings(
-    rings: Sequence[LearnedRing], bands: Bands, prior: Maze, prior_name: str, borrow: bool
-) -> tuple[str, ...]:
+def _warnings(rings: Sequence[LearnedRing], prior: Maze) -> tuple[str, ...]:
     found = [f"ring {ring.number}: {ring.note}" for ring in rings if ring.note]
-    if borrow and len(prior.rings) != len(rings):
-        found.append(f"the ball was seen in {len(rings)} rings; {prior_name} has {len(prior.rings)}")
     usual = float(np.median([w.outer_radius - w.inner_radius for w in prior.walls[1:]]))
     for outer, inner in pairwise(rings):
         thickness = outer.inner_radius - inner.outer_radius
@@ -287,48 +256,5 @@ def _warnings(
     return tuple(found)
 
 
-# Words and numbers.
-
-
 def _rounded(length: float) -> float:
     return round(1e3 * length, PLACES_MM) / 1e3
-
-
-def _degrees(angle: float) -> float:
-    return place_deg(angle, PLACES_DEG)
-
-
-def _mm(length: float | None) -> str:
-    return "?" if length is None else f"{1e3 * length:.2f}"
-
-
-def _ring_comment(ring: LearnedRing) -> str:
-    sigmas = (
-        f"± {_mm(ring.outer_stderr)}"
-        if ring.inner_radius == 0.0
-        else (f"± {_mm(ring.inner_stderr)}, ± {_mm(ring.outer_stderr)}")
-    )
-    leaning = f"{ring.inner_touches} + {ring.outer_touches} samples at the walls"
-    return f"ring {ring.number}: {sigmas} mm, {leaning}{'; ' * bool(ring.note)}{ring.note}"
-
-
-def _opening_comment(o: LearnedOpening, source: str) -> str:
-    (x1, y1), (x2, y2) = ((1e3 * x, 1e3 * y) for x, y in (o.outer_centroid, o.inner_centroid))
-    width = f"width ± {_mm(o.width_stderr)} mm" if o.width is not None else f"width from {source}"
-    return (
-        f"± {math.degrees(o.angle_stderr):.2f} deg, {width}; {o.inward} inwards, {o.outward} outwards, "
-        f"between ({x1:.1f}, {y1:.1f}) and ({x2:.1f}, {y2:.1f}) mm"
-    )
-
-
-def _preamble(learned: LearnedMap, sources: Sequence[str]) -> list[str]:
-    files = ", ".join(name if name.isprintable() else shown(name) for name in sources)
-    x, y = (1e3 * value for value in learned.centre)
-    and_walls = ", or radial walls" if learned.maze is not None and learned.maze.radial_walls else ""
-    return [
-        f"# Learned from where the ball was{': ' * bool(files)}{files}",
-        f"# {learned.samples} samples, {learned.passages} changes of ring ({learned.skipped} could not be placed).",
-        f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture; all below is measured from it.",
-        f"# Noise of the camera {_mm(learned.noise)} mm per axis. After ±: 1 sigma.",
-        f"# No log shows ball, tilt limit, wall height and rim{and_walls}: they are from {learned.prior}.",
-    ]

@@ -23,7 +23,6 @@ from mazeplan.core.records import Array
 from mazeplan.maze.bands import Bands, Edges, fit_edges, sharpness
 
 Index = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 MAX_SPEED = 1.0  # m/s; a ball that rolls down half the outermost ring at 5 degrees of tilt reaches .6
 MAX_GAP = 4  # sample intervals; after a longer gap the place of a change is unknown
@@ -54,17 +53,12 @@ class Passages:
     """All changes of ring, as arrays of N.
 
     wall: outer ring of the wall
-    inward: whether the ball went inwards
     angle: place of the passage, rad
-    outside, inside: the points on the outer and on the inner side of the wall (N, 2), m
     skipped: number of changes that could not be placed (ball not seen, a jump)
     """
 
     wall: Index
-    inward: Flags
     angle: Array
-    outside: Array
-    inside: Array
     skipped: int
 
 
@@ -74,8 +68,8 @@ class LearnedOpening:
 
     angle, angle_stderr: rad in [0, 2 pi), and 1 sigma
     width, width_stderr: m, and 1 sigma; None: not measured
-    inward, outward: number of passages in either direction
-    outer_centroid, inner_centroid: mean of the points on the outer and on the inner side of the wall, m
+    count: number of passages
+    width_from: source of the width, in words
     problem: why the cluster does not count as an opening, or ""
     """
 
@@ -84,27 +78,9 @@ class LearnedOpening:
     angle_stderr: float
     width: float | None
     width_stderr: float | None
-    inward: int
-    outward: int
-    outer_centroid: tuple[float, float]
-    inner_centroid: tuple[float, float]
+    count: int
+    width_from: str = "its sides"
     problem: str = ""
-
-    @property
-    def count(self) -> int:
-        """Number of all passages."""
-        return self.inward + self.outward
-
-    @property
-    def sign(self) -> int:
-        """Sign of the change of radius: -1 only inwards, +1 only outwards, 0 both ways."""
-        return 0 if self.inward and self.outward else -1 if self.inward else 1
-
-    @property
-    def direction(self) -> float:
-        """Direction from the outer to the inner centroid, rad in [0, 2 pi); angle + pi for a straight opening."""
-        dx, dy = np.subtract(self.inner_centroid, self.outer_centroid)
-        return math.atan2(dy, dx) % (2.0 * math.pi)
 
 
 def find_passages(track: BallTrack, bands: Bands) -> Passages:
@@ -129,12 +105,9 @@ def find_passages(track: BallTrack, bands: Bands) -> Passages:
             continue
         share = (r[before] - middle) / (r[before] - r[before + 1])
         x, y = place[before] + share * (place[before + 1] - place[before])
-        ends = (place[before], place[before + 1]) if b > a else (place[before + 1], place[before])
-        rows.append((min(a, b), b > a, math.atan2(y, x), *ends))
-    if not rows:
-        return Passages(np.zeros(0, int), np.zeros(0, bool), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), skipped)
-    wall, inward, angle, outside, inside = (np.array(column) for column in zip(*rows, strict=True))
-    return Passages(wall, inward, angle, outside, inside, skipped)
+        rows.append((min(a, b), math.atan2(y, x)))
+    found = np.array(rows, dtype=float).reshape(-1, 2)
+    return Passages(found[:, 0].astype(np.intp), found[:, 1], skipped)
 
 
 def middle_radius(bands: Bands, outer: int) -> float:
@@ -249,11 +222,7 @@ def _opening(
         angle = (angle + 0.5 * (sides.low + sides.high) / radius) % (2.0 * math.pi)
         stderr, width_stderr = 0.5 * math.sqrt(sum(errors)), math.sqrt(sum(errors))
         width = sides.high - sides.low + 2.0 * ball_radius
-    inward = int(np.count_nonzero(passages.inward[rows]))
-    ends = [tuple(np.mean(points[rows], axis=0).tolist()) for points in (passages.outside, passages.inside)]
-    return LearnedOpening(
-        outer, angle, stderr / radius, width, width_stderr, inward, len(rows) - inward, ends[0], ends[1]
-    )
+    return LearnedOpening(outer, angle, stderr / radius, width, width_stderr, len(rows))
 
 
 def _sides(track: BallTrack, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:

@@ -10,7 +10,7 @@ from mazeplan.core.errors import TableError
 from mazeplan.maze.bands import Bands, Edges, fit_bands
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.learnedmap import learn_map, map_text
-from mazeplan.maze.mapfile import check_text, load_map
+from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.transitions import BallTrack, cluster, find_openings, find_passages, rings_of
 
 TRUTH = load_map("lopsided")  # what is to be found; the prior is another map with the same ball
@@ -132,7 +132,7 @@ def test_what_a_log_cannot_tell_is_the_priors(learned):
     maze = learned.maze
     assert (maze.ball, maze.tilt_limit, maze.wall_height) == (PRIOR.ball, PRIOR.tilt_limit, PRIOR.wall_height)
     assert {o.width for o in maze.openings} == {0.01485}  # m; the median of map cme: no sides were touched
-    assert {source for _, source in learned.widths} == {"map cme"}
+    assert {o.width_from for o in learned.openings} == {"map cme"}
 
 
 def test_the_file_says_where_everything_is_from_and_can_be_loaded(learned, tmp_path):
@@ -141,29 +141,17 @@ def test_the_file_says_where_everything_is_from_and_can_be_loaded(learned, tmp_p
     assert load_map(path) == learned.maze
     text = path.read_text()
     assert text.startswith("# Learned from where the ball was: a.mcap, 'b\\nrings: []'\n")
-    assert "80 changes of ring" in text
-    assert text.count("width from map cme") == 5
-    assert text.count("samples at the walls") == 3
     assert "x 2.0" in text
+    assert "is from map cme" in text
 
 
 def test_one_opening_passed_both_ways_is_one_opening():
     journey = Journey().round(1.0).through(1.0, 2).round(1.0).through(1.0, 1).round(0.5)
     passages = passages_of(journey)
-    assert passages.inward.tolist() == [True, False]
+    assert passages.wall.tolist() == [1, 1]
     (opening,) = find_openings(passages, journey.track(0.0), BANDS, BALL, [0.015, 0.015])
-    assert (opening.inward, opening.outward, opening.sign, opening.problem) == (1, 1, 0, "")
+    assert (opening.count, opening.problem) == (2, "")
     assert opening.angle == pytest.approx(1.0, abs=0.8e-3 / 0.0484)  # rad: its play in the wall
-    outer, inner = (math.hypot(*point) for point in (opening.outer_centroid, opening.inner_centroid))
-    assert inner < 0.0484 < outer  # the middle of the wall
-    assert opening.direction == pytest.approx(1.0 + math.pi, abs=0.3)
-
-
-def test_direction_and_sign_of_a_one_way_opening():
-    for first, second, sign in ((1, 2, -1), (2, 1, 1)):
-        journey = Journey().place(first, 0.0).round(2.0).through(2.0, second).round(0.0)
-        (opening,) = find_openings(passages_of(journey), journey.track(), BANDS, BALL, [0.015] * 2, min_count=1)
-        assert opening.sign == sign
 
 
 def test_a_lone_passage_is_told_but_not_written():
@@ -178,7 +166,6 @@ def test_a_lone_passage_is_told_but_not_written():
     (lone,) = [o for o in learned.openings if o.problem]
     assert off(math.degrees(lone.angle), math.degrees(once)) < 3.0
     assert lone.problem == "1 passage, fewer than 2"
-    assert "# left out: rings [1, 2], angle_deg" in map_text(learned)
     taken = learn(track, min_count=1).maze
     assert taken is not None
     assert len(taken.openings) == 5
@@ -282,27 +269,19 @@ def test_a_width_that_was_measured_is_that_of_other_openings_in_the_wall():
         journey.place(1 + k % 2, 0.0).round(first)
         journey.through(first, 1 + (k + 1) % 2, play=2e-3, side=1 - 2 * (k // 2 % 2), step=0.6e-3)
     learned = learn(journey.round(0.0).track(0.3e-3))
-    sources = [source for _, source in learned.widths]
+    sources = [o.width_from for o in learned.openings]
     assert sources == ["its sides", *["other openings of the wall"] * 2, *["map cme"] * 2]
-    widths = [width for width, _ in learned.widths]
+    widths = [o.width for o in learned.openings]
     assert widths[0] == widths[1] == widths[2] == pytest.approx(2 * BALL + 4e-3, abs=3e-4)
 
 
-def test_a_wall_that_was_never_passed_needs_a_prior():
+def test_a_wall_that_was_never_passed_is_a_problem():
     journey = wander(40, openings=TRUTH.openings[:3]).place(3, 0.0).round(2.0).round(4.0).round(6.0)
     learned = learn(journey.track())
     assert learned.maze is None
     assert learned.problems == ("no opening between ring 2 and 3: none was passed",)
     with pytest.raises(ValueError, match="no opening between ring 2 and 3"):
         map_text(learned)
-    assert learn_map(journey.track(), TRUTH, prior_name="map lopsided").maze is None
-    learned = learn_map(journey.track(), TRUTH, prior_name="map lopsided", borrow=True)
-    assert [o.name for o in learned.borrowed] == ["2-3@62", "2-3@251"]
-    assert check_text(map_text(learned)).maze == learned.maze
-    assert map_text(learned).count("never passed; from map lopsided") == 2
-    learned = learn_map(journey.track(), PRIOR, prior_name="map cme", borrow=True)  # another number of rings
-    assert learned.borrowed == ()
-    assert learned.warnings == ("the ball was seen in 3 rings; map cme has 5",)
 
 
 def test_a_ring_in_which_the_ball_never_was_makes_a_suspicious_wall():
@@ -343,7 +322,6 @@ def test_radial_walls_are_the_priors_where_they_fit_and_it_is_said():
     assert found.maze is not None
     assert found.maze.radial_walls == (wall,)
     assert found.warnings[-1] == "radial walls, which no log shows, are those of map mine"
-    assert "rim, or radial walls: they are from map mine" in map_text(found)
     before = replace(prior, radial_walls=(replace(wall, angle=TRUTH.openings[0].angle),))
     found = learn_map(track, before, prior_name="map mine")
     assert found.maze is not None

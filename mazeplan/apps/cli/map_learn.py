@@ -51,8 +51,7 @@ def learn(
         prior = logged_map(map_, *logs)
         track = _track(logs, columns or [])
         try:
-            more: dict[str, Any] = {"prior_name": prior.source, "borrow": map_ is not None, "min_count": min_count}
-            learned = learn_map(track, prior.maze, **more, progress=bar.show)
+            learned = learn_map(track, prior.maze, prior_name=prior.source, min_count=min_count, progress=bar.show)
         except TableError as problem:
             raise TableError(problem.problem, file=names) from None
     if learned.maze is not None:
@@ -89,9 +88,8 @@ def _track(logs: list[Path], columns: list[str]) -> BallTrack:
 
 def document(learned: LearnedMap, output: Path) -> dict[str, Any]:
     """The document of `map learn --json`; lengths in m, angles in rad."""
-    known = {key: value for key, value in asdict(learned).items() if key not in ("maze", "borrowed")}
-    borrowed = [opening.name for opening in learned.borrowed]
-    return {"map": None if learned.maze is None else str(output), **known, "borrowed": borrowed}
+    known = {key: value for key, value in asdict(learned).items() if key != "maze"}
+    return {"map": None if learned.maze is None else str(output), **known}
 
 
 def map_lines(learned: LearnedMap) -> list[str]:
@@ -103,16 +101,11 @@ def map_lines(learned: LearnedMap) -> list[str]:
             for radius, sigma in ((ring.inner_radius, ring.inner_stderr), (ring.outer_radius, ring.outer_stderr))
         )
         lines.append(f"{ring.number:4d}  {inner:16s} {outer:16s} {ring.inner_touches}, {ring.outer_touches}")
-    lines.append("rings  angle deg       width mm  width from                  in  out  outer -> inner point, mm")
-    for opening, (width, source) in zip(learned.openings, learned.widths, strict=True):
-        (x1, y1), (x2, y2) = opening.outer_centroid, opening.inner_centroid
-        lines.append(
-            f"{opening.outer}-{opening.outer + 1}    {place_deg(opening.angle, 2):6.2f} ± "
-            f"{math.degrees(opening.angle_stderr):4.2f}  {1e3 * width:8.2f}  {source:26s} {opening.inward:3d}  "
-            f"{opening.outward:3d}  ({1e3 * x1:.1f}, {1e3 * y1:.1f}) -> ({1e3 * x2:.1f}, {1e3 * y2:.1f})"
-            + (f"  left out: {opening.problem}" if opening.problem else "")
-        )
-    never = f"never passed, from {learned.prior}"
-    lines += [f"{o.outer}-{o.inner}    {place_deg(o.angle, 2):6.2f}  {never}" for o in learned.borrowed]
+    lines.append("rings  angle deg       width mm  width from                  passages")
+    lines += [
+        f"{o.outer}-{o.outer + 1}    {place_deg(o.angle, 2):6.2f} ± {math.degrees(o.angle_stderr):4.2f}  "
+        f"{1e3 * (o.width or 0.0):8.2f}  {o.width_from:26s}  {o.count:8d}{f'  left out: {o.problem}' * bool(o.problem)}"
+        for o in learned.openings
+    ]
     x, y = (1e3 * value for value in learned.centre)
     return [*lines, f"centre of the circles x {x:.2f}, y {y:.2f} mm; camera noise {1e3 * learned.noise:.2f} mm"]
