@@ -3,9 +3,8 @@
 Terms of the polynomial: as many as the readings determine twice over, up to cubes. `e_i / (1 - h_ii)` is the error of
 the fit without reading i (Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980).
 
-Outliers: wrong readings are reported and not used. Two steps find them. The first is the least median of squares over
-small random subsets (Rousseeuw, 1984); it works with up to one half of wrong readings. The second removes one reading
-after another, each by its error in the fit without it.
+Outliers: wrong readings are reported and not used. A robust fit (Cauchy's loss) without cubes shows the gross ones.
+Then one reading after another is removed, each by its error in the fit without it.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, TableError
@@ -38,10 +38,8 @@ LEAST_RANGE_V = 0.02  # V, minimum range of each channel
 ENDS_V = (0.02, 4.98)  # V; beyond these, a channel is at an end of the board's converter
 MOST_STUCK = 0.3  # largest share of readings at an end of the converter
 CLINOMETER = 0.1  # deg, last digit of the clinometer
-GROSS, FINE = 5.0, 4.5  # standard deviations beyond which a reading is an outlier, in the first and second step
-VISIBLE = 0.2  # deg; smaller errors are no outliers in the second step
-COARSE = 1.0  # deg; smaller errors are no outliers in the first step, which fits no cubes
-SUBSETS = 600  # number of random subsets in the first step
+GROSS = 1.0  # deg; larger errors of the robust fit are outliers
+FINE, VISIBLE = 4.5, 0.2  # standard deviations, and deg, beyond which a reading is an outlier later
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
         raise TableError(f"cannot be written: {problem.strerror}", file=path) from None
 
 
-def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
+def fit_tilt(readings: Sequence[Reading]) -> TiltFit:
     """Fit sensor and servos. Raises InputError for too few readings, or readings along one line."""
     if len(readings) < LEAST:
         raise InputError(
@@ -206,7 +204,7 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
             raise InputError(
                 f"{axis}_deg: {got}, expected readings over {LEAST_RANGE:g} deg at least; are they degrees?"
             )
-        fit, good, said = _fit_axis(v, y, centre, scale, np.random.default_rng(seed))
+        fit, good, said = _fit_axis(v, y, centre, scale)
         fits[axis] = fit
         outliers += [
             Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good).tolist()
@@ -243,12 +241,13 @@ def _check_spread(v: Array, low: Array, high: Array) -> None:
         )
 
 
-def _fit_axis(
-    v: Array, y: Array, centre: Array, scale: Array, rng: np.random.Generator
-) -> tuple[AxisFit, np.ndarray, Array]:
+def _fit_axis(v: Array, y: Array, centre: Array, scale: Array) -> tuple[AxisFit, np.ndarray, Array]:
     """The fit of one axis, which readings it uses (N,) bool, and its value at each reading (N,)."""
     terms = next((s for s in (CUBES, SQUARES) if len(y) >= 2 * len(s)), LINEAR)
-    good = _within_median(design(SQUARES if terms == CUBES else terms, v, centre, scale), y, rng)
+    rough = design(SQUARES if terms == CUBES else terms, v, centre, scale)
+    start, *_ = np.linalg.lstsq(rough, y, rcond=None)
+    found = least_squares(lambda k: rough @ k - y, start, loss="cauchy", f_scale=CLINOMETER)
+    good = np.abs(rough @ found.x - y) <= GROSS
     x = design(terms, v, centre, scale)
     while True:
         k, rms, studentised = _leave_one_out(x, y, good)
@@ -265,20 +264,6 @@ def _fit_axis(
     named = dict(zip(terms, (float(c) for c in k), strict=True))
     fit = AxisFit(named, float(np.sqrt(np.mean(left**2))), float(np.max(np.abs(left))), rms, int(good.sum()))
     return fit, good, said
-
-
-def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
-    """Which readings are near the fit with the least median of squared residuals, (N,) bool."""
-    n, p = x.shape
-    subsets = np.array([rng.choice(n, p + 1, replace=False) for _ in range(SUBSETS)])
-    best, least = np.abs(y), math.inf
-    for rows in subsets:
-        k, *_ = np.linalg.lstsq(x[rows], y[rows], rcond=None)
-        residual = np.abs(y - x @ k)
-        if (median := float(np.median(residual))) < least:
-            best, least = residual, median
-    sigma = 1.4826 * (1.0 + 5.0 / max(n - p, 1)) * max(least, 0.3 * CLINOMETER)
-    return best <= max(GROSS * sigma, COARSE)
 
 
 def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, Array]:
