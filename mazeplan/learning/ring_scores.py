@@ -7,8 +7,7 @@ heavy tails (see `fitting`), because their errors are absolute.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -106,30 +105,6 @@ class RingData:
 
 
 @dataclass(frozen=True)
-class Best:
-    """The kind with the smallest roll-out error at the last of CHECKED.
-
-    next:      the kind with the next larger error
-    less:      mean difference between the two errors, rad
-    interval:  95 % interval of this difference, from the same windows in pairs, by blocks of time"""
-
-    kind: str
-    next: str
-    less: float
-    interval: tuple[float, float]
-
-    @classmethod
-    def of(cls, errors: Mapping[str, Array], block: IntArray, rng: np.random.Generator) -> Best | None:
-        """errors: error of each window (N,), rad, by kind; block: of each window. None for fewer than two kinds."""
-        if len(errors) < 2:
-            return None
-        best, following = sorted(errors, key=lambda kind: float(np.mean(errors[kind])))[:2]
-        less = errors[following] - errors[best]
-        interval = block_bootstrap(less, block, lambda e: float(np.mean(e)), rng)
-        return cls(best, following, float(np.mean(less)), interval)
-
-
-@dataclass(frozen=True)
 class RingScores:
     """Scores of one ring; `document` is their JSON.
 
@@ -138,8 +113,7 @@ class RingScores:
     centre:            of the rings, m
     rollout:           mean absolute error of theta, rad, by kind and sample
     interval, bands:   95 % intervals of the scores, and bands of the roll-out errors
-    blocks:            number of blocks of time with test rows, and with windows
-    best:              None with fewer than two kinds of roll-outs"""
+    blocks:            number of blocks of time with test rows, and with windows"""
 
     ring: int
     n_train: int
@@ -155,7 +129,6 @@ class RingScores:
     interval: dict[str, dict[str, tuple[float, float]]]
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     blocks: dict[str, int] = field(default_factory=dict)
-    best: Best | None = None
 
     def document(self) -> dict[str, Any]:
         """For JSON, rounded."""
@@ -167,8 +140,6 @@ class RingScores:
             "nrmse_train": self.nrmse_train, "nrmse_test": self.nrmse_test,
             "rollout": self.rollout, "interval95": self.interval,
         }  # fmt: skip
-        if self.best is not None:
-            out["best"] = asdict(self.best)
         return _rounded(out | ({"bands": self.bands} if self.bands else {}))
 
 
@@ -212,14 +183,13 @@ def score(
     misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
-    errors: dict[str, Array] = {}
     for kind in ROLLED:
         progress(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
         if fitted is not None and len(windows):
             rolled = _roll(kind, fitted.typical, data, windows, misfit, rates, train_rows, options.fit)
             rollout[kind] = {str(n): rolled.after(n) for n in CHECKED}
-            bands[kind], errors[kind] = rolled.bands(), rolled.error[:, CHECKED[-1]]
+            bands[kind] = rolled.bands()
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
@@ -228,7 +198,6 @@ def score(
     return RingScores(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
         rollout, interval, bands, data.blocks(windows),
-        Best.of(errors, data.block[windows.start], np.random.default_rng([options.seed, ring, 2])),
     )  # fmt: skip
 
 

@@ -21,7 +21,6 @@ from mazeplan.maze.mapschema import MapFile, OpeningSection
 from mazeplan.maze.sections import as_tuples, problems
 from mazeplan.maze.wallrules import (
     cut_off,
-    dead_regions,
     default_wall_name,
     duplicate_names,
     overlaps,
@@ -122,8 +121,7 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
     maze = _maze(spec, str(file))
     if maze.radial_walls and (found := tuple(error(item) for item in cut_off(maze))):
         return MapCheck(None, found)
-    doubts = [*_warnings(spec), *(dead_regions(maze) if maze.radial_walls else ())]
-    return MapCheck(maze, (), tuple(str(error(item)) for item in doubts))
+    return MapCheck(maze, (), tuple(str(error(item)) for item in _warnings(spec)))
 
 
 def _line(error: MapError) -> int:

@@ -6,7 +6,6 @@ pass this wall.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 
 from mazeplan.maze.geometry import Maze
@@ -35,23 +34,3 @@ def leading_to(maze: Maze, goal: int, closed: Collection[str] = ()) -> set[Regio
             found.add(region)
             waiting += beside[region]
     return found
-
-
-def holds_ball(maze: Maze, region: Region) -> bool:
-    """Whether there is room for the ball between the radial walls of a region."""
-    ring, n = region
-    walls = maze.radial_walls_of(ring)
-    if len(walls) < 2:
-        return True
-    radius, here, following = maze.track_radius(ring), walls[n], walls[(n + 1) % len(walls)]
-    needed = here.half_angle(radius, maze.ball.radius) + following.half_angle(radius, maze.ball.radius)
-    return (following.angle - here.angle) % (2.0 * math.pi) > needed
-
-
-def described(maze: Maze, region: Region) -> str:
-    """A region in words."""
-    ring, n = region
-    walls = maze.radial_walls_of(ring)
-    if len(walls) < 2:
-        return f"ring {ring}"
-    return f"ring {ring} between {walls[n].name} and {walls[(n + 1) % len(walls)].name}"

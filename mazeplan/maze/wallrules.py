@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapschema import MapFile, RadialWallSection
-from mazeplan.maze.regions import described, holds_ball, leading_to, regions
+from mazeplan.maze.regions import leading_to
 from mazeplan.maze.yamltree import Key
 
 Problem = tuple[Key, str]
@@ -126,20 +126,3 @@ def cut_off(maze: Maze) -> Iterator[Problem]:
                 ("rings", ring - 1),
                 f"no way leads from ring {ring} to {where}: radial walls shut it; expected openings beside them",
             )
-
-
-def dead_regions(maze: Maze) -> Iterator[Problem]:
-    """Warnings: sectors with room for the ball from which no way leads to the centre, or only one through closed
-    openings."""
-    last = len(maze.rings)
-    leading = leading_to(maze, last)
-    now = leading_to(maze, last, [o.name for o in maze.openings if o.closed])
-    open_rings = {ring for ring, _ in now}
-    for region in regions(maze):
-        ring = region[0]
-        if region in now or not maze.radial_walls_of(ring) or not holds_ball(maze, region):
-            continue
-        if region in leading and ring not in open_rings:
-            continue  # there is another warning for a ring behind closed openings (`mapfile`)
-        only = " but through closed openings" if region in leading else ""
-        yield ("rings", ring - 1), f"warning: no way leads from {described(maze, region)} to ring {last}{only}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import replace
 
@@ -93,18 +92,10 @@ def test_the_tables(compare):
 
 
 @pytest.mark.slow
-def test_a_long_record_has_intervals_and_a_verdict(compare):
+def test_a_long_record_has_intervals(compare):
     out, err = compare("long.csv", *QUICK)
     assert err == ""
     out = out.replace("\u00a0", " ")
     assert re.search(r"\d+\.\d\d ± \d+\.\d\d / \d+\.\d\d ± \d+\.\d\d", out)
     assert len(re.findall(r"\[\d\.\d\d, \d\.\d\d\]", out)) == len(KINDS)
     assert "too few" not in out
-    said = re.search(r"Ring 2: (?:best: |no clear best: )(\w+),? (?:has )?(-?\d+\.\d\d) degrees less error", out)
-    assert said
-    document, _ = compare("long.csv", *QUICK, "--json")
-    best, errors = document["ring2"]["best"], {k: e["40"] for k, e in document["ring2"]["rollout"].items()}
-    assert said[1] == best["kind"] == min(errors, key=errors.get)
-    assert best["less"] == pytest.approx(errors[best["next"]] - errors[best["kind"]], abs=2e-4)
-    assert float(said[2]) == pytest.approx(math.degrees(best["less"]), abs=0.02)
-    assert best["interval"][0] <= best["less"] <= best["interval"][1]

@@ -76,15 +76,3 @@ def test_a_ring_that_walls_cut_off_is_an_error():
     found = check(wall(2, 20), wall(2, 67), text=one)  # ring 1 leads between them, ring 3 lies beyond
     assert found.maze is None
     assert "rings[0]: no way leads from ring 1 to ring 5" in str(found.errors[0])
-
-
-def test_a_sector_without_a_way_on_is_a_warning_where_the_ball_fits():
-    found = check(wall(2, 20), wall(2, 67))  # the way from there is out by 1-2@45 and around
-    assert (found.warnings, found.errors) == ((), ())
-    found = check(wall(1, 60), wall(1, 100))
-    assert [w.split(": ", 2)[2] for w in found.warnings] == [
-        "warning: no way leads from ring 1 between wall1@60 and wall1@100 to ring 5"
-    ]
-    assert check(wall(1, 85), wall(1, 95)).warnings == ()  # no room for the ball
-    shut = CME.replace("angle_deg: 45, width_mm: 15.3", "angle_deg: 45, width_mm: 15.3, closed: true", 1)
-    assert "through closed openings" in check(wall(1, 20), wall(1, 60), text=shut).warnings[0]

@@ -25,7 +25,6 @@ def models_section(given: Input) -> PageSection:
         document = {int(key.removeprefix("ring")): given.document[key] for key in given.document}
         document = dict(sorted(document.items()))
         parts: list[Any] = [_accelerations(document), _rollouts(document)]
-        parts += [Note(f"Ring {ring}: {_best(scores)}.") for ring, scores in document.items() if scores.get("best")]
         parts += _of_the_data(document)
         first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
         if first.get("rates") is not None:
@@ -136,19 +135,6 @@ def _error(scores: dict[str, Any], kind: str, steps: str) -> str:
     low, high = map(number, (scores.get("interval95") or {}).get(steps, {}).get(kind) or (None, None))
     half = f" ± {0.5 * DEG * (high - low):.2f}" if math.isfinite(high - low) and _enough(scores) else ""
     return f"{words.number(DEG * number(scores['rollout'][kind][steps]), 2)}{half}"
-
-
-def _best(scores: dict[str, Any]) -> str:
-    """The kind that predicts best after 40 samples: by how much, and how certain the difference is."""
-    best = scores["best"]
-    less, low, high = (DEG * number(value) for value in (best["less"], *best["interval"]))
-    led = f"{less:.2f} degrees less error after 40 samples than {best['next']}"
-    if not _enough(scores) or not math.isfinite(low):
-        return f"least error: {best['kind']}, {led}; {TOO_FEW} blocks of time to tell"
-    interval = f"95 % interval {low:.2f} to {high:.2f}"
-    return f"best: {best['kind']}, {led} ({interval})" if low > 0.0 else (
-        f"no clear best: {best['kind']} has {led} ({interval})"
-    )  # fmt: skip
 
 
 def _of_the_data(document: Comparison) -> list[Note]:
