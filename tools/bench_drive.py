@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from bench_kit import BUILD, ROOT, Section, Table, arrivals
+from bench_kit import Section, Table, arrivals
 from random_rigs import RANGES, draw, drive, packaged_model
 
 from mazeplan.core.records import NavigationResult
@@ -76,17 +76,6 @@ def longest(outcomes: list[NavigationResult]) -> tuple[str, ...]:
     return tuple(f"{max(o.tick_ms[key] for o in outcomes):.1f}" for key in ("p99", "max"))
 
 
-def tree_with_pd() -> str:
-    """Path of the packaged tree with PD tracking."""
-    text = (ROOT / "behaviors" / "navigate.xml").read_text()
-    track = '<Track opening="{opening}" plan="{plan}"'
-    if track not in text:
-        raise SystemExit("the packaged tree has no such Track any more")
-    BUILD.mkdir(exist_ok=True)
-    (BUILD / "pd.xml").write_text(text.replace(track, track + ' law="pd"'))
-    return str(BUILD / "pd.xml")
-
-
 def parts(runs: int) -> list[tuple[str, str, Callable[[], list[NavigationResult]]]]:
     """Name of each part, what is changed, and its runs."""
     base, model, nominal = load_settings(), packaged_model("toy"), RigModel.nominal(load_map("cme"))
@@ -104,7 +93,6 @@ def parts(runs: int) -> list[tuple[str, str, Callable[[], list[NavigationResult]
         ("no prediction over the camera's delay", "camera_delay 0", with_({}, replace(model, camera_delay=0.0))),
         ("no lead over the servo's lag", "gate.lead_s 0", with_({"gate": {"lead_s": 0.0}})),
         ("a plan once per ring, its own gains", "tracking.replan_* off", with_(once)),
-        ("a plan once per ring, followed by PD", "the same, law pd", with_(once, tree=tree_with_pd())),
         ("an opening chosen by the formula", "travel.planned_choices 1", with_({"travel": {"planned_choices": 1}})),
         ("the next move begins in the next ring", "gate.entry_s 0", with_({"gate": {"entry_s": 0.0}})),
         ("stop in front of an opening", "gate.window_speed_m_s 0.02, travel.speed_m_s 0",

@@ -5,7 +5,6 @@ The log has an event whenever the law changes that steers the ball along its rin
     mpc       a plan of this tick. If its deadline stopped the planner, it is the last plan, shifted, and improved as
               far as there was time
     gains     a plan of an earlier tick with its gains, because the new plan failed or this tick made none
-    plan_pd   a plan tracked by PD, if the tree asks for it
     pd        no plan: PD towards the opening
 """
 
@@ -21,7 +20,7 @@ from py_trees.common import Status
 from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned
-from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
+from mazeplan.control.tracking import finished, follow_gains, off_plan, pd_to_angle
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import Command, FailureKind, Plan
@@ -166,12 +165,6 @@ class Track(MazeLeaf):
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening to arrive at", choices="openings"),
         "plan": Port(str, REQUIRED, "the plan to follow"),
-        "law": Port(
-            str,
-            "gains",
-            "gains: the plan's own time-varying ones; pd: PD on the planned trajectory",
-            choices=("gains", "pd"),
-        ),
         **TRAVEL,
         "timeout_s": Port(float, USUAL_S, "after that the opening counts as missed; longer on a long way", least=0.0),
     }
@@ -222,13 +215,9 @@ class Track(MazeLeaf):
 
     def _follow(self, plan: Plan, opening: Opening) -> Command:
         run, options = self.context, self.context.steering.options.tracking
-        radius = run.maze.track_radius(run.here.ring)
         if not plan.ok:
             run.log_law("pd")
-            lean = lean_to(run, opening, travel_options(self))
+            radius, lean = run.maze.track_radius(run.here.ring), lean_to(run, opening, travel_options(self))
             return pd_to_angle(run.here, run.turn_to(opening), run.plate, options, radius, lean)
-        if self.get("law") == "pd":
-            run.log_law("plan_pd")
-            return follow_pd(plan, run.here, run.plate, options, radius)
         run.log_law("mpc" if self._fresh else "gains")
         return follow_gains(plan, run.here, run.plate)

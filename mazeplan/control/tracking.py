@@ -1,7 +1,6 @@
-"""Tracking laws: the plan's time-varying gains, PD on the planned trajectory, and PD without a plan.
+"""Tracking laws: the plan's time-varying gains, and PD without a plan.
 
     gains:  u = u_k + K_k (s - s_k)
-    PD:     u = u_k + tilt along theta for  kp (theta_k - theta) + kd (theta_dot_k - theta_dot)
     no plan:      tilt along theta for  kp (goal - theta) - kd theta_dot, and the lean
 
 k is the step of the plan at the time of the state. All commands are clipped to the tilt limit.
@@ -12,8 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
@@ -64,16 +61,6 @@ def follow_gains(plan: Plan, state: State, plate: Plate) -> Command:
     """The plan's command, corrected by the time-varying gains of the plan."""
     k = plan_step(plan, state.t)
     u = plan.controls[k] + plan.gains[k] @ deviation(plan, state)
-    return plate.clip(float(u[0]), float(u[1]))
-
-
-def follow_pd(plan: Plan, state: State, plate: Plate, options: TrackingOptions, radius: float) -> Command:
-    """The plan's command corrected by a PD law on theta."""
-    k = plan_step(plan, state.t)
-    error = deviation(plan, state)
-    pull = -(options.kp * error[0] + options.kd * error[1]) * radius / GRAVITY
-    along = np.array([-math.sin(state.theta), -math.cos(state.theta)])  # d(acceleration along theta) / d(tilt), over g
-    u = plan.controls[k] + pull * along
     return plate.clip(float(u[0]), float(u[1]))
 
 

@@ -65,7 +65,7 @@ class OpeningPassed:
 
 @dataclass(frozen=True, slots=True)
 class LawChanged:
-    """The law that steers along a ring from now on: mpc, gains, pd, plan_pd or policy."""
+    """The law that steers along a ring from now on: mpc, gains, pd or policy."""
 
     law: str
 

@@ -116,12 +116,6 @@ class State:
         return math.hypot(self.vx, self.vy)
 
     @property
-    def r_dot(self) -> float:
-        """Radial speed, m/s; 0 at the centre."""
-        r = self.r
-        return 0.0 if r < 1e-9 else (self.x * self.vx + self.y * self.vy) / r
-
-    @property
     def theta_dot(self) -> float:
         """Angular speed about the centre, rad/s; 0 at the centre."""
         r2 = self.x * self.x + self.y * self.y

@@ -59,20 +59,18 @@ def learn_processes(
     kind: str,
     options: FitOptions | None = None,
     *,
-    smoothing: Smoothing = SMOOTHING,
     progress: Words = no_words,
     advance: Advance = no_advance,
 ) -> tuple[RigModel, dict[int, RingLearning]]:
     """The model with Gaussian processes for each ring with enough samples, and their scores.
 
     kind:       np or sp
-    smoothing:  of the positions and tilts
     progress:   receives each step in words
     advance:    receives the share done
 
     Raises TableError if no ring has enough samples."""
     options = options or FitOptions()
-    found = ring_samples(table, maze, smoothing, SampleOptions(delay=model.camera_delay, recompute=True))
+    found = ring_samples(table, maze, SMOOTHING, SampleOptions(delay=model.camera_delay, recompute=True))
     balls, processes, learned = dict(model.balls), {}, {}
     enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= FEWEST}
     for i, (ring, samples) in enumerate(enough.items()):
@@ -84,7 +82,7 @@ def learn_processes(
         raise TableError(problem, file=table.place)
     scores = {
         **model.scores,
-        "smoothing": {"method": smoothing.method, "model": smoothing.model},
+        "smoothing": {"method": SMOOTHING.method, "model": SMOOTHING.model},
         "nrmse_test_effects": {f"ring{ring}": round(x.before, 4) for ring, x in learned.items()},
         f"nrmse_test_{kind}": {f"ring{ring}": round(x.after, 4) for ring, x in learned.items()},
     }

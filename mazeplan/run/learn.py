@@ -30,9 +30,8 @@ from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.identification import TEST_SHARE, RigFit, fit_rig
-from mazeplan.learning.rig_gp import SMOOTHING, RingLearning, learn_processes
+from mazeplan.learning.rig_gp import RingLearning, learn_processes
 from mazeplan.learning.rig_model import RigModel
-from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
@@ -69,7 +68,7 @@ class Learned:
 
 def learn(
     tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
-    smoothing: Smoothing = SMOOTHING, progress: Words = no_words, advance: Advance = no_advance,
+    progress: Words = no_words, advance: Advance = no_advance,
 ) -> Learned:  # fmt: skip
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
@@ -86,9 +85,7 @@ def learn(
     if kind == "p":
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
     elif kind != "pi":
-        model, rings = learn_processes(
-            table, maze, model, kind, options, smoothing=smoothing, progress=progress, advance=advance
-        )
+        model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
         model = _without_worse_processes(model, rings)
     why, short, reference, remaining = why_not_whole([table]), shortened(table), None, math.nan
     later = later_part(short)

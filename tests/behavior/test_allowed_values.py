@@ -32,7 +32,6 @@ def call(monkeypatch, capsys, tmp_path):
         ('<FailureIs kinds="stuck;stuk"/>', "kinds: got 'stuck;stuk', expected one or more"),
         ('<FailureIs kinds=""/>', "kinds: got '', expected one or more"),
         ('<FailureIs kinds="stuck" at_most="-1"/>', "at_most: got '-1', expected a whole number >= 0"),
-        ('<Track opening="1-2@45" plan="{p}" law="pid"/>', "law: got 'pid', expected one of gains, pd"),
         ('<LevelPlate timeout_s="-1"/>', "timeout_s: got '-1', expected a finite number >= 0"),
         ('<LevelPlate timeout_s="inf"/>', "timeout_s: got 'inf', expected a finite number >= 0"),
         ('<Dither duration_s="1e999"/>', "duration_s: got '1e999', expected a finite number >= 0"),
@@ -103,7 +102,6 @@ def test_what_the_map_does_not_have_is_refused_when_it_comes_from_the_blackboard
 def test_the_list_of_leaves_shows_what_is_allowed(call):
     out = call("behavior", "list")[1]
     assert f"    kinds (list, needed): kinds of failure, separated by ;; allowed: {KINDS}\n" in out
-    assert "PD on the planned trajectory; allowed: gains, pd\n" in out
     assert "    ring (int, needed): number of the ring; allowed: rings of the map\n" in out
 
 

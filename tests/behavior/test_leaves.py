@@ -156,9 +156,8 @@ def tracking(bench, theta=0.0, **ports):
     return bench.leaf("Track", opening="1-2@45", plan=Key("plan"), **ports)
 
 
-@pytest.mark.parametrize("law", ["gains", "pd"])
-def test_track_commands_along_the_ring_and_ends_in_front_of_the_opening(bench, law):
-    leaf = tracking(bench, law=law)
+def test_track_commands_along_the_ring_and_ends_in_front_of_the_opening(bench):
+    leaf = tracking(bench)
     assert bench.tick(leaf, at(1, 0.0)) is Status.RUNNING
     assert bench.run.command is not None
     assert bench.run.command.u_gamma < -0.03  # a ball at theta = 0 goes to positive theta by negative gamma

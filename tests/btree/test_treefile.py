@@ -264,6 +264,6 @@ def test_palette_has_every_leaf_with_its_ports():
     actions = {action.get("ID"): action for action in root.iter("Action", "Condition")}
     assert set(actions) == set(REGISTRY)
     ports = {port.get("name"): port for port in actions["Track"]}
-    assert ports["law"].get("default") == "gains"
+    assert ports["timeout_s"].get("default") == "4.0"
     assert ports["opening"].get("default") is None
     assert [p.tag for p in actions["ChooseOpening"]] == ["input_port", "input_port", "output_port"]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from mazeplan.control.tracking import (
     deviation,
     finished,
     follow_gains,
-    follow_pd,
     off_plan,
     pd_to_angle,
     plan_step,
@@ -47,25 +45,14 @@ def test_on_the_plan_the_command_is_the_plans(k):
     plan = make_plan()  # theta runs through pi, where atan2 jumps
     state = on_plan(plan, k)
     assert np.allclose(deviation(plan, state), 0.0, atol=1e-12)
-    for command in (follow_gains(plan, state, PLATE), follow_pd(plan, state, PLATE, TrackingOptions(), RADIUS)):
-        assert (command.u_beta, command.u_gamma) == pytest.approx((0.02, -0.01))
+    command = follow_gains(plan, state, PLATE)
+    assert (command.u_beta, command.u_gamma) == pytest.approx((0.02, -0.01))
 
 
 def test_gains_correct_the_command():
     plan = make_plan()
     command = follow_gains(plan, on_plan(plan, 5, theta_error=0.02, rate_error=0.1), PLATE)
     assert (command.u_beta, command.u_gamma) == pytest.approx((0.02 - 0.5 * 0.02, -0.01 + 0.1 * 0.1))
-
-
-@pytest.mark.parametrize(("theta_error", "rate_error"), [(0.05, 0.0), (0.0, 0.3), (0.05, -0.3)])
-def test_pd_pulls_back_along_theta_and_brakes(theta_error, rate_error):
-    plan = replace(make_plan(), controls=np.zeros((STEPS, 2)))
-    state = on_plan(plan, 3, theta_error, rate_error)
-    command = follow_pd(plan, state, PLATE, TrackingOptions(), RADIUS)
-    # acceleration along theta of the ball's equation: -sin(beta) sin(theta) - sin(gamma) cos(theta)
-    along = -command.u_beta * math.sin(state.theta) - command.u_gamma * math.cos(state.theta)
-    wanted = TrackingOptions().kp * theta_error + TrackingOptions().kd * rate_error
-    assert along == pytest.approx(-wanted * RADIUS / 9.81)
 
 
 def test_commands_are_limited():

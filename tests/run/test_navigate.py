@@ -119,17 +119,6 @@ def test_out_of_time_is_a_failure_with_its_name():
     assert rig.levelled
 
 
-def test_pd_tracking_by_the_tree_alone(tmp_path):
-    from mazeplan.core import resources
-
-    text = (resources.share("behaviors") / "navigate.xml").read_text()
-    tree = tmp_path / "pd.xml"
-    tree.write_text(text.replace("<Track ", '<Track law="pd" '))
-    assert 'law="pd"' in tree.read_text()
-    result, _ = go(behavior=str(tree))
-    assert result.success
-
-
 def test_a_tree_that_is_skipped_ends_the_run_without_success(tmp_path):
     from mazeplan.core import resources
 
