@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from mazeplan.behavior.context import BallView
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
-from mazeplan.control.estimation.encounter import update_balls
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.core.errors import InputError, RigError
@@ -59,7 +58,7 @@ class Balls:
 
     def __init__(self, setup: Setup, rate_hz: float) -> None:
         maze, options = setup.maze, setup.settings.estimator
-        self._setup, self._rate_hz, self._radius = setup, rate_hz, maze.ball.radius
+        self._setup, self._rate_hz = setup, rate_hz
         self._camera = setup.driving_model.camera
         self._all = self._estimators(setup.driving_model)
         self._recent: deque[Sequence[Observation] | tuple[Command, float]] = deque(
@@ -79,7 +78,8 @@ class Balls:
                 for estimator in self._all:
                     estimator.sent(*one)  # pyright: ignore[reportArgumentType]
             else:
-                update_balls(self._all, one, self._radius)  # pyright: ignore[reportArgumentType]
+                for estimator, sample in zip(self._all, one, strict=True):
+                    estimator.update(sample)  # pyright: ignore[reportArgumentType]
 
     @property
     def ahead(self) -> tuple[Callable[..., State], ...]:
@@ -109,7 +109,7 @@ class Balls:
         if len(each) != len(self._all):
             raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
         self._recent.append(each)
-        states = update_balls(self._all, each, self._radius)
+        states = [e.update(sample) for e, sample in zip(self._all, each, strict=True)]
         return tuple(BallView(s, e.filtered or s) for s, e in zip(states, self._all, strict=True))
 
     def out(self, observation: Observation) -> Out | None:

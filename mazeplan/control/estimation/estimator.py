@@ -124,7 +124,7 @@ class Estimator:
         self.correct(observation)
         return self.finish(observation, self.predicted(observation.t))
 
-    # The four steps of `update`. `encounter` predicts two balls together between them.
+    # -- the four steps of `update` --------------------------------------------------------------------------------
 
     def begin(self, observation: Observation) -> None:
         """Filter the plate's axes to the time of the sample."""
@@ -151,13 +151,9 @@ class Estimator:
         z, end = self.ball(), t + self.acts_after if until is None else until
         if self._z is not None:
             self.advance(z, self._measured_at, min(t, end))
-        self.set_tilt(z)
-        self.predict_queued(z, self.known_until(t), end)
+        z[4:6], z[6:8] = self._coming[-1][1] if self._coming else self._plate.means
+        self.predict_queued(z, max(t, self._measured_at) if self._z is not None else t, end)
         return z
-
-    def known_until(self, t: float) -> float:
-        """The later one of t and of the moment of a picture that came at t, s."""
-        return max(t, self._measured_at) if self._z is not None else t
 
     def finish(self, observation: Observation, z: Array) -> State:
         """The state for z (9,), which is kept for `ahead`."""
@@ -182,15 +178,6 @@ class Estimator:
     def ball(self) -> Array:
         """A copy of the state (9,) of the ball at the last measured moment; zeros before the first sample."""
         return np.zeros(SIZE) if self._z is None else self._z.copy()
-
-    @property
-    def measured_at(self) -> float | None:
-        """The last measured moment, s; None before the first sample."""
-        return None if self._z is None else self._measured_at
-
-    def set_tilt(self, z: Array) -> None:
-        """Write the tilt of `known_until` into z (9,)."""
-        z[4:6], z[6:8] = self._coming[-1][1] if self._coming else self._plate.means
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """The state returned by `update`, predicted `seconds` further with the last command held.
