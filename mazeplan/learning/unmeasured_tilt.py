@@ -61,6 +61,8 @@ def stage_by_ball(table: Table, maze: Maze) -> StageModel:
 def finer_axes() -> Iterator[StageAxis]:
     """Axes on a finer grid, for a sharper measure than the weak form."""
     yield StageAxis.prompt()
+    for rate in np.geomspace(0.5, 2.0, 6):  # rad/s, as of stepper motors
+        yield replace(StageAxis.prompt(), rate_limit=float(rate))
     for pole in np.geomspace(5.0, 60.0, 13):
         yield StageAxis(1.0, float(pole), 1.0, order=1)
     for frequency, damping in product(np.geomspace(8.0, 45.0, 9), (0.7, 0.95, 1.3)):

@@ -39,6 +39,7 @@ from mazeplan.run.judge import PARTS, Judgement, judge
 
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
+LATER = (0.024, 0.032, 0.040, 0.048)  # s, for an axis whose rate is limited: small motions have less lag
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
@@ -118,14 +119,15 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> StageModel:
     total, best = stage.lag + ball.view.delay, (math.inf, stage)
     for axis in finer_axes():
         part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))
-        for shift in SHIFTS:
+        for shift in SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER):
             view = ball.view._replace(delay=max(total - axis.lag + shift, 0.0))
             best = min(
                 best, (part.innovations(ball._replace(view=view)).minus2, StageModel(axis, axis)), key=itemgetter(0)
             )
     axis = best[1].beta
-    if axis.order:
-        axis = replace(axis, stderr={"natural_frequency": COARSE * axis.natural_frequency})
+    name = "natural_frequency" if axis.order else "rate_limit"
+    if math.isfinite(getattr(axis, name)):
+        axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
     return StageModel(axis, axis)
 
 

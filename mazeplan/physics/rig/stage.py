@@ -23,6 +23,7 @@ from mazeplan.core.records import Array
 PROMPT = 60.0  # rad/s; a servo that a record shows to follow at once is at least this fast
 FASTEST = 600.0  # rad/s; the fast pole of a simulation in small steps, where the axis has none
 WIDE = 0.13  # rad; a change of tilt that a plan often makes: three quarters of a reversal at 5 degrees
+REACHED_S = 0.01  # s; about the time between two rows of a plate's motion
 ORDERS = ("at once", "first order", "second order")
 
 
@@ -100,9 +101,11 @@ class StageAxis:
     def acceleration(self, away: float, rate: float) -> float:
         """Acceleration, rad/s^2, at angle - target = away, rad, and this rate, rad/s.
 
-        It is 0 for an axis whose rate jumps with its command: its acceleration between jumps would be a bias."""
-        w = self.natural_frequency
-        return -w * w * away - 2.0 * self.damping * w * rate if self.order == 2 else 0.0
+        It is 0 for an axis whose rate jumps with its command: its acceleration between jumps would be a bias. A limited
+        rate is reached at once, too: no more than what leads to it in REACHED_S."""
+        w, limit = self.natural_frequency, self.rate_limit
+        a = -w * w * away - 2.0 * self.damping * w * rate if self.order == 2 else 0.0
+        return min(max(a, (-limit - rate) / REACHED_S), (limit - rate) / REACHED_S)
 
     def second_order(self, fastest: float = FASTEST) -> tuple[float, float]:
         """Natural frequency, rad/s, and damping of the second-order axis that resembles this one.

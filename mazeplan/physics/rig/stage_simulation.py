@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.records import Array, IntArray
-from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage import REACHED_S, StageAxis
 
 START = np.zeros(1, dtype=np.int64)  # one stretch, from the first sample on
 SUBSTEP = 1.0 / 480.0  # s, largest step with a limited rate
@@ -127,6 +127,7 @@ def _march(target, M, order, numbers, late, rest, h, steps, parts, firsts, out):
             away = angle - aim
             if i % parts == 0:
                 a = -w * w * away - 2.0 * zeta * w * rate if order == 2 else 0.0  # as `StageAxis.acceleration`
+                a = min(max(a, (-limit - rate) / REACHED_S), (limit - rate) / REACHED_S)
                 row = out[(first * steps + i) // parts]
                 row[0], row[1], row[2] = angle - rest * rate, rate, a
             rate_new = M[1, 0] * away + M[1, 1] * rate
