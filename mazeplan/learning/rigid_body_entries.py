@@ -122,11 +122,12 @@ NEAR = 1e-6  # share of its range by which a number is at its bound
 
 
 def determined(name: str, value: float, stderr: float | None) -> bool:
-    """Whether a record determines a number: it is not 0 for want of an effect, and not as uncertain as its range."""
+    """Whether a record determines a number: it is not 0 for want of an effect, not at its upper bound, and not as
+    uncertain as its range."""
     number = PARAMETERS[name]
     wide = number.high - number.low
-    nothing = name in ABSENT and name != "delay" and value < NEAR * wide
-    return math.isfinite(value) and not nothing and not (stderr is not None and stderr > wide)
+    at_end = name in ABSENT and name != "delay" and min(value, number.high - value) < NEAR * wide
+    return math.isfinite(value) and not at_end and not (stderr is not None and stderr > wide)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ FITTED = (  # numbers that are fitted for a reference
 REST = tuple(name for name in FITTED if name != "inertia")
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
-SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball; its standard error
+SOLID, HOLLOW, ROUND = 0.4, 2.0 / 3.0, 0.02  # inertia over m R^2 of a solid and a hollow ball; its standard error
 SLIDES, FASTEST_ROLLING = 1.2 * LEAST_INERTIA, 0.8  # inertia of a ball that slides; factor of no ball that rolls
 DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes of the delay that a fit tries
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
@@ -106,23 +106,35 @@ def reference_by_filter(body: BodyFilter, known: Known, maze: Maze, model: RigMo
 
 
 def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyFit:
-    """The likeliest numbers of a reference. The ball has this inertia unless the record contradicts.
+    """The likeliest numbers of a reference. The ball is solid, or has this inertia, unless the record contradicts.
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
-    change the other numbers, too."""
+    change the other numbers, too. From the inertia of a solid ball, a fit may not reach that of a hollow one."""
     part = alternate(body)
-    near = fit_body(part, with_values(guess, {"inertia": inertia}), REST, enough=ENOUGH)
-    for _ in DELAYS:  # where a plate jumps with its commands, small steps of the delay change nothing
-        tried = [with_values(near.model, {"delay": max(near.value("delay") + d, body.soonest)}) for d in DELAYS]
+    begins = [
+        _near(part, with_values(guess, {"inertia": i})) for i in ((inertia,) if inertia == SLIDES else (SOLID, HOLLOW))
+    ]
+    near, likeliest = begins[0], min(begins, key=lambda fit: fit.minus2)
+    free = fit_body(body, likeliest.model, FITTED, enough=ENOUGH)
+    if near.minus2 - likeliest.minus2 > NEEDED:
+        return free
+    solid = fit_body(body, near.model, REST, enough=ENOUGH)
+    if solid.minus2 - free.minus2 > NEEDED:
+        return free
+    return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
+
+
+def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
+    """The likeliest numbers with this inertia. The delay is looked for further away: where a plate jumps with its
+    commands, small steps of the delay change nothing."""
+    near = fit_body(part, guess, REST, enough=ENOUGH)
+    for _ in DELAYS:
+        tried = [with_values(near.model, {"delay": max(near.value("delay") + d, part.soonest)}) for d in DELAYS]
         likeliest = min(tried, key=lambda model: part.innovations(model).minus2)
         if part.innovations(likeliest).minus2 > near.minus2 - ENOUGH:
             break
         near = fit_body(part, likeliest, REST, enough=ENOUGH)
-    solid = fit_body(body, near.model, REST, enough=ENOUGH)
-    free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
-    if solid.minus2 - free.minus2 > NEEDED:
-        return free
-    return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
+    return near
 
 
 def shortened(table: Table) -> Table:
