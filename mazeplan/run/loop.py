@@ -23,8 +23,8 @@ from mazeplan.behavior.winding import WindDown
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
-from mazeplan.control.estimation.stage_watch import FitWatch
 from mazeplan.core.display import Display
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import (
@@ -90,7 +90,7 @@ class Run:
         self.chain = CommandChain(rig.rate_hz, slew)
         self._balls = Balls(setup, rig.rate_hz)
         self._sample_check = SampleCheck(rig.rate_hz)
-        self._fit = FitWatch(model.stage, rig.rate_hz)
+        self._fit = FitWatch(setup.maze, model, rig.rate_hz)
         self._stopwatch = watch or Live()
         self._slew = slew
         self._prepare_control()
@@ -363,7 +363,7 @@ class Run:
         """Command the rig and log the tick. lead: compensate the backlash of the servos, if the model has any."""
         passed_on = self.chain.send(command, lead=lead)
         command = self.chain.sent
-        self._fit.sent(command)
+        self._fit.sent(command, observation.t)
         self._rig.command(command.u_beta, command.u_gamma)
         self._balls.sent(passed_on, observation.t)
         self._record.tick(

@@ -9,8 +9,6 @@ stage, y the measured tilts and G the matrix that fits best,
 G is near the identity on a healthy rig. A negative diagonal is a wrong sign, a large secondary diagonal exchanged
 axes, another diagonal a gain. If G is right, but another stage of the bank leaves much less of the tilt, the servo is
 another. A limited rate is no linear stage: it is simulated from the commands of the whole run.
-
-`FitWatch` asks every few samples, and stops after the first seconds.
 """
 
 from __future__ import annotations
@@ -40,10 +38,6 @@ LIMITS, ALIKE = 3.0, 1.1  # times less that a limit must leave; times more than 
 BETTER = 2.0  # times less than the present stage must be left with another one
 GAIN, LEAST_GAIN = 0.15, 0.2  # difference of a gain from 1 that counts; a smaller gain is another fault
 LEAST = 1e-9  # rad^2; keeps sums invertible
-WATCHED_S = 4.0  # s from the first sample; what shows later is a fault, not a misfit
-LEARNED_OFF = math.radians(2.0)  # rad; rms from which a fitted stage is wrong: fast commands reach limits of any servo
-MOST_STAGES = 3  # stages that a run adopts
-EVERY = 2  # samples between judgements
 FAR = 0.25  # rad; no plate of such a rig tilts so far: the sample is wrong
 SOON = 1e-9  # s; a command acts at the sample at which its dead time ends
 HALF = 0.5  # share of y that must come from the other axis, or from the other sign
@@ -181,37 +175,6 @@ class StageWatch:
         self._yp = np.concatenate([self._yp, self._yp[:1] * gains])
         self._pp = np.concatenate([self._pp, self._pp[:1] * np.outer(gains, gains)])
         return words, StageModel(beta, gamma)
-
-
-class FitWatch:
-    """The watch of one run. stage: of the model"""
-
-    def __init__(self, stage: StageModel, rate_hz: float) -> None:
-        self._adopted = self._count = 0
-        self._off = OFF if stage == StageModel() else LEARNED_OFF
-        self._watch: StageWatch | None = StageWatch(stage, rate_hz)
-        self._began: float | None = None
-
-    def sent(self, command: Command) -> None:
-        """Note the command of a tick."""
-        if self._watch is not None:
-            self._watch.sent(command)
-
-    def update(self, observation: Observation) -> tuple[str, StageModel | None] | None:
-        """Take in a sample. Returns what does not fit, and the stage that would; None if nothing was found now."""
-        watch, t = self._watch, observation.t
-        self._count, self._began = self._count + 1, t if self._began is None else self._began
-        if watch is None or t - self._began > WATCHED_S:
-            self._watch = None
-            return None
-        watch.update(observation)
-        words, stage = ("", None) if self._count % EVERY else watch.judge(self._off)
-        if not words:
-            return None
-        self._adopted += stage is not None
-        more = stage is not None and self._adopted < MOST_STAGES and math.isinf(stage.beta.rate_limit)
-        self._watch = watch.on(stage) if more and stage is not None else None
-        return words, stage
 
 
 def _bank() -> Iterator[StageAxis]:
