@@ -111,8 +111,11 @@ def navigate_once(request: NavigationRequest, company: Company) -> NavigationRes
     """Run one request and show its progress on the terminal."""
     from mazeplan.apps.cli.progress import NavigationProgress
     from mazeplan.core.errors import RigError
+    from mazeplan.rigs.registry import make_rig
     from mazeplan.run.execution import execute
 
+    if isinstance(request.rig, str):  # a rig that cannot be used is named first
+        make_rig(request.rig, request.maze)
     note_missing_model(str(request.rig), request.model)
     with NavigationProgress() as progress:
         try:

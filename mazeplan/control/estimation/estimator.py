@@ -34,7 +34,6 @@ from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact,
 
 HOLD_S = 1.0 / 30.0  # s; of a command, with which the settings of navigation were found
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
-HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
 
 
 @dataclass(frozen=True)
@@ -222,13 +221,6 @@ class Estimator:
         spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
         self._covariance = transition @ self._covariance @ transition.T + spread
         self._measured_at = moment
-
-    def strike(self, moment: float, change: Array) -> None:
-        """Predict the ball to a moment, and change its velocity there by (2,) m/s, with an uncertainty of HIT of it."""
-        assert self._z is not None
-        self._predict_to(moment)
-        self._z[2:4] += change
-        self._covariance[1, 1] += HIT**2 * float(change @ change)
 
     def _start_at(self, moment: float, position: Array) -> None:
         sigma = self._options.camera_sigma

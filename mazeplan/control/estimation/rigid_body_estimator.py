@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from mazeplan.control.estimation.estimator import HIT, SPIN, Estimator, EstimatorOptions
+from mazeplan.control.estimation.estimator import SPIN, Estimator, EstimatorOptions
 from mazeplan.control.estimation.plate import HISTORY_S, Piece
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
@@ -159,14 +159,6 @@ class BodyEstimator(Estimator):
         )
         _predict_rows(self._ball, self._walls, self._effects, self._kf, rows, h, self._mean, self._P, self._room)
         self._measured_at = moment
-        self._z[BALL] = self._mean
-
-    def strike(self, moment: float, change: Array) -> None:
-        """See `Estimator.strike`."""
-        assert self._z is not None
-        self._predict_to(moment)
-        self._mean[2:4] += change
-        self._P[2:4, 2:4] += HIT**2 * np.outer(change, change)
         self._z[BALL] = self._mean
 
     def _start_at(self, moment: float, position: Array) -> None:
