@@ -30,7 +30,7 @@ def outcome(kind: str, runs: int, seconds: float) -> dict[str, Any]:
     options = Options(runs=runs, seconds=seconds)
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder) / "rig.yaml"
-        truth = write_hidden_rig(rig, kind, load_map(options.map))
+        truth = write_hidden_rig(rig, kind, load_map(str(options.map)))
         (entry,) = improve(str(rig), Path(folder) / "improved", options)
         done, navigation = entry["diagnosis"], entry["navigation"]
         model = load_model(done["model"]) if done["model"] else None
