@@ -27,10 +27,11 @@ def execute(request: NavigationRequest, company: Company | None = None, job: Job
     company = company or Company()
     ready = request.resolve(company, job)
     try:
-        result = run_job(
-            ready.rig, ready.setup, ready.job, log=request.log, display=company.display, goals=company.goals,
-            feed=company.feed,
-        )  # fmt: skip
+        with company.guard(ready.rig):
+            result = run_job(
+                ready.rig, ready.setup, ready.job, log=request.log, display=company.display, goals=company.goals,
+                feed=company.feed,
+            )  # fmt: skip
     except BaseException:
         with suppress(RigError):  # the first error matters
             ready.rig.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -48,6 +49,7 @@ class Company:
     feed: called in the thread of the run with topic, rig time and document of each message of a log
     around: wraps the rig, for example to pace it by the wall clock
     watch: called with each tree and its context before it begins
+    guard: a context around the run, entered with the rig, such as an emergency stop
     """
 
     display: Display | None = None
@@ -56,6 +58,7 @@ class Company:
     feed: Sink | None = None
     around: Callable[[Rig], Rig] | None = None
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
+    guard: Callable[[Rig], AbstractContextManager[object]] = nullcontext
 
 
 @dataclass(frozen=True)

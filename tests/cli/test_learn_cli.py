@@ -101,8 +101,8 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypat
     model = load_model(tmp_path / "model")
     reference, body = load_reference(tmp_path / "model", model), body_of(model)
     assert reference is not None
-    assert (body is None) == ("contact" in document["judged"]["safer"])  # nobody's ball: `learn` may doubt it
-    assert body is None or body.ball == reference.body.model.ball
+    assert body is not None
+    assert body.ball == reference.body.model.ball
     assert document["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
     assert "ring2" in document["scores"]["nrmse_test_sp"]
     for words in (r"stage", r"ring 2", r"[1-9]\d?%"):

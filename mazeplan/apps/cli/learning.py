@@ -34,6 +34,7 @@ def collect(
     as_json: opt.AsJson = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
+    from mazeplan.apps.cli.emergency import interrupt, stop_key
     from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.commands.collect import collect as record
@@ -43,7 +44,8 @@ def collect(
     with _report_kept(output), ProgressBar("seconds", transient=False) as bar:
         done = record(
             output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed, tilt=tilt,
-            highest_hz=highest_hz, own_process=True, advance=bar.advance,
+            highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
+            advance=bar.advance,
         )  # fmt: skip
     if done.tour is not None:
         report(done.tour)

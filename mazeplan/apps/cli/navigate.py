@@ -18,6 +18,7 @@ from mazeplan.core.errors import InputError, RigError
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
     from mazeplan.learning.modelfile import RigModel
+    from mazeplan.rigs.interface import Rig
     from mazeplan.run.request import Company, NavigationRequest
 
 
@@ -108,18 +109,25 @@ def note_missing_model(rig: str, model: str | Path | RigModel | None) -> None:
 
 
 def navigate_once(request: NavigationRequest, company: Company) -> NavigationResult:
-    """Run one request and show its progress on the terminal."""
+    """Run one request and show its progress on the terminal. A key stops a real rig."""
+    from mazeplan.apps.cli.emergency import stop_key
     from mazeplan.apps.cli.progress import NavigationProgress
     from mazeplan.core.errors import RigError
-    from mazeplan.rigs.registry import make_rig
     from mazeplan.run.execution import execute
+    from mazeplan.run.goals import Goals
 
-    if isinstance(request.rig, str):  # a rig that cannot be used is named first
-        make_rig(request.rig, request.maze)
-    note_missing_model(str(request.rig), request.model)
+    goals = company.goals or Goals(request.maze)
+
+    @contextmanager
+    def guard(machine: Rig) -> Iterator[None]:
+        note_missing_model(str(request.rig), request.model)
+        with stop_key(machine, goals.stop):
+            yield
+
+    company = replace(company, own_process=True, goals=goals, guard=guard)
     with NavigationProgress() as progress:
         try:
-            result = execute(request, replace(company, own_process=True, display=progress))
+            result = execute(request, replace(company, display=progress))
         except RigError as problem:
             if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
                 progress.finished(problem.result)

@@ -38,6 +38,7 @@ GUESSED = (  # right in a model of beads, whose inertia and other friction also 
     "gain_beta", "gain_gamma",
 )  # fmt: skip
 WHITE = 0.06  # autocorrelation of innovations up to which only noise is left
+FINEST = 5e-5  # m; least noise of a camera: where pictures are exact, an error over the fitted noise means nothing
 
 
 @dataclass(frozen=True)
@@ -177,9 +178,11 @@ def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
 
 
 def remaining_of(body: BodyFilter, model: BodyModel, seen: Filtered | None = None) -> float:
-    """Root mean square of the innovations of a model over its value without unexplained forces. seen: by the model"""
+    """Root mean square of the innovations of a model over its value without unexplained forces; the noise is at least
+    FINEST. seen: by the model"""
     seen = body.run(model) if seen is None else seen
-    quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
+    view = model.view._replace(noise=max(model.view.noise, FINEST))
+    quiet = body.run(model._replace(view=view, wander=model.wander._replace(plane=1e-6, strike=1e-3)))
     keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
     return math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -47,6 +49,7 @@ def collect(
     tilt: float | None = None,
     highest_hz: float = 1.5,
     own_process: bool = False,
+    guard: Callable[[Rig], AbstractContextManager[object]] = nullcontext,
     advance: Advance = no_advance,
 ) -> RecordResult:
     """Excite a rig with 50 random sines per axis and write a log.
@@ -57,6 +60,7 @@ def collect(
     place: with `rings`: whether a person places the ball in each ring instead
     tilt: largest tilt, degrees; None: the map's limit
     highest_hz: highest frequency of the sines
+    guard: context in which the rig is driven, such as an emergency stop
     advance: gets the progress, s
 
     Raises InputError, RigError."""
@@ -83,11 +87,12 @@ def collect(
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
     shown = of_total(advance, math.ceil(seconds))
-    if setup is None:
-        samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
-    else:
-        tour = run_tour(machine, setup, plan, output, progress=shown)
-        samples = tour.rows
+    with guard(machine):
+        if setup is None:
+            samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
+        else:
+            tour = run_tour(machine, setup, plan, output, progress=shown)
+            samples = tour.rows
     document = {
         "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "map": given, "seed": seed,
         "tour": None if tour is None else asdict(tour),
