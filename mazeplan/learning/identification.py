@@ -114,19 +114,26 @@ def _unwrapped(theta: Array, starts: IntArray) -> Array:
     return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, WINDOW))
 
 
-def weak_rows(table: Table, windows: WeakWindows, delay: float, dt: float) -> tuple[Array, Array]:
-    """Targets (K,) and features (K, 5): gravity, viscous, dry, d gravity / d beta, d gravity / d gamma."""
+def smooth_tilt(table: Table) -> dict[str, Array]:
+    """Measured tilt (N,) of both axes, and its smoothed derivatives."""
+    out = {}
+    for axis in ("beta", "gamma"):
+        rates = (smoothed(table[axis], 7, deriv=order, dt=table.dt) for order in (1, 2))
+        out |= zip((axis, f"{axis}_dot", f"{axis}_ddot"), (table[axis], *rates), strict=True)
+    return out
+
+
+def weak_rows(
+    table: Table, tilts: dict[str, Array], windows: WeakWindows, delay: float, dt: float
+) -> tuple[Array, Array]:
+    """Targets (K,) and features (K, 5): gravity, viscous, dry, d gravity / d beta, d gravity / d gamma.
+
+    tilts: see `smooth_tilt`"""
     phi, slope, curve = weak_function(dt)
     rows = windows.start[:, None] + np.arange(WINDOW)
     theta = _unwrapped(table["theta"], windows.start)
-    tilt = {}
-    for axis in ("beta", "gamma"):
-        late = np.clip(rows - delay / dt, 0, len(table) - 1)
-        grid = np.arange(len(table))
-        for order, name in enumerate((axis, f"{axis}_dot", f"{axis}_ddot")):
-            smooth = smoothed(table[axis], 7, deriv=order, dt=dt) if order else table[axis]
-            tilt[name] = np.interp(late, grid, smooth)
-    flat = {name: values.ravel() for name, values in tilt.items()}
+    late, grid = np.clip(rows - delay / dt, 0, len(table) - 1).ravel(), np.arange(len(table))
+    flat = {name: np.interp(late, grid, values) for name, values in tilts.items()}
     theta_dot = np.gradient(theta, dt, axis=1)
     k = RingKinematics(windows.radius, theta.ravel(), theta_dot.ravel(), **flat)
     shape, weight = theta.shape, phi * dt
@@ -203,7 +210,8 @@ class _BallFit:
 
 def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float) -> _BallFit:
     """All rings at one delay: first pooled, then each ring around the pooled fit, with a common tilt of the table."""
-    data = {w.ring: weak_rows(table, w, delay, dt) for w in windows}
+    tilts = smooth_tilt(table)
+    data = {w.ring: weak_rows(table, tilts, w, delay, dt) for w in windows}
     blocks = {w.ring: w.block for w in windows}
     radius = {w.ring: w.radius for w in windows}
     # pooled along the channel, in m/s^2: noise, impacts and dry friction are then alike in all rings
@@ -273,10 +281,10 @@ def _best_delay(
 
 def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float, dt: float) -> dict[str, float]:
     """Residual of the weak form over the spread of its target, by ring."""
-    out = {}
+    out, tilts = {}, smooth_tilt(table)
     for w in windows:
         if len(w.start) >= MIN_WINDOWS:
-            target, F = weak_rows(table, w, delay, dt)
+            target, F = weak_rows(table, tilts, w, delay, dt)
             predicted = np.column_stack([F[:, 0] + F[:, 3:] @ fit.offset, F[:, 1:3]]) @ fit.weights[w.ring]
             out[f"ring{w.ring}"] = round(float(np.sqrt(np.mean((target - predicted) ** 2)) / np.std(target)), 4)
     return out

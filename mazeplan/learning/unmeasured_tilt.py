@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
-from mazeplan.learning.identification import WeakWindows, find_windows, per_radius, weak_rows
+from mazeplan.learning.identification import WeakWindows, find_windows, per_radius, smooth_tilt, weak_rows
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import simulate_axis
@@ -48,7 +48,7 @@ def with_tilt_by_commands(table: Table, stage: StageModel) -> Table:
 def stage_by_ball(table: Table, maze: Maze) -> StageModel:
     """The stage by which the ball of a table without tilt moves as it does. Both axes are alike."""
     found = [find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc]
-    windows = [w for w in found if len(w.start)]
+    windows = [replace(w, start=w.start[::2], block=w.block[::2]) for w in found if len(w.start)]  # they overlap
     losses = [(axis, _loss(with_tilt_by_commands(table, StageModel(axis, axis)), windows)) for axis in _axes()]
     least = min(loss for _, loss in losses)
     order = min(axis.order for axis, loss in losses if loss <= ALIKE * least)
@@ -80,13 +80,14 @@ def _axes() -> Iterator[StageAxis]:
 
 def _loss(table: Table, windows: Sequence[WeakWindows]) -> float:
     """Smallest robust residual of the weak form over the delays, (m/s^2)^2 in its units."""
-    return min(_at_delay(table, windows, float(delay)) for delay in DELAYS)
+    tilts = smooth_tilt(table)
+    return min(_at_delay(table, tilts, windows, float(delay)) for delay in DELAYS)
 
 
-def _at_delay(table: Table, windows: Sequence[WeakWindows], delay: float) -> float:
+def _at_delay(table: Table, tilts: dict[str, Array], windows: Sequence[WeakWindows], delay: float) -> float:
     rows: list[tuple[Array, Array]] = []
     for w in windows:
-        target, features = weak_rows(table, w, delay, table.dt)
+        target, features = weak_rows(table, tilts, w, delay, table.dt)
         rows.append((w.radius * target, features * per_radius(w.radius)))
     y, X = np.concatenate([t for t, _ in rows]), np.concatenate([f for _, f in rows])
     weights, loss = np.ones(len(y)), math.inf

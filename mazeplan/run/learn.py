@@ -74,12 +74,12 @@ def learn(
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
     kind: one of `modelfile.KINDS`"""
-    table, sources = join(tables), tuple(one.source for one in tables)
+    table, sources, ball = join(tables), tuple(one.source for one in tables), None
     if tilt_is_measured(table):
         fit = fit_rig(table, maze, sources, progress=progress)
     else:
         progress("stage, by the ball")
-        stage = sharper_stage(table, maze, stage_by_ball(table, maze))
+        stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
         table = with_tilt_by_commands(table, stage)
         fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
     model, rings = fit.model, {}
@@ -93,7 +93,7 @@ def learn(
     if not why:
         progress("rigid ball")
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
-        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model), table=short)
+        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model, ball), table=short)
         remaining = reference.remaining
         if kind in WITH_BODY:
             model = with_body(model, reference.body.model, reference.body.stderr)
@@ -106,29 +106,27 @@ def learn(
     return replace(done, model=replace(model, scores=scores))
 
 
-def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> StageModel:
-    """The stage of a rig without a tilt sensor by the filter of the rigid ball, near a first guess.
+def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageModel, BodyModel | None]:
+    """The stage of a rig without a tilt sensor by the filter of the rigid ball, near a first guess; and the ball.
 
     The ball is fitted with the first guess; then each axis of a finer grid is tried. The sum of its lag and of the
     delay of the pictures stays nearly the same."""
     table = shortened(with_tilt_by_commands(table, stage))
     if why_not_whole([table]):
-        return stage
+        return stage, None
     first = filter_on_stage(table, maze, stage)
     ball = fit_body(alternate(first), BodyModel(), enough=ENOUGH).model
-    total, best = stage.lag + ball.view.delay, (math.inf, stage)
+    total, best = stage.lag + ball.view.delay, (math.inf, stage, ball)
     for axis in finer_axes():
         part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))
         for shift in SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER):
-            view = ball.view._replace(delay=max(total - axis.lag + shift, 0.0))
-            best = min(
-                best, (part.innovations(ball._replace(view=view)).minus2, StageModel(axis, axis)), key=itemgetter(0)
-            )
+            seen = ball._replace(view=ball.view._replace(delay=max(total - axis.lag + shift, 0.0)))
+            best = min(best, (part.innovations(seen).minus2, StageModel(axis, axis), seen), key=itemgetter(0))
     axis = best[1].beta
     name = "natural_frequency" if axis.order else "rate_limit"
     if math.isfinite(getattr(axis, name)):
         axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
-    return StageModel(axis, axis)
+    return StageModel(axis, axis), best[2]
 
 
 def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:

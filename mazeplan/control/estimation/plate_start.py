@@ -32,9 +32,9 @@ def with_true_starts(
     axes:          axes of beta and gamma"""
     per, motion = round(dt / plate.step), plate.motion.copy()
     rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
+    whole = [_free(axis, plate.step, min(fine, len(motion))) for axis in axes]
     for a, b in pairwise([*np.flatnonzero(begins).tolist(), len(tilts)]):
-        for i, axis in enumerate(axes):
-            free = _free(axis, plate.step, min(fine, (b - a) * per))
+        for i, free in enumerate(free[: (b - a) * per] for free in whole):
             n = min(rows, b - a, -(-len(free) // per))  # rows that the free motion reaches
             gap = tilts[a : a + n, i] - plate.motion[a * per : (a + n) * per : per, 3 * i]
             looked = free[: n * per : per, 0]

@@ -93,9 +93,13 @@ def _kind_of(table: Table) -> StageModel:
     return StageModel(*(fit.axis for fit in axes))
 
 
-def reference_by_filter(body: BodyFilter, known: Known, maze: Maze, model: RigModel | None) -> RigReference:
-    """The reference from pictures that are ready to be filtered, and the stage that moved the plate."""
-    fit = _fitted(body, first_guess(model, maze), SLIDES if model is not None and _slides(model) else SOLID)
+def reference_by_filter(
+    body: BodyFilter, known: Known, maze: Maze, model: RigModel | None, guess: BodyModel | None = None
+) -> RigReference:
+    """The reference from pictures that are ready to be filtered, and the stage that moved the plate.
+
+    guess: start of the fit; None: that of the model"""
+    fit = _fitted(body, guess or first_guess(model, maze), SLIDES if model is not None and _slides(model) else SOLID)
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
     errors = {ring: error.mean for ring, error in found.items()}
@@ -115,10 +119,10 @@ def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyF
         _near(part, with_values(guess, {"inertia": i})) for i in ((inertia,) if inertia == SLIDES else (SOLID, HOLLOW))
     ]
     near, likeliest = begins[0], min(begins, key=lambda fit: fit.minus2)
-    free = fit_body(body, likeliest.model, FITTED, enough=ENOUGH)
     if near.minus2 - likeliest.minus2 > NEEDED:
-        return free
+        return fit_body(body, likeliest.model, FITTED, enough=ENOUGH)
     solid = fit_body(body, near.model, REST, enough=ENOUGH)
+    free = fit_body(body, (solid if likeliest is near else likeliest).model, FITTED, enough=ENOUGH)
     if solid.minus2 - free.minus2 > NEEDED:
         return free
     return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
