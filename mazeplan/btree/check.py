@@ -14,6 +14,7 @@ from mazeplan.btree.leaf import Context
 from mazeplan.btree.mistakes import MOST, MOST_KEPT, Unbuilt
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import Key
+from mazeplan.btree.script_values import number_of
 from mazeplan.btree.tree import BehaviorTree, parts_of
 from mazeplan.btree.treefile import TreeFile
 from mazeplan.core.errors import TreeError
@@ -66,7 +67,8 @@ def check_tree(tree: BehaviorTree, given: Iterable[str] = ()) -> Findings:
     real = {use.home for use in writes if not isinstance(use.node, Unbuilt)} | literals
     calls = {id(node.board): node for node in nodes if isinstance(node, SubTree)}
     errors = list(_unknown((use for use in reads if use.home not in known), real, calls))
-    return Findings(_once(errors), _once(_unread(nodes, (*reads, *writes))), len(nodes), any(map(_names_map, nodes)))
+    remarks = (*_unread(nodes, (*reads, *writes)), *_texts_in_order(nodes, writes))
+    return Findings(_once(errors), _once(remarks), len(nodes), any(map(_names_map, nodes)))
 
 
 def _names_map(node: TreeNode) -> bool:
@@ -162,3 +164,26 @@ def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeErro
         for port in call.values:
             if port != "ID" and port not in call.by_model and (id(call.board), port) not in used:
                 yield call.wrong(f"{port}: nothing in {tree} reads it")
+
+
+def _texts_in_order(nodes: Iterable[TreeNode], writes: Iterable[Use]) -> Iterator[TreeError]:
+    """Remarks on <, <=, > and >= between two entries that are texts of digits: "9" is above "10" then."""
+    by_home = dict[Home, list[TreeNode]]()
+    for use in writes:
+        by_home.setdefault(use.home, []).append(use.node)
+
+    def digits(node: TreeNode, name: str) -> str | None:
+        board, there = [*scope_of(node).scope_chain(name)][-1]
+        given = [writer.values.get("value") for writer in by_home.get((id(board), there), ())]  # None: no constant
+        numbers = [text for text in given if isinstance(text, str) and number_of(text, {}) is not None]
+        return numbers[0] if numbers and len(numbers) == len(given) else None
+
+    for node in nodes:
+        for attribute, script in scripts_of(node):
+            for left, right in sorted(script.orders):
+                a, b = digits(node, left), digits(node, right)
+                if a is not None and b is not None:
+                    yield node.wrong(
+                        f"{attribute}: {left} and {right} are texts ({a!r}, {b!r}), so they compare letter by letter; "
+                        f"for numbers, set them in a Script: {left} := {a}"
+                    )

@@ -65,6 +65,7 @@ class Script:
     writes: names that it assigns to by `:=`, which makes entries
     needs: names that it always reads before it makes them
     sets: names that it assigns to by any sign
+    orders: pairs of names that it compares by <, <=, > or >=
     """
 
     text: str
@@ -73,6 +74,7 @@ class Script:
     writes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
     sets: frozenset[str] = frozenset()
+    orders: frozenset[tuple[str, str]] = frozenset()
 
     def holds(self, scope: Scope) -> bool:
         """Whether its value is true. Raises ScriptError."""
@@ -98,7 +100,7 @@ def parse_script(text: str) -> Script:
     evaluate = parser.whole()
     found = (parser.reads, parser.writes, parser.needs, parser.sets)
     reads, writes, needs, sets = (frozenset(names) for names in found)
-    return Script(text, evaluate, reads, writes, needs, sets)
+    return Script(text, evaluate, reads, writes, needs, sets, frozenset(parser.orders))
 
 
 class _Parser:
@@ -110,6 +112,7 @@ class _Parser:
         self.writes: set[str] = set()
         self.needs: set[str] = set()
         self.sets: set[str] = set()
+        self.orders: set[tuple[str, str]] = set()
         self._made: set[str] = set()  # names that := has made until now
         self._branches = 0  # number of ?: around the present place
 
@@ -171,7 +174,7 @@ class _Parser:
                 break
             if POWERS.get(sign, -1) < least:
                 break
-            left = self._comparison(left) if sign in COMPARISONS else self._binary(left)
+            left = self._comparison(left, name) if sign in COMPARISONS else self._binary(left)
             name = None
         self._depth -= 1
         return left
@@ -199,11 +202,17 @@ class _Parser:
         self._branches -= 1
         return lambda scope: (then if chosen(condition(scope), scope) else other)(scope)
 
-    def _comparison(self, left: Evaluate) -> Evaluate:
+    def _comparison(self, left: Evaluate, name: str | None) -> Evaluate:
+        """name: the left side if it is no more than a name"""
         parts, signs = [left], []
         while (sign := self._take(*COMPARISONS)) is not None:
             signs.append(sign)
+            token, first = self._now, self._at
             parts.append(self._expression(11))
+            right = token.text if token.kind == "name" and self._at == first + 1 else None
+            if name and right and sign not in ("==", "!="):
+                self.orders.add((name, right))
+            name = right
 
         def evaluate(scope: Scope) -> Any:
             value = parts[0](scope)

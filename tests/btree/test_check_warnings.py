@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 from tree_checks import found_in, main
 
+TEXTS = '<SetBlackboard value="9" output_key="a"/><SetBlackboard value="10" output_key="b"/>'
 WARNED = [
     ('<SubTree ID="Leg" ring="2" rang="3"/>', "rang: nothing in Leg reads it"),
     ('<SubTree ID="Leg" ring="2" rang="{goal}"/>', "rang: nothing in Leg reads it"),
+    (f'<Sequence>{TEXTS}<ScriptCondition code="a &lt; b"/></Sequence>', "a and b are texts ('9', '10')"),
 ]
 QUIET = [
     '<SubTree ID="Leg" ring="{goal}"/>',
@@ -20,6 +22,7 @@ QUIET = [
     '<Sequence><Replan _skipIf="goal == 1" _onSuccess="b := a"/><Script code="a := 1"/></Sequence>',
     '<Fallback><Sequence><Replan/><InRing ring="{a}"/></Sequence><Script code="a := 1"/></Fallback>',
     '<Sequence><SetBlackboard value="0.5" output_key="d"/><Settle ring="1" hold_s="{d}"/></Sequence>',
+    f'<Sequence>{TEXTS}<Script code="a := 1"/><ScriptCondition code="a &lt; goal &amp;&amp; a == b"/></Sequence>',
     '<LoopInt queue="3;5" value="{r}"><InRing ring="{r}"/></LoopInt>',
 ]
 OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
