@@ -16,9 +16,10 @@ from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog
+    from mazeplan.core.logs.table import Table
     from mazeplan.run.replay import Replay
 
-app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help=True)
+app = typer.Typer(help="Summarise, export and replay logs.", no_args_is_help=True)
 
 CsvFile = Annotated[
     str,
@@ -36,15 +37,24 @@ HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "se
 
 
 @app.command("info")
-def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
-    """Summarise a run log; read an incomplete one as far as it goes."""
+def info(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Run log (MCAP) or table (CSV).")],
+    columns: opt.Columns = None, as_json: opt.AsJson = False,
+) -> None:  # fmt: skip
+    """Summarise a run log, also an incomplete one; or show what is understood of a table."""
+    from mazeplan.core import file_kinds
+    from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.run_log import read_log
+    from mazeplan.core.logs.table import read_table
 
-    document = summary(read_log(log))
+    if columns or log.suffix == ".csv" or file_kinds.got(log) == "text":
+        document, lines = table_summary(read_table(log, parse_columns(columns or ()))), table_lines
+    else:
+        document, lines = summary(read_log(log)), summary_lines
     if as_json:
         print_json(document)
     else:
-        print("\n".join(summary_lines(document)))
+        print("\n".join(lines(document)))
 
 
 @app.command("export")
@@ -126,6 +136,50 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     rows.append(("result", document["summary"]))
     state = "complete" if document["complete"] else "cut off: the program did not finish it"
     return [f"{document['file']}: {state}", *(f"  {name:11s} {text}" for name, text in rows)]
+
+
+def table_summary(table: Table) -> dict[str, Any]:
+    """The document of `log info TABLE --json`."""
+    import numpy as np
+
+    from mazeplan.core.logs.table import stretches
+    from mazeplan.core.logs.table_checks import UNITS
+
+    known, columns = list(UNITS), list[dict[str, Any]]()
+    for name in sorted(table.columns, key=lambda name: known.index(name) if name in known else len(known)):
+        values = table[name]
+        seen = values[np.isfinite(values)]
+        ends = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
+        columns.append({
+            "name": name, "column": table.named.get(name, name), "known": name in UNITS, "unit": UNITS.get(name, ""),
+            "min": ends[0], "max": ends[1], "missing": 1.0 - len(seen) / len(values),
+        })  # fmt: skip
+    parts = stretches(table)
+    lengths = [float(table["t"][part][-1] - table["t"][part][0]) for part in parts]
+    return {
+        "file": table.place, "rows": len(table), "duration_s": sum(lengths), "rate_hz": 1.0 / table.dt,
+        "stretches": len(parts), "columns": columns,
+    }  # fmt: skip
+
+
+def table_lines(document: dict[str, Any]) -> list[str]:
+    """What is understood of a table, one column per line."""
+    count = document["stretches"]
+    lines = [
+        f"{document['file']}: {document['rows']} rows, {document['rate_hz']:.1f} a second, "
+        f"{document['duration_s']:.1f} s in {count} uninterrupted stretch{'es' * (count > 1)}"
+    ]
+    read = {c["column"] for c in document["columns"] if c["column"] != c["name"]}
+    for c in document["columns"]:
+        if c["known"]:
+            ends = "no number" if c["min"] is None else f"{c['min']:.4g} to {c['max']:.4g} {c['unit']}".rstrip()
+            origin = f", from {c['column']}" if c["column"] != c["name"] else ""
+            missing = f", missing in {100 * c['missing']:.1f} %" if c["missing"] else ""
+            lines.append(f"  {c['name']:11s} {ends}{origin}{missing}")
+    unknown = [c["name"] for c in document["columns"] if not c["known"] and c["name"] not in read]
+    if unknown:
+        lines.append(f"  not used    {', '.join(unknown)}; --columns names a column and its unit")
+    return lines
 
 
 def csv_text(log: RunLog) -> str:

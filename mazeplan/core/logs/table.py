@@ -40,11 +40,13 @@ class Table:
     columns: arrays (N,) by name
     source:  file and sha256 of the file from which the table was read
     path:    path of this file, for messages
+    named:   names in this file of columns that have another name there
     """
 
     columns: dict[str, Array]
     source: dict[str, str] = field(default_factory=dict)
     path: str | None = None
+    named: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.columns["t"])
@@ -103,7 +105,8 @@ def read_table(path: str | Path, columns: Mapping[str, ColumnSource] | None = No
         rows = replace(rows, named=named)
     with np.errstate(all="ignore"):  # very large numbers overflow in the checks, but comparisons still work
         found = checked(found, rows)
-    return Table(found, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
+    source = {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}
+    return Table(found, source, str(path), rows.named)
 
 
 def as_table(given: Any, columns: Mapping[str, ColumnSource] | None = None) -> Table:
