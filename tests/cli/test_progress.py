@@ -102,19 +102,19 @@ def shares(stream):
 
 
 @pytest.mark.parametrize(
-    ("work", "pattern"),
+    ("work", "pattern", "notes"),
     [
-        (campaign, r"runs .*100% +0:00:00"),
-        (unknown_length, r"(?s)\nfound \[c\]\n.*searching .*trying \[c\]"),
-        (shares, r"training .*20%"),
+        (campaign, r"runs .*100% +0:00:00", ""),
+        (unknown_length, r"(?s)\nfound \[c\]\n.*searching .*trying \[c\]", "found [c]\n"),
+        (shares, r"training .*20%", ""),
     ],
 )
-def test_a_bar_shows_step_and_share_on_a_terminal_only(work, pattern):
+def test_a_bar_shows_step_and_share_on_a_terminal_only_and_notes_everywhere(work, pattern, notes):
     terminal, elsewhere = Terminal(), io.StringIO()
     work(terminal)
     assert re.search(pattern, plain(terminal.getvalue()))
     work(elsewhere)
-    assert elsewhere.getvalue() == ""
+    assert elsewhere.getvalue() == notes
 
 
 def test_rich_and_numpy_are_imported_only_when_used():

@@ -1,4 +1,4 @@
-"""Progress on stderr: a line for each event of a navigation, and for other work a bar, which needs a terminal."""
+"""Progress on stderr: a line for each event of a navigation; for other work notes, and a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -109,9 +109,12 @@ class ProgressBar:
         self._bar.update(self._task, step=step, refresh=True)
 
     def note(self, text: str) -> None:
-        """Print a line above the bar."""
+        """Print a line, above the bar if there is one."""
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            with suppress(OSError):  # the reader left
+                print(text, file=self._stream, flush=True)
 
     def advance(self, done: float, total: float) -> None:
         """Show `done` of `total`. A smaller `done` or another `total` begins a new step."""
