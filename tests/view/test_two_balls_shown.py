@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
+from report_documents import drawn
 
 import mazeplan
 from mazeplan.apps.report.run import run_section, second_trail
@@ -55,9 +55,7 @@ def test_the_scene_shows_it_beside_the_first():
 
 def test_the_report_draws_its_path(told):
     _, log = told
-    figure = Figure()
-    picture = next(part for part in run_section(log).parts if hasattr(part, "draw"))
-    picture.draw(figure)
+    figure = drawn(run_section(log).parts, "path")
     (line,) = [line for axes in figure.axes for line in axes.lines if line.get_label() == "second ball"]
     assert to_hex(line.get_color()).upper() == COLOURS["second"]
     np.testing.assert_allclose(np.array(line.get_data()).T, 1e3 * second_trail(log))

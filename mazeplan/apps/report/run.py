@@ -31,6 +31,9 @@ PANELS = (  # label of a panel over time; its curves: column of the log, style, 
     ("tilt up at +y\n(gamma), degrees", {"commanded": "u_gamma", "measured": "gamma"}),
 )
 
+LAST_S, AROUND = 1.0, 0.035  # s before a failure that are drawn; m around it
+ACROSS, MOST_SHOWN = 3, 6  # pictures of failures in a row, and in all
+
 
 @dataclass(frozen=True)
 class Visit:
@@ -121,6 +124,13 @@ def run_section(log: RunLog) -> PageSection:
             for m in failures
         ]
         parts.append(PageTable("Failures and recoveries", ("at", "kind", "where", "detail", "recovery"), rows))
+        shown = [m for m in failures if math.isfinite(m.x)][:MOST_SHOWN]
+        of_all = f", of the first {len(shown)} of {len(failures)}" * (len(shown) < len(failures))
+        parts += [PagePicture(
+            "failures", f"The last second before each failure{of_all}; dark is early, the mark is the failure",
+            "path of the ball in the last second before each failure",
+            partial(_last_seconds, log=log, maze=maze, failures=shown), (9.0, 3.2 * -(-len(shown) // ACROSS)),
+        )] if shown else []  # fmt: skip
     parts += [
         PagePicture(
             "path", "The ball's path; colour is time", "path of the ball over the maze, coloured by time",
@@ -193,6 +203,21 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]
         axes.plot(*(1e3 * at.T), **failure_mark(marker), label=kind.replace("_", " "))
     if failures or second is not None:
         axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0))
+
+
+def _last_seconds(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]) -> None:
+    place, t = trail(log), log.ticks["t"]
+    panels: Any = figure.subplots(-(-len(failures) // ACROSS), ACROSS, squeeze=False).ravel()
+    for axes in panels[len(failures) :]:
+        axes.axis("off")
+    for axes, m in zip(panels, failures, strict=False):
+        here = (t > m.t - LAST_S) & (t <= m.t + 1e-9)
+        draw_maze(maze, axes, labels=False, ball=False)
+        axes.scatter(*(1e3 * place[here, :2].T), c=place[here, 2], s=9, cmap=darker(), zorder=4)
+        axes.plot(1e3 * m.x, 1e3 * m.y, **failure_mark(FAILURE_MARKERS[0]))
+        for bounds, middle in ((axes.set_xlim, m.x), (axes.set_ylim, m.y)):
+            bounds(1e3 * (middle - AROUND), 1e3 * (middle + AROUND))
+        axes.set_title(f"{m.t:.2f} s, {m.kind.replace('_', ' ')}", fontsize=9)
 
 
 def _over_time(figure: Figure, log: RunLog, failures: list[LoggedFailure]) -> None:
