@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
+from mazeplan.core.maths.compiled import copy_into
 from mazeplan.core.records import Array
 from mazeplan.physics.dynamics.ring_dynamics import step
 from mazeplan.physics.dynamics.ring_parameters import BETA_0, DRIVE, GAMMA_0
@@ -39,7 +40,7 @@ def _follow(p, s, goal, goal_speed, lean, limit, out, controls):
         controls[t, 0] = min(max(lean * cos - along * sin - p[BETA_0], -limit), limit)
         controls[t, 1] = min(max(-lean * sin - along * cos - p[GAMMA_0], -limit), limit)
         step(s, controls[t], p, out)
-        s[:] = out
+        copy_into(s, out)
 
 
 def first_guess(

@@ -23,7 +23,7 @@ from numba import njit
 
 from mazeplan.control import ilqg_workspace as ws
 from mazeplan.control.boxqp import box_qp
-from mazeplan.core.maths.compiled import caller
+from mazeplan.core.maths.compiled import caller, copy_into
 
 ILL_CONDITIONED = 0.03  # maximum cosine between r and s
 _linearise = caller(ws.LINEARISE)
@@ -40,7 +40,7 @@ def roll_out(w, f, p, q, reference, alpha):
     """
     T, n = w.K.shape[0], w.K.shape[2]
     total = 0.0
-    w.new_states[0] = w.states[0]
+    copy_into(w.new_states[0], w.states[0])
     for t in range(T):
         s, u = w.new_states[t], w.new_controls[t]
         for i in range(2):
@@ -72,10 +72,10 @@ def begin(w, f, p, q, reference, mu):
 @njit(cache=True, error_model="numpy")
 def _accept_candidate(w):
     """Make the candidate the plan."""
-    w.states[:] = w.new_states
-    w.controls[:] = w.new_controls
-    w.A[:] = w.new_a
-    w.B[:] = w.new_b
+    copy_into(w.states.ravel(), w.new_states.ravel())
+    copy_into(w.controls.ravel(), w.new_controls.ravel())
+    copy_into(w.A.ravel(), w.new_a.ravel())
+    copy_into(w.B.ravel(), w.new_b.ravel())
     w.numbers[ws.STALE] = 1.0
 
 

@@ -25,6 +25,7 @@ from mazeplan.control.tilt import Plate, room
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.maths.compiled import copy_into
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
@@ -162,7 +163,7 @@ def _total(z, u, held, gap, law, starts, most, span, scalars, stage, rings, wall
     total = 0.0
     start = np.empty(8)
     for q in range(starts.shape[0]):
-        start[:] = z
+        copy_into(start, z)
         start[0] -= gap[1] * starts[q, 0]
         start[1] += gap[0] * starts[q, 0]
         start[2] -= gap[1] * starts[q, 1]

@@ -301,8 +301,11 @@ def linearise(s, u, p, out, A, B):
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         if p[at.OPENING_COUNT] > 0.0:
             theta, theta_d, kept = _pass_openings(p, s, u, 2 * i + 1, before, theta, theta_d)
-            A[:2] *= kept
-            B[:2] *= kept
+            for row in range(2):  # written out: `A[:2] *= kept` compiles for three seconds
+                for j in range(6):
+                    A[row, j] *= kept
+                for j in range(2):
+                    B[row, j] *= kept
             p[at.BY_ANGLE] *= kept
             p[at.BY_RATE] *= kept
     _stage_end(p, s, u, 2 * n, out)
