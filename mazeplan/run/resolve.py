@@ -35,7 +35,9 @@ def ring_number(ring: int | str, maze: Maze) -> int:
 
 
 def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:
-    """Raises InputError if a radial wall leaves no room for a ball at this angle. key: for the error."""
+    """Raises InputError for more than a turn, or if a radial wall leaves a ball no room there. key: for the error."""
+    if not abs(degrees) <= 360.0:
+        raise InputError(f"got {degrees:g}, expected -360 to 360 degrees", key=key)
     if not maze.has_room(ring, math.radians(degrees)):
         raise InputError(f"got {degrees:g}, where a radial wall leaves the ball no room in ring {ring}", key=key)
 

@@ -34,6 +34,7 @@ LINES = {  # a command line -> what the message names
     "navigate --seed -1": "--seed",
     "navigate --time-limit 0": "--time-limit",
     "navigate --start-angle north": "--start-angle",
+    "navigate --rig ideal --start-angle 400": "-360 to 360",
     "navigate --balls 3": "--balls",
     "navigate --effects nothing": "--effects",
     "evaluate --runs 0": "--runs",

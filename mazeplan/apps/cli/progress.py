@@ -170,7 +170,7 @@ def report_compiling() -> None:
 
         def report(self) -> None:
             self.reported = True
-            say("compiling, once for this machine: up to two minutes")
+            say("compiling, once for this machine: about a minute")
 
     if not _listeners:
         _listeners.append(Listener())
