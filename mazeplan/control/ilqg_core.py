@@ -241,19 +241,19 @@ def backward(w, mu):
 
 
 @njit(cache=True, error_model="numpy")
-def _raise_mu(w, rules):
+def _raise_mu(numbers, rules):
     """Raise the regularisation. Returns whether it is still at most mu_max."""
-    w.numbers[ws.FACTOR] = max(rules.mu_factor, w.numbers[ws.FACTOR] * rules.mu_factor)
-    w.numbers[ws.MU] = max(rules.mu_min, w.numbers[ws.MU] * w.numbers[ws.FACTOR])
-    return w.numbers[ws.MU] <= rules.mu_max
+    numbers[ws.FACTOR] = max(rules.mu_factor, numbers[ws.FACTOR] * rules.mu_factor)
+    numbers[ws.MU] = max(rules.mu_min, numbers[ws.MU] * numbers[ws.FACTOR])
+    return numbers[ws.MU] <= rules.mu_max
 
 
 @njit(cache=True, error_model="numpy")
-def _lower_mu(w, rules):
+def _lower_mu(numbers, rules):
     """Lower the regularisation. Below mu_min it becomes zero."""
-    w.numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, w.numbers[ws.FACTOR] / rules.mu_factor)
-    mu = w.numbers[ws.MU] * w.numbers[ws.FACTOR]
-    w.numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
+    numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, numbers[ws.FACTOR] / rules.mu_factor)
+    mu = numbers[ws.MU] * numbers[ws.FACTOR]
+    numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -262,7 +262,7 @@ def policy(w, f, q, rules):
     if w.numbers[ws.STALE] > 0.0:
         derivatives(w, f, q)
     code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
-    while code == ws.NO_DESCENT and _raise_mu(w, rules):
+    while code == ws.NO_DESCENT and _raise_mu(w.numbers, rules):
         code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
     w.numbers[ws.SLOPE], w.numbers[ws.CURVATURE], w.numbers[ws.LARGEST] = slope, curvature, largest
     return code
@@ -290,7 +290,7 @@ def _try(w, f, p, q, rules, alpha):
     _accept_candidate(w)
     n[ws.COST] -= reduction
     n[ws.ALPHA] = alpha
-    _lower_mu(w, rules)
+    _lower_mu(n, rules)
     return reduction
 
 
@@ -314,4 +314,4 @@ def iterate(w, f, p, q, rules):
         if math.isfinite(reduction):
             return ws.CONVERGED if reduction < small and n[ws.MU] <= rules.mu_min and alpha > 0.5 else ws.GO_ON
         alpha *= rules.shorter
-    return ws.GO_ON if _raise_mu(w, rules) else ws.NO_DESCENT
+    return ws.GO_ON if _raise_mu(w.numbers, rules) else ws.NO_DESCENT
