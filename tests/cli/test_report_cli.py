@@ -52,6 +52,17 @@ def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
         assert number in page.replace("\u00a0", " "), number
 
 
+def test_the_folder_of_a_stored_campaign(call, report, tmp_path):
+    fast = ("evaluate", "--rig", "ideal", "--from", "ring4", "--runs", 2, "--seed", 5, "--no-deadline", "--json")
+    _, out, _ = call(*fast, "--store", tmp_path / "kept")
+    mean = json.loads(out)["time_s"]["mean"]
+    code, _, err = report(tmp_path / "kept", "-o", tmp_path / "kept.html")
+    assert code == 0, err
+    page = alone(tmp_path / "kept.html")
+    assert f"2 of 2 arrived, on average after {mean:.2f} s." in page
+    assert "first seed</dt><dd>5</dd>" in page
+
+
 def test_the_rounds_of_improve(report, tmp_path):
     part = {"runs": 16, "success": 12, "time_s": {"mean": 3.217, "best": 2.0, "worst": None}}
     entry = {"diagnosis": diagnosis(), "navigation": {"before": part, "after": {**part, "success": 16}}}

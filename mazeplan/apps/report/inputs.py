@@ -2,7 +2,7 @@
 
 FILE.mcap            log of a run
 FILE.json            output of `evaluate`, `compare`, `diagnose` or `improve` with --json
-FOLDER               output of `diagnose -o` (report.json, evidence.json)
+FOLDER               output of `diagnose -o` (report.json, evidence.json), or of `evaluate --store`
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.records import Array
+from mazeplan.run.campaign.evaluate import stored_documents
 
-KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o"
+KINDS = (
+    "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or evaluate --store"
+)
 FORMAT = 1  # also the format of a document without the key `format`
 DAMAGE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
 
@@ -69,6 +72,9 @@ def read_as_printed(given: Input) -> Iterator[None]:
 def read_input(path: Path) -> list[Input]:
     """The inputs in a file or folder. A document of `improve` has several inputs. Raises InputError for other files."""
     if path.is_dir():
+        if documents := stored_documents(path):
+            names = [path.name, *(f"{path.name}, {i}" for i in range(2, len(documents) + 1))]
+            return [Input("evaluation", path, name, one) for name, one in zip(names, documents, strict=True)]
         if not (path / "report.json").is_file():
             raise InputError(f"got a folder without report.json, expected {KINDS}", file=path)
         evidence = path / "evidence.json"

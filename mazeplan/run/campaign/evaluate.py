@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
-from mazeplan.run.campaign.store import Store
+from mazeplan.run.campaign.store import Store, campaign_files, read_runs, result_of
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import log_header
 
@@ -84,6 +86,18 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
         "tick_ms": worst(outcomes, "tick_ms"),
         "results": [outcome.json() for outcome in outcomes],
     }
+
+
+def stored_documents(folder: Path) -> list[dict[str, Any]]:
+    """The campaigns of a folder that `--store` named, each as a document of `evaluate --json`. Raises InputError."""
+    documents = []
+    for head, runs in map(read_runs, campaign_files(folder)):
+        kept = ("version", "rig", "model", "behavior", "start_ring", "goal_ring", "time_limit_s", "fault")
+        setup = {key: head[key] for key in kept if head.get(key) is not None} | {"map": head["setup"]["map"]}
+        outcomes = [result_of(run["result"]) for run in sorted(runs, key=itemgetter("index"))]
+        if outcomes:
+            documents.append(summary(outcomes) | {"setup": setup | {"seed": outcomes[0].seed}})
+    return documents
 
 
 def setup_document(campaign: Campaign) -> dict[str, Any]:

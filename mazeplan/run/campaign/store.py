@@ -60,7 +60,9 @@ class Store:
         self.runs: dict[int, Ran] = {}
         if self.path.exists():
             _, rows = read_runs(self.path)
-            self.runs = {row["index"]: Ran(_result(row["result"]), Noticed.of_document(row["result"])) for row in rows}
+            self.runs = {
+                row["index"]: Ran(result_of(row["result"]), Noticed.of_document(row["result"])) for row in rows
+            }
             _end_line(self.path)
         else:
             self._append(head)
@@ -96,14 +98,14 @@ def read_runs(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def runs_table(folder: Path) -> pd.DataFrame:
     """A table of all runs in a folder, one row for each; docs/campaigns.md explains the columns. Raises InputError."""
-    rows = [row_of(head, run) for head, runs in map(read_runs, _files(folder)) for run in runs]
+    rows = [row_of(head, run) for head, runs in map(read_runs, campaign_files(folder)) for run in runs]
     table = pd.DataFrame(rows)
     return table if table.empty else table.astype({"ended": "datetime64[ms, UTC]"}).sort_values(["campaign", "index"])
 
 
 def row_of(head: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of a run. head: the first line of its file; run: its line."""
-    result = _result(run["result"])
+    result = result_of(run["result"])
     same = {key: value for key, value in head.items() if key not in ("format", "setup")}
     return {
         **same,
@@ -128,12 +130,13 @@ def row_of(head: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _result(document: Mapping[str, Any]) -> NavigationResult:
+def result_of(document: Mapping[str, Any]) -> NavigationResult:
     """The result in a document, which may have keys about faults."""
     return NavigationResult.from_json({key: value for key, value in document.items() if key not in FAULT_KEYS})
 
 
-def _files(folder: Path) -> list[Path]:
+def campaign_files(folder: Path) -> list[Path]:
+    """The files of the campaigns in a folder."""
     return sorted(folder.glob("campaign-*.jsonl"))
 
 
@@ -164,7 +167,7 @@ def open_stores(folder: Path, campaigns: Sequence[Campaign]) -> Iterator[tuple[S
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputError(f"--store: got {folder}: {problem.strerror}; expected a folder that can be made") from None
-    if any(folder.iterdir()) and not _files(folder):
+    if any(folder.iterdir()) and not campaign_files(folder):
         expected = "expected a new or empty folder, or one with runs of `evaluate`"
         raise InputError(f"--store: {folder} is no store of runs: it holds other files; {expected}")
     with ExitStack() as stack:
