@@ -24,7 +24,7 @@ def test_placebos_run_along_and_lose():
     tried = known & set(gains)
     assert tried
     assert max(gains[name] for name in tried) < 0.1 * gains["dry_friction"]
-    assert any(note.startswith("placebo") for note in done.notes)
+    assert any(note.startswith("by chance") for note in done.notes)
 
 
 @pytest.mark.parametrize(

@@ -285,7 +285,8 @@ def _chance(finding: Finding) -> tuple[str, ...]:
     if not placebos:
         return ()
     best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
-    lost = f"{best.candidate.name} explains {max(best.gain, 0.0):.0f} of -2 log L"
+    what = best.candidate.name.removeprefix("placebo: ")
+    lost = f"by chance, a term that cannot act ({what}) explains {max(best.gain, 0.0):.0f} of -2 log L"
     if finding.final.candidates and rest and max(rest) > 0.0:
         lost += f", the best candidate {max(rest):.0f}"
     return (lost,)
