@@ -53,7 +53,7 @@ class Store:
         head = {
             "format": FORMAT, "version": version("mazeplan"), "campaign": self.name,
             "rig": rig_label(str(campaign.rig)), "map": campaign.maze.name,
-            "model": "nominal" if model is None else Path(model).name, "behavior": Path(campaign.tree).stem,
+            "model": "nominal" if model is None else str(model), "behavior": Path(campaign.tree).stem,
             "start_ring": setup["start_ring"], "goal_ring": setup["goal_ring"],
             "time_limit_s": campaign.time_limit, "fault": (setup["fault"] or {}).get("name"), "setup": setup,
         }  # fmt: skip
