@@ -23,6 +23,7 @@ from mazeplan.control.estimation.rigid_body_parameters import with_body
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array
+from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_filter, shortened
 from mazeplan.diagnosis.rig.search import ENOUGH, alternate
@@ -119,9 +120,11 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     total, best = stage.lag + ball.view.delay, (math.inf, stage, ball)
     for axis in finer_axes():
         part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))
-        for shift in SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER):
-            seen = ball._replace(view=ball.view._replace(delay=max(total - axis.lag + shift, 0.0)))
-            best = min(best, (part.innovations(seen).minus2, StageModel(axis, axis), seen), key=itemgetter(0))
+        shifts = SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER)
+        delays = [max(total - axis.lag + shift, 0.0) for shift in shifts]
+        seen = [ball._replace(view=ball.view._replace(delay=delay)) for delay in delays]
+        found = zip(side_by_side(part.innovations, seen), seen, strict=True)
+        best = min(best, *((one.minus2, StageModel(axis, axis), by) for one, by in found), key=itemgetter(0))
     axis = best[1].beta
     name = "natural_frequency" if axis.order else "rate_limit"
     if math.isfinite(getattr(axis, name)):

@@ -263,7 +263,7 @@ def _straightened(kf, u, v):
     return a, b, 1.0 + 2.0 * kf.bend * (a * a + b * b)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _run(ball, walls, effects, kf, y, begins, rows, dt, per, late, nu, S, state, cov):
     """Filter pictures y (N, 2). Writes nu, S, state and cov as in `Filtered`. Returns (starts, left_out, minus2)."""
     core = body_core(ball, walls, effects)
@@ -320,9 +320,9 @@ class BodyFilter:
     ) -> None:  # fmt: skip
         """soonest: smallest delay of the camera behind the motion of the plate that is possible, s"""
         self.pictures, self.plate, self.walls, self.soonest = pictures, plate, walls, soonest
-        self.substeps = substeps = min(SUBSTEPS, math.ceil(pictures.dt / SUBSTEP_S - 1e-9))
+        self.substeps = min(SUBSTEPS, math.ceil(pictures.dt / SUBSTEP_S - 1e-9))
         n = len(pictures)
-        self._rows, self._key = np.empty((n * substeps, ROW)), None
+        self._rows: tuple[object, Array] = None, np.empty((0, ROW))  # replaced, not changed: other threads may read it
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
         self._t = np.ascontiguousarray(pictures.t)
         self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
@@ -340,14 +340,14 @@ class BodyFilter:
         """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.
 
         delay: time after which the camera shows them, s"""
-        key = (tilting, delay)
-        if key != self._key:
-            h = self.pictures.dt / self.substeps
-            plate_rows(self.plate, tilting, self._t - delay, h, self.substeps, self._rows)
+        key, (known, rows) = (tilting, delay), self._rows
+        if key != known:
+            h, rows = self.pictures.dt / self.substeps, np.empty((len(self.pictures) * self.substeps, ROW))
+            plate_rows(self.plate, tilting, self._t - delay, h, self.substeps, rows)
             if self.pictures.clock is not None:
-                self._rows[:, TIME_AT] += np.repeat(self.pictures.clock - self._t, self.substeps)
-            self._key = key
-        return self._rows
+                rows[:, TIME_AT] += np.repeat(self.pictures.clock - self._t, self.substeps)
+            self._rows = key, rows
+        return rows
 
     def run(self, model: BodyModel) -> Filtered:
         """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
@@ -366,14 +366,14 @@ class BodyFilter:
 
         Results of recent models are kept, because a search returns to the same points."""
         key = _key(model)
-        if key in self._known:
-            self._known.move_to_end(key)
-        else:
+        known = self._known.pop(key, None)
+        if known is None:
             filtered = self.run(model)
-            self._known[key] = Innovations(filtered.nu, filtered.S, filtered.minus2)
-            if len(self._known) > self._most:
-                self._known.popitem(last=False)
-        return self._known[key]
+            known = Innovations(filtered.nu, filtered.S, filtered.minus2)
+        self._known[key] = known  # the last one of the order
+        if len(self._known) > self._most:
+            self._known.popitem(last=False)
+        return known
 
     def rolled_out(self, model: BodyModel, states: Array, starts: IntArray, steps: int) -> Array:
         """Roll-outs as the camera would see the ball, (W, steps + 1, 2), m, along the plate's motion.

@@ -27,6 +27,7 @@ import numpy as np
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered, Innovations
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.records import Array
+from mazeplan.core.side_by_side import side_by_side
 
 STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 WIDTH = 4.0  # of the differences by parameters of physics, in their steps
@@ -51,8 +52,7 @@ class BodyFit:
     free:        names of the free parameters
     cov (J, J):  their covariance, in the coordinates of the search
     minus2:      -2 log L
-    filtered:    result of the filter with this model
-    passes:      number of passes of the filter"""
+    filtered:    result of the filter with this model"""
 
     model: BodyModel
     stderr: dict[str, float]
@@ -60,7 +60,6 @@ class BodyFit:
     cov: Array
     minus2: float
     filtered: Filtered
-    passes: int
 
     def value(self, name: str) -> float:
         """A parameter by its name, in its unit."""
@@ -95,7 +94,7 @@ class _Search:
 
     def __init__(self, body: BodyFilter, model: BodyModel, free: Sequence[str]) -> None:
         self.body, self.model, self.free = body, model, tuple(free)
-        self.kinds, self.passes = [number_of(model, name) for name in free], 0
+        self.kinds = [number_of(model, name) for name in free]
         self.low, self.high = (
             np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
             for end in ("low", "high")
@@ -114,17 +113,19 @@ class _Search:
         return with_values(self.model, dict(zip(self.free, values, strict=True)))
 
     def run(self, x: Array) -> Innovations:
-        self.passes += 1
         return self.body.innovations(self.model_at(x))
 
     def scores(self, x: Array, here: Innovations) -> Gradient:
         """Gradient and information at x; here: the innovations at x."""
         keep, moved = np.isfinite(here.nu[:, 0]), []
-        for j, step in enumerate(self.step):
-            up, down = (np.clip(x[j] + sign * step, self.low[j], self.high[j]) for sign in (1.0, -1.0))
-            ends = [self.run(np.where(np.arange(len(x)) == j, at, x)) for at in (up, down)]
+        steps = np.diag(self.step)
+        up, down = (np.clip(x + sign * steps, self.low, self.high) for sign in (1.0, -1.0))
+        points = [np.where(steps > 0.0, moved_to, x)[j] for j in range(len(x)) for moved_to in (up, down)]
+        every = side_by_side(self.run, points)
+        for j in range(len(x)):
+            ends, way = every[2 * j : 2 * j + 2], up[j, j] - down[j, j]
             both = np.logical_and(*(np.isfinite(end.nu[:, :1]) & (end.S < DIVERGED * here.S)[:, :1] for end in ends))
-            slopes = ((ends[0].nu - ends[1].nu) / (up - down), (ends[0].S - ends[1].S) / (up - down))
+            slopes = ((ends[0].nu - ends[1].nu) / way, (ends[0].S - ends[1].S) / way)
             moved.append([np.where(both, slope, 0.0)[keep] for slope in slopes])
         (a, b), (xx, yy, xy) = here.nu[keep].T, here.S[keep].T
         det = xx * yy - xy * xy
@@ -190,7 +191,7 @@ def fit_body(
     sigma = np.sqrt(np.diag(cov))
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
     stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
-    return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found), search.passes)
+    return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found))
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:

@@ -15,6 +15,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
+from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
@@ -134,10 +135,11 @@ def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
     near = fit_body(part, guess, REST, enough=ENOUGH)
     for _ in DELAYS:
         tried = [with_values(near.model, {"delay": max(near.value("delay") + d, part.soonest)}) for d in DELAYS]
-        likeliest = min(tried, key=lambda model: part.innovations(model).minus2)
-        if part.innovations(likeliest).minus2 > near.minus2 - ENOUGH:
+        minus2 = [one.minus2 for one in side_by_side(part.innovations, tried)]
+        least = int(np.argmin(minus2))
+        if minus2[least] > near.minus2 - ENOUGH:
             break
-        near = fit_body(part, likeliest, REST, enough=ENOUGH)
+        near = fit_body(part, tried[least], REST, enough=ENOUGH)
     return near
 
 

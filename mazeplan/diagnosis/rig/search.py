@@ -21,6 +21,7 @@ import numpy as np
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.camera import camera_starts
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
 from mazeplan.diagnosis.rig.places import started_terms
@@ -321,7 +322,7 @@ def _fit_start(
         }
         tried.append({name: min(max(at, low[name]), numbers[name].high) for name, at in moved.items()})
     models = [with_values(base, values) for values in tried]
-    scored = [(body.innovations(model).minus2, i) for i, model in enumerate(models)]
+    scored = [(one.minus2, i) for i, one in enumerate(side_by_side(body.innovations, models))]
     least, i = min(scored, default=(math.inf, 0))
     return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
 
@@ -363,7 +364,7 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
     numbers = [name for name in free if name not in NOISE and "." not in name]
     for _ in range(MAX_RESCALES if numbers else 0):
         there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
-        minus2 = [body.innovations(m).minus2 for m in there]
+        minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
         least = int(np.argmin(minus2))
         if minus2[least] > fit.minus2 - ENOUGH:
             break
