@@ -4,7 +4,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
+# pip would need half a minute for bytecode: it is written in the background, beside what comes next
+BYTECODE := ($(BIN)/python -m compileall -q $(VENV)/lib > /dev/null 2>&1 &)
 JOBS ?= 2
 ARGS ?=
 
@@ -47,17 +49,20 @@ $(VENV)/made:
 
 $(VENV)/installed: $(VENV)/made pyproject.toml constraints.txt
 	@echo "installing mazeplan (a minute or so, most of it download)"
-	@$(PIP) -c constraints.txt -e .
+	@$(PIP) -e .
+	@$(BYTECODE)
 	@touch $@
 
 $(VENV)/installed-docs: $(VENV)/installed
 	@echo "installing the tools for the documentation"
-	@$(PIP) -c constraints.txt -e '.[docs]'
+	@$(PIP) -e '.[docs]'
+	@$(BYTECODE)
 	@touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
 	@echo "installing the test tools"
-	@$(PIP) -c constraints.txt -e '.[dev,learn]'
+	@$(PIP) -e '.[dev,learn]'
+	@$(BYTECODE)
 	@touch $@
 
 navigate: $(VENV)/installed
