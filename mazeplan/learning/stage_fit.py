@@ -83,7 +83,7 @@ def resolution_of(angle: Array) -> float:
 
 def fit_axis(
     u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None,
-    order: int | None = None,
+    order: int | None = None, only: tuple[str, ...] | None = None,
 ) -> StageFit:  # fmt: skip
     """Fit one axis to commands u (N,) and measured angles (N,), sampled every dt s.
 
@@ -91,6 +91,7 @@ def fit_axis(
     near:    a similar axis: only its numbers are fitted, its kind stays
     order:   of the axis, so that its numbers can be compared with those of another record; None: chosen. With an order,
              only backlash is looked for beside it
+    only:    names of the numbers to fit, with `near`; None: all of its kind
 
     Raises ValueError for fewer than FEWEST samples or a constant command."""
     if len(u) < FEWEST:
@@ -100,7 +101,7 @@ def fit_axis(
         raise ValueError(f"got {got}, expected at least {LEAST_RANGE:g} rad: tilt the plate, as `collect` does")
     data = _Data.of(u, angle, dt, breaks, near)
     if near is not None:
-        return data.finished(data.fit(near, data.used))
+        return data.finished(data.fit(near, data.used, only))
     return data.finished(data.fit(_chosen(data) if order is None else _with_backlash(data, order), data.used))
 
 
@@ -200,9 +201,9 @@ class _Data:
         rate = np.abs(np.diff(self.angle)) / self.dt
         return float(np.clip(np.nanquantile(rate[self.used[1:]], 0.98), *LIMITS["rate_limit"]))
 
-    def fit(self, start: StageAxis, rows: np.ndarray) -> StageAxis:
+    def fit(self, start: StageAxis, rows: np.ndarray, only: tuple[str, ...] | None = None) -> StageAxis:
         """The axis of the same kind that fits some rows best, with standard errors."""
-        names, rows = _free(start), rows & self.used
+        names, rows = only or _free(start), rows & self.used
         low, high = (np.array([_inner(name, LIMITS[name][end]) for name in names]) for end in (0, 1))
 
         def error(x: Array) -> Array:

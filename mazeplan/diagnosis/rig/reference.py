@@ -78,7 +78,10 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
         body = filter_on_stage(table, maze, moves)
         return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
     body, stage = body_filter(table, maze, _kind_of(table))
-    known = Known({}, {}) if stage is None else Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+    known = Known({}, {})
+    if stage is not None:
+        known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+        known = replace(known, times_noise=max(stage.beta.times_noise, stage.gamma.times_noise))
     return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
 
 

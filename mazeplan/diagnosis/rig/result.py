@@ -165,8 +165,7 @@ class RigVerdict:
     @property
     def misfit(self) -> str:
         """Which kind of thing the model lacks, if it does not fit the rig even when the model was right; else empty."""
-        axes = (self.stage.beta, self.stage.gamma) if self.stage is not None else ()
-        words = ["a servo of another kind"] if any(axis.times_noise > FITS for axis in axes) else []
+        words = ["a servo of another kind"] if self.was.stage.times_noise > FITS else []
         ball = self.was.body.model.ball
         return " and ".join(
             [*words, kind_of_ball(ball.inertia <= SLIDES, ball.wall)] if self.was.remaining > FITS else words

@@ -39,7 +39,7 @@ from mazeplan.diagnosis.rig.search import (
     SearchResult,
     surely_differs,
 )
-from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, stage_effects
+from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, settled_on, stage_effects
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,
     gain_in_navigation,
@@ -82,7 +82,7 @@ def verdict_on(
         record = whole_record(table)
     else:
         record = whole_record(table)
-        stage = fit_stage(record, np.ones(len(record), dtype=bool), was.stage.kind)
+        stage = settled_on(fit_stage(record, np.ones(len(record), dtype=bool), was.stage.kind), record, was.stage)
         moves = moved_by(stage, was.stage)
     overtaxed = stage is not None and stage.servos_overtaxed
     body = filter_of(table, record, maze, moves)
@@ -138,7 +138,8 @@ def _with_servos(unknown: Unknown | None, stage: Stage | None, was: RigReference
     words = servos_look_changed(stage, was.stage) if stage is not None and stage.servos_overtaxed else ()
     if not words:
         return unknown
-    other, look = unknown or Unknown(), "Look at the servos and their linkage. A log of mazeplan collect shows more"
+    look = "Look at the servos and their linkage, or learn the model again from a record of mazeplan collect"
+    other = unknown or Unknown()
     return Unknown(other.description, (*other.depends_on, "command"), (*other.look, look), tuple(words))
 
 
@@ -235,8 +236,8 @@ def _notes(table: Table, stage: Stage | None, was: RigReference, blind: bool = F
         notes.append(f"{why}: servos cannot be checked{'' if blind else ', and the tilt is smoothed'}")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
-            "commands changed faster than the servos can follow, as in navigation, so only large changes of the "
-            "servos were looked for; mazeplan collect makes a record that shows them"
+            "the servos cannot follow the commands of this record, so only large changes of the servos were looked "
+            "for; a model that mazeplan learn makes of a record of mazeplan collect knows how fast they are"
         )
         if hidden_gain(stage, was.stage):
             notes.append("gains of the servos were not compared: play or a dead band makes them look smaller")

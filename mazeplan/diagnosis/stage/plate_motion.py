@@ -79,6 +79,7 @@ class Stage:
     beta, gamma: fits
     directions: by name, the axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
     their covariance
+    differs: effects by which it surely differs from a known stage (`comparison.settled_on`)
 
     The errors along different directions are independent. The errors of the parameters are not: a faster axis that
     starts later moves nearly alike."""
@@ -86,6 +87,7 @@ class Stage:
     beta: StageFit
     gamma: StageFit
     directions: dict[str, tuple[int, Array]]
+    differs: frozenset[str] = frozenset()
 
     @property
     def servos_overtaxed(self) -> bool:
