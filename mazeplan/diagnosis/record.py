@@ -16,7 +16,7 @@ from mazeplan.physics.rig.sensors import Camera
 
 FROZEN = 15  # equal measurements in a row: no ball and no camera give so many
 FEWEST = 300  # minimum number of samples of the ball
-LONGER = "mazeplan collect --rings --seconds 300 -o LOG"
+LONGER = "mazeplan collect --rig RIG --rings --seconds 300 -o LOG"
 STILL = 3e-3  # rad; a plate with a smaller range of tilts shows nothing about the ball
 
 

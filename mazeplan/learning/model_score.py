@@ -166,11 +166,11 @@ def score_document(rings: dict[int, RingError], model: str, log: str, asked: Ite
     if unseen and rings:
         because += f"; the log says nothing of ring {', '.join(unseen)}"
     advice = {
-        "good": f"drive with it: mazeplan evaluate --model {model}",
+        "good": f"drive with it: mazeplan evaluate --rig RIG --model {model}",
         "fair": f"learn from a longer log, or see what the model lacks: mazeplan diagnose {log} --model {model}",
         "poor": f"check map, signs and camera of the rig, then see what is missing: mazeplan diagnose {log} --model "
         f"{model}",
-        "unknown": "collect a longer log: mazeplan collect --rings --seconds 300 -o NEW.mcap",
+        "unknown": "collect a longer log: mazeplan collect --rig RIG --rings --seconds 300 -o NEW.mcap",
     }
     weak = [ring for ring, found in rings.items() if found.verdict in ("fair", "poor") and word == "good"]
     more = [f"ring {ring} alone is {rings[ring].verdict}: {rings[ring].error:.3f} rad" for ring in weak]

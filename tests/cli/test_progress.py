@@ -63,8 +63,8 @@ def test_each_event_of_a_run_is_a_plain_line(stream):
     [
         (["missed_opening", "missed_opening", "stuck", "out_of_time"], "out_of_time", "a.mcap", "report a.mcap"),
         (["missed_opening", "out_of_time"], "out_of_time", None, "report run.mcap"),
-        (["misfit"], "misfit", "a.mcap", "rig check toy"),
-        (["ball_lost", "out_of_time"], "out_of_time", None, "rig check toy"),
+        (["misfit"], "misfit", "a.mcap", "rig check my/toy.yaml"),
+        (["ball_lost", "out_of_time"], "out_of_time", None, "rig check my/toy.yaml"),
         (["no_route"], "no_route", None, "map route"),
         (["out_of_time"], "out_of_time", None, "--time-limit"),
     ],
@@ -72,7 +72,7 @@ def test_each_event_of_a_run_is_a_plain_line(stream):
 def test_a_run_that_does_not_arrive_ends_with_what_to_look_at_next(kinds, reason, log, command):
     failures = tuple(Failure(FailureKind(kind), "Track", 1.2) for kind in kinds)
     stream = io.StringIO()
-    with NavigationProgress(stream) as progress:
+    with NavigationProgress(stream, rig="my/toy.yaml") as progress:
         progress.finished(replace(outcome(success=False), failures=failures, reason=reason, log=log))
     last = stream.getvalue().splitlines()[-1]
     assert last.startswith("next: ")

@@ -28,7 +28,7 @@ def known(**beta):
 
 
 def seen(gamma=AXIS, **beta):
-    return SimpleNamespace(axes=(replace(AXIS, **beta), gamma), servos_overtaxed=True)
+    return SimpleNamespace(axes=(replace(AXIS, **beta), gamma), servos_overtaxed=True, differs=frozenset())
 
 
 @pytest.mark.parametrize(

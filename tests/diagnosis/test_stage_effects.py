@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from stage_kinds import DT, jumps
 
-from mazeplan.diagnosis.stage.comparison import Known, moved_by, stage_effects
-from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.diagnosis.stage.comparison import Known, moved_by, settled_on, stage_effects
+from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage_simulation import simulate_axis
 
 ERRORS = dict.fromkeys(("gain", "dead_time", "backlash", "deadband"), 1e-4) | {
     "natural_frequency": 0.3,
@@ -24,7 +28,7 @@ KNOWN = Known.of_model(RigModel(StageModel(AXIS, AXIS), {1: BallModel(())}, kind
 
 
 def found(**beta):
-    stage = SimpleNamespace(axes=(replace(AXIS, **beta), AXIS))
+    stage = SimpleNamespace(axes=(replace(AXIS, **beta), AXIS), differs=frozenset())
     return {effect["name"]: effect["parameters"] for effect in stage_effects(stage, KNOWN)}
 
 
@@ -76,3 +80,27 @@ def test_the_old_stage_moves_the_plate_unless_the_record_surely_differs():
     slower = moved_by(stage_of(replace(AXIS, natural_frequency=12.0), AXIS), KNOWN)
     assert slower is not None
     assert slower.beta.natural_frequency == pytest.approx(12.0)
+
+
+def coarse_record(seed, pole, dead):
+    """A minute of a servo of first order, whose angle is measured in tenths of a degree."""
+    u, step = jumps(seed, 1800), math.radians(0.1)
+    axis = StageAxis(1.0, pole, 1.0, dead, order=1)
+    tilts = [step * np.round(simulate_axis(axis, u[:, i], DT) / step) for i in (0, 1)]
+    begins = np.arange(1800) == 0
+    record: Any = SimpleNamespace(u=u, beta=tilts[0], gamma=tilts[1], dt=DT, begins=begins)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("pole", "dead", "names"),
+    [(35.0, 0.04, []), (12.0, 0.04, ["servo_lag"]), (20.0, 0.04, ["servo_lag"]), (35.0, 0.08, ["command_delay"])],
+)
+def test_the_motion_tells_what_numbers_that_stand_in_for_each_other_hide(pole, dead, names):
+    rows = np.ones(1800, dtype=bool)
+    was = fit_stage(coarse_record(1, 35.0, 0.04), rows)  # of second order: its frequency and damping are uncertain
+    assert was is not None
+    known = Known.of_model(RigModel(StageModel(*was.axes), {1: BallModel(())}, kind="pi"))
+    record = coarse_record(2, pole, dead)
+    stage = settled_on(fit_stage(record, rows), record, known)
+    assert [effect["name"] for effect in stage_effects(stage, known)] == names

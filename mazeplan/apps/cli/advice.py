@@ -17,8 +17,8 @@ NO_WAY = (FailureKind.NO_ROUTE, FailureKind.OPENING_CLOSED)
 MEASURED = (FailureKind.BALL_LOST, FailureKind.BALL_OUT, FailureKind.RIG_FAILED)
 
 
-def next_step(result: NavigationResult) -> str:
-    """The next thing to do, in a line; empty if the run arrived or somebody ended it."""
+def next_step(result: NavigationResult, rig: str) -> str:
+    """The next thing to do, in a line; empty if the run arrived or somebody ended it. rig: as --rig takes it"""
     if result.success or result.reason in BY_HAND:
         return ""
     kinds = Counter(f.kind for f in result.failures if f.kind not in NOT_THE_BALL)
@@ -26,7 +26,7 @@ def next_step(result: NavigationResult) -> str:
     if kind in NO_WAY:
         return "mazeplan map route: it shows which openings lead to the goal"
     if result.reason == FailureKind.MISFIT or result.doubts or kind in MEASURED:
-        return f"mazeplan rig check {shlex.quote(result.rig)}: it tests signs, axes, clock and sensors of the rig"
+        return f"mazeplan rig check {shlex.quote(rig)}: it tests signs, axes, clock and sensors of the rig"
     if kind is None:
         return "a larger --time-limit: nothing went wrong"
     if result.log is None:

@@ -125,7 +125,7 @@ def navigate_once(request: NavigationRequest, company: Company) -> NavigationRes
             yield
 
     company = replace(company, own_process=True, goals=goals, guard=guard)
-    with NavigationProgress() as progress:
+    with NavigationProgress(rig=str(request.rig)) as progress:
         try:
             result = execute(request, replace(company, display=progress))
         except RigError as problem:

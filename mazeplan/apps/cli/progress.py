@@ -27,8 +27,9 @@ def is_terminal(stream: TextIO) -> bool:
 class NavigationProgress:
     """Prints a line for each event of a navigation; a context manager."""
 
-    def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = sys.stderr if stream is None else stream
+    def __init__(self, stream: TextIO | None = None, rig: str | None = None) -> None:
+        """rig: as it was given on the command line, for what to do next"""
+        self._stream, self._rig = sys.stderr if stream is None else stream, rig
 
     def __enter__(self) -> Self:
         report_compiling()
@@ -64,7 +65,7 @@ class NavigationProgress:
         failures = plural(len(result.failures), "failure")
         goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
         self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures}{goals})")
-        if advice := next_step(result):
+        if advice := next_step(result, self._rig or result.rig):
             self._print(f"next: {advice}")
 
 

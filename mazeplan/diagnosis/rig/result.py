@@ -338,7 +338,8 @@ def advice(
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:
         out.append(
-            "Record longer, in all rings, to tell the causes apart: mazeplan collect --rings --seconds 900 -o LOG."
+            "Record longer, in all rings, to tell the causes apart: "
+            "mazeplan collect --rig RIG --rings --seconds 900 -o LOG."
         )
     if done.unknown is not None:
         look = done.unknown.look or ("One cause has no name yet",)
