@@ -32,6 +32,7 @@ from mazeplan.physics.rig.stage import StageModel
 
 FEWEST = 900  # minimum number of pictures of the ball
 NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
+ROLLS = 0.1  # rad that a rolling ball turns at least in a stretch
 PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures of a stretch; minimum number of stretches; minimum play, m
 GUESSED = (  # right in a model of beads, whose inertia and other friction also stand in for walls
     "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
@@ -97,7 +98,8 @@ def why_not_whole(tables: Sequence[Table]) -> str:
     if seen < FEWEST:
         return f"the ball is seen in {seen} pictures; all rings together need {FEWEST}"
     play = max(_play(table) for table in tables)
-    return "" if play > LEAST_PLAY else "the ball has no play between the walls, as in a simulation without walls"
+    held = "the ball hardly moves between the walls, as in a simulation without walls, or as a ball that is held"
+    return "" if play > LEAST_PLAY else held
 
 
 def _play(table: Table) -> float:
@@ -107,9 +109,11 @@ def _play(table: Table) -> float:
     n = len(table) // PART * PART
     x, y = (table[name][:n].reshape(-1, PART) for name in ("x", "y"))
     seen = np.isfinite(x + y).all(axis=1)
-    if seen.sum() < LEAST_PARTS:
+    angle = np.arctan2(y, x)
+    rolls = np.ptp(np.unwrap(np.nan_to_num(angle), axis=1), axis=1) > ROLLS  # a ball that is held shows no play
+    if (seen & rolls).sum() < LEAST_PARTS:
         return math.inf
-    parts, angle = np.hypot(x, y)[seen], np.arctan2(y, x)[seen]
+    parts, angle = np.hypot(x, y)[seen & rolls], angle[seen & rolls]
     waves = np.stack([wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin)], axis=2)
     waves -= waves.mean(axis=1, keepdims=True)
     parts = parts - parts.mean(axis=1, keepdims=True)

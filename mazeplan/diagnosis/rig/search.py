@@ -45,7 +45,8 @@ MOST_FOUND = 4  # maximum number of effects
 MIN_PROCESS_NOISE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
-SHORT_RECORD, PART = 6000, 4000  # pictures; those that choose candidates in a long record
+SHORT_RECORD, PART = 6000, 4000  # pictures; those of a part of a long record
+CHOOSING_S = 300.0  # s of a long record that choose candidates: a sector of one ring is seen in 3 % of them
 HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 # minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways,
 # above all at walls, against which it leans the ball more or less than before
@@ -149,7 +150,7 @@ def search_rig(
     always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
     first = fit_body(body, noisy(was.start or was.model), always, POLISH, ENOUGH)
-    part, refused, chosen = alternate(body), set[Candidate](), list[_Chosen]()
+    part, refused, chosen = alternate(body, round(CHOOSING_S / body.pictures.dt)), set[Candidate](), list[_Chosen]()
     tried = dict[Candidate, Tried]()
     best, least = (
         (first, NEEDED)
@@ -242,11 +243,10 @@ def _pruned(
     return best, chosen
 
 
-def alternate(body: BodyFilter) -> BodyFilter:
-    """Every other stretch of PART_S s of a record, or fewer if it has many pictures: enough to choose candidates. A
-    short record stays whole."""
+def alternate(body: BodyFilter, most: int = PART) -> BodyFilter:
+    """Every other stretch of PART_S s of a record, or fewer: about `most` pictures. A short record stays whole."""
     n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
-    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % max(n // PART, 2) == 0)
+    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % max(n // most, 2) == 0)
 
 
 def _best(

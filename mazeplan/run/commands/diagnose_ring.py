@@ -42,7 +42,10 @@ def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> Diagnos
     number, known = document["ring"], document["declared"]
     if why:
         document["notes"].append(f"one ring was diagnosed, not all of them together: {why}")
-    if request.output is not None and done.effects:
+    before, after = (document[part]["rollout40"] or 0.0 for part in ("before", "after"))
+    if request.output is not None and done.effects and after > before:
+        document["notes"].append("no model was written: with what was found, held-out parts are predicted worse")
+    elif request.output is not None and done.effects:
         stage = None if done.stage is None else StageModel(*done.stage.axes)
         old = base_model(number, known, stage) if model is None else model
         new = updated(old, {number or 1: done.effects})
