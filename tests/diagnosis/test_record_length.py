@@ -51,6 +51,6 @@ def table_of(rolls, across):
 
 
 def test_a_ball_that_is_held_most_of_the_time_still_has_play():
-    seldom = np.arange(3600) % 600 < 90
+    seldom = np.arange(3600) % 600 < 45
     assert why_not_whole([table_of(seldom, 1.5e-3)]) == ""
     assert "hardly moves between the walls" in why_not_whole([table_of(seldom, 0.0)])
