@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from mazeplan.core.errors import ModelError
-from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, _Along, _follow, imbalance_entry
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, _Along, _follow, also_in, imbalance_entry
 from mazeplan.diagnosis.rig.reference import textbook
 from mazeplan.diagnosis.rig.reference_file import load_reference, reference_path, save_reference
 from mazeplan.learning.modelfile import RigModel
@@ -99,6 +100,16 @@ def test_the_entry_has_the_amplitude_in_each_ring_and_a_phase_that_nobody_knows(
 )
 def test_what_is_not_surely_larger_than_before_is_no_news(now, was, radii):
     assert imbalance_entry(now, was, radii) is None
+
+
+@pytest.mark.parametrize(("gain", "pictures", "shows"), [(100.0, 1000, True), (30.0, 1000, False), (30.0, 4000, True)])
+def test_a_reference_may_show_an_imbalance_less_than_surely(monkeypatch, gain, pictures, shows):
+    monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._along", lambda body, fit: some(10))
+    minus2 = lambda along, dt, size, coherence: -gain if size > 1e-3 else 0.0  # noqa: E731
+    monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._minus2", minus2)
+    pictures_then = type("Pictures", (), {"dt": 1.0 / 30.0, "__len__": lambda self: 1000})()
+    earlier: Any = SimpleNamespace(pictures=pictures_then, run=lambda model: None)
+    assert also_in(earlier, textbook().body.model, FOUND, pictures) is shows
 
 
 def test_the_reference_keeps_the_imbalance(tmp_path):

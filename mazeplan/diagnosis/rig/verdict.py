@@ -25,7 +25,7 @@ from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
 from mazeplan.diagnosis.rig.differences import search_against
-from mazeplan.diagnosis.rig.imbalance import imbalance_entry, unbalanced
+from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
@@ -156,7 +156,8 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
         return done
     imbalance = unbalanced(done.body, done.searched.without)
     entry = imbalance_entry(imbalance, done.was.imbalance, radii)
-    if entry is None:
+    then = done.was.then
+    if entry is None or (then is not None and also_in(then, done.was.body.model, imbalance, len(done.body.pictures))):
         return replace(done, imbalance=imbalance)
     searched = replace(done.searched, found=(), gains=(), rivals=(), fit=done.searched.without)
     memory, remaining = residual_summary(done.body, searched.fit)
