@@ -56,3 +56,12 @@ def test_pictures_that_are_wrong_are_named_and_end_a_run(rig, way):
 def test_pictures_of_a_healthy_rig_are_never_named(rig):
     for start in range(5):
         assert misfits(RIGS[rig](MAZE), start, 20.0) == ()
+
+
+@pytest.mark.parametrize("way", ["y", "exchanged"])
+def test_they_are_named_also_after_a_limited_rate_was_adopted(way):
+    slow = StrangeRig(MAZE, {"servo": "rate", "servo_hz": 8.0, "slew_deg_s": 34.0, "noise_mm": 1.0, "late_ms": 60.0})
+    adopted, wrong = misfits(Wired(slow, WRONG[way]), 1, 5.0)
+    assert "the plate turns at most 32 degrees a second" in adopted.words
+    assert wrong.t <= 4.0
+    assert not wrong.adopted
