@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
 MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
+BRIDGED = 3  # pictures in a row
 FEWEST = 50  # minimum number of samples of a ring
 Predict = Callable[[RingKinematics], Array]
 GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
@@ -118,7 +119,7 @@ def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int
     found: dict[int, list[RingSamples]] = {}
     for table in tables:
         options = SampleOptions(delay=model.camera_delay, rates="smoothed")
-        for ring, part in ring_samples(table, maze, Smoothing(window=9), options).items():
+        for ring, part in ring_samples(_bridged(table), maze, Smoothing(window=9), options).items():
             found.setdefault(ring, []).append(part)
     together = {ring: joined(parts) for ring, parts in sorted(found.items())}
     enough = {ring: samples for ring, samples in together.items() if int(samples.good.sum()) >= FEWEST}
@@ -127,6 +128,23 @@ def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int
         problem = f"got at most {most} usable samples in a ring, expected {FEWEST}: record for longer"
         raise InputError(f"the logs that the model is to be judged on: {problem}")
     return enough
+
+
+def _bridged(table: Table) -> Table:
+    """The table with the ball between its neighbours where at most BRIDGED pictures in a row were lost.
+
+    Smoothing would lose nine samples with each lost picture, and a stretch of two seconds with each of these."""
+    if "x" not in table or "y" not in table:
+        return table
+    rows, known = np.arange(len(table)), np.flatnonzero(np.isfinite(table["x"] + table["y"]))
+    if len(known) in (0, len(rows)):
+        return table
+    after = np.searchsorted(known, rows)
+    last, following = known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+    short = (last < rows) & (rows < following) & (following - last <= BRIDGED + 1)
+    short &= table.segment[last] == table.segment[following]
+    x, y = (np.where(short, np.interp(rows, known, table[name][known]), table[name]) for name in ("x", "y"))
+    return replace(table, columns={**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)})
 
 
 def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from planar_rig import PlanarRig
 
@@ -52,6 +53,16 @@ def test_a_fitted_model_is_better_than_none_and_one_that_hardly_feels_gravity_is
         rings[2].persistence,
         rings[2].noise,
     )
+
+
+def test_lost_pictures_cost_a_score_hardly_any_windows(log, fitted):
+    whole = read_table(log)
+    lost = np.random.default_rng(0).random(len(whole)) < 0.05
+    columns = {name: np.where(lost, np.nan, whole[name]) for name in ("x", "y", "theta", "r")}
+    now, before = (ring_errors(fitted, [table], MAZE)[2] for table in (
+        replace(whole, columns={**whole.columns, **columns}), whole))  # fmt: skip
+    assert now.windows > 0.9 * before.windows
+    assert now.error == pytest.approx(before.error, rel=0.1)
 
 
 def test_score_prints_the_errors_and_the_verdict(call, log, fitted, tmp_path):
