@@ -88,7 +88,9 @@ def model_path(source: str | Path) -> Path:
     if not path.exists():
         what = file_kinds.got(folder)
         problem = "no such model; " if what == "no such file" else f"got {what}, "
-        expected = f"expected a folder with model.yaml, or {one_of(model_names(), str(source))}"
+        inside = folder / "model"
+        meant = f"; did you mean {inside}?" if (inside / "model.yaml").exists() else ""
+        expected = f"expected a folder with model.yaml, or {one_of(model_names(), str(source))}{meant}"
         raise ModelError(problem + expected, file=source)
     return path
 

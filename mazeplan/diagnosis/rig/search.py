@@ -54,7 +54,7 @@ BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
 WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 # a rescale moves all numbers away from the reference by one of these factors
-TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "it may be the same as in the reference"
+TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
 MAX_RESCALES = 3
