@@ -76,6 +76,8 @@ def rig_file(spec: str) -> Path | None:
     if spec in rig_names():
         return packaged
     path = Path(spec)
+    if path.suffix == ".py":
+        raise SettingsError(f"got rig {shown(spec)}, a Python file; expected the class in it, as {path.stem}:CLASS")
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.is_file():
             raise SettingsError(file_kinds.refused(path, "the settings of a rig (YAML)"), file=spec)
