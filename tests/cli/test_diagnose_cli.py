@@ -15,6 +15,7 @@ from standalone_page import alone
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.modelfile import load_model
+from mazeplan.run.commands import diagnose_ring
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -74,3 +75,20 @@ def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
     assert code == 0, err
     assert json.loads(out)["ring"] == 2
     assert "dry_friction" in [e["name"] for e in json.loads(out)["effects"]]
+
+
+@pytest.mark.slow
+def test_no_model_is_written_that_predicts_worse(diagnose, log, tmp_path, monkeypatch):
+    real = diagnose_ring._diagnose
+
+    def worse(*given):
+        done, document = real(*given)
+        return done, document | {"before": document["after"], "after": document["before"]}
+
+    monkeypatch.setattr(diagnose_ring, "_diagnose", worse)
+    code, out, err = diagnose(log, *KNOWN, "-o", tmp_path / "report", "--json")
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["model"] is None
+    assert not (tmp_path / "report" / "model").exists()
+    assert "no model was written: with what was found, held-out parts are predicted worse" in document["notes"]

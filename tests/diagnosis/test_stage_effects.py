@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from stage_kinds import DT, jumps
 
+from mazeplan.diagnosis.rig.reference import textbook
+from mazeplan.diagnosis.rig.result import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known, moved_by, settled_on, stage_effects
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.modelfile import RigModel
@@ -104,3 +106,11 @@ def test_the_motion_tells_what_numbers_that_stand_in_for_each_other_hide(pole, d
     record = coarse_record(2, pole, dead)
     stage = settled_on(fit_stage(record, rows), record, known)
     assert [effect["name"] for effect in stage_effects(stage, known)] == names
+
+
+@pytest.mark.parametrize(("fits", "said"), [({"stage": 1.5, "ball": 1.0}, True), ({"stage": 1.2}, False), ({}, False)])
+def test_whether_the_stage_fits_is_said_of_the_reference(fits, said):
+    model = RigModel(StageModel(AXIS, AXIS), {1: BallModel(())}, kind="pi", scores={"fits": fits})
+    was: Any = replace(textbook(), stage=Known.of_model(model), remaining=1.0)
+    done: Any = SimpleNamespace(was=was, stage=None)
+    assert RigVerdict.misfit.fget(done) == ("a servo of another kind" if said else "")
