@@ -17,8 +17,8 @@ ARGS ?=
 help:
 	@echo "make navigate [ARGS='--rig ideal']  the main job: the ball goes from ring 1 to ring 5"
 	@echo "make picture                        the same on the rig toy, drawn into runs/first.png"
-	@echo "make test                           check, then unit: about six minutes on two cores"
-	@echo "make test-all                       check, then all tests: under half an hour"
+	@echo "make test                           check, then unit: about four minutes on two cores"
+	@echo "make test-all                       check, then all tests: about twenty minutes"
 	@echo "make check                          formatting, lint, types, import contracts"
 	@echo "make unit [ARGS='-k map']           the tests, without slow ones and those in real time"
 	@echo "make all [ARGS='-k map']            all tests"
