@@ -25,8 +25,8 @@ SURE = 5.0  # standard errors of the difference: the residual of a stage is not 
 WHOLE = 0.9  # of a sample: change of the dead time of axes that follow at once
 PLAY_ERROR = 1e-4  # rad; error of play, in addition to that of the fit
 ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts only above this share of the larger one
-DIFFERENT = 1.5  # residual of a known axis over that of a free fit from which its lag or dead time changed: in healthy
-# records of the strange rigs it is 1.0 to 1.1, with a servo of 20 instead of 35 rad/s 2 to 3
+DIFFERENT = 1.5  # residual of a known axis over that of a free fit from which its lag or dead time changed: on one
+# rig (dead time, limited rate, coarse tilt) it is 1.0 to 1.1 in healthy records, 2 to 3 with 20 instead of 35 rad/s
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
