@@ -132,3 +132,11 @@ def test_friction_of_another_rig_is_found():
     assert near(seen, "rolling", 12e-5 / MAZE.ball.radius * 9.81, 3e-3)  # three times what it was
     assert near(seen, "wall", 0.22, 0.02)
     assert near(seen, "tilt_beta", math.radians(0.15), 5e-4)
+
+
+def test_hitting_or_missing_an_edge_does_not_make_the_likelihood_jump(briefly):
+    fit = briefly.fit
+    there = fit.value("rolling") + np.linspace(-4e-3, 4e-3, 41)
+    minus2 = [briefly.body.innovations(with_values(fit.model, {"rolling": value})).minus2 for value in there]
+    assert np.max(np.abs(np.diff(minus2, n=2))) < 35.0  # 55 with the pictures after edges
+    assert np.ptp(minus2) > 1.0

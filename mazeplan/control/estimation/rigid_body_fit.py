@@ -9,10 +9,8 @@ nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt (a
 with g_k half of the gradient of picture k. The same steps find noise and physics. Standard errors hold for residuals
 that are not quite white (the sandwich; White, Econometrica 50, 1982).
 
--2 log L is rough: it jumps by about 10 between near points, because a ball that just misses an edge takes another way
-than a ball that just hits it. Derivatives are central differences over several standard errors (WIDTH), which smooths
-the jumps. Over one standard error, a fit ends in a valley beside the way: up to 900 higher on records of 300 s.
-A gain below 10 means nothing. Values from different starts differ by more than their standard error.
+-2 log L is still a little rough: it jumps by about 10 between near points. Derivatives are central differences over
+several standard errors (WIDTH), which smooths the jumps. A gain below 10 means nothing.
 """
 
 from __future__ import annotations
@@ -31,6 +29,7 @@ from mazeplan.core.side_by_side import side_by_side
 
 STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 WIDTH = 4.0  # of the differences by parameters of physics, in their steps
+REACH, REACH_LOG = 3.0, 0.7  # most that a scoring step moves: in widths of the differences, or of a logarithm
 DIVERGED = 1e6  # factor of the covariance from which a picture says nothing about a derivative
 DAMPING = (1e-4, 1e6)
 BLOCK_S = 10.0  # s; blocks of this length are independent of one another
@@ -102,6 +101,9 @@ class _Search:
         late = np.array([name == "delay" for name in self.free])
         self.low = np.where(late, np.maximum(self.low, body.soonest), self.low)
         self.step = np.array([k.step * (1.0 if k.log else WIDTH) for k in self.kinds])
+        self.reach = np.array(
+            [REACH_LOG if k.log else REACH * step for k, step in zip(self.kinds, self.step, strict=True)]
+        )
 
     def point(self) -> Array:
         values = (value_of(self.model, name) for name in self.free)
@@ -195,13 +197,16 @@ def fit_body(
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:
-    """The next point, inside the bounds. A parameter that is pulled against its bound stays there."""
+    """The next point, inside the bounds. A parameter that is pulled against its bound stays there.
+
+    None moves far beyond the width of its differences: the derivatives do not hold there, and a step that ends at a
+    bound may not come back."""
     scale = np.sqrt(np.maximum(np.diag(scores.information), FLOOR))
     A, g = scores.information / np.outer(scale, scale), scores.each.sum(axis=0) / scale
     held = ((x <= search.low) & (g > 0.0)) | ((x >= search.high) & (g < 0.0))
     A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
     move = np.linalg.solve(A + damping * np.eye(len(x)), g) / scale
-    return np.clip(x - move, search.low, search.high)
+    return np.clip(x - np.clip(move, -search.reach, search.reach), search.low, search.high)
 
 
 def _inverse(information: Array) -> Array:

@@ -6,6 +6,7 @@ camera, table, and roughly the friction. The diagnosis then fits walls and spin 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -34,10 +35,12 @@ FITTED = (  # numbers that are fitted for a reference
     *DEFAULT_FREE, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
 REST = tuple(name for name in FITTED if name != "inertia")
+SCALED = tuple(name for name in FITTED if name not in GAINS)
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, HOLLOW, ROUND = 0.4, 2.0 / 3.0, 0.02  # inertia over m R^2 of a solid and a hollow ball; its standard error
-SLIDES, FASTEST_ROLLING = 1.2 * LEAST_INERTIA, 0.8  # inertia of a ball that slides; factor of no ball that rolls
+SLIDES = 1.2 * LEAST_INERTIA  # inertia of a ball that slides
+KINDS = (SLIDES, SOLID, HOLLOW)
 DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes of the delay that a fit tries
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
@@ -103,7 +106,9 @@ def reference_by_filter(
     """The reference from pictures that are ready to be filtered, and the stage that moved the plate.
 
     guess: start of the fit; None: that of the model"""
-    fit = _fitted(body, guess or first_guess(model, maze), SLIDES if model is not None and _slides(model) else SOLID)
+    factors = [] if model is None else _factors(model)
+    inertia = 1.0 / float(np.median(factors)) - 1.0 if factors else SOLID
+    fit = _fitted(body, with_values(guess or first_guess(model, maze), {"inertia": inertia}))
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
     errors = {ring: error.mean for ring, error in found.items()}
@@ -113,36 +118,32 @@ def reference_by_filter(
     )  # fmt: skip
 
 
-def _fitted(body: BodyFilter, guess: BodyModel, inertia: float = SOLID) -> BodyFit:
-    """The likeliest numbers of a reference. The ball is solid, or has this inertia, unless the record contradicts.
+def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
+    """The likeliest numbers of a reference. The ball has the inertia of a usual kind unless the record contradicts.
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
-    change the other numbers, too. From the inertia of a solid ball, a fit may not reach that of a hollow one."""
+    change the other numbers, too. The ball is of the kind with which the scale of the tilt is nearest to 1."""
     part = alternate(body)
-    begins = [
-        _near(part, with_values(guess, {"inertia": i})) for i in ((inertia,) if inertia == SLIDES else (SOLID, HOLLOW))
-    ]
-    near, likeliest = begins[0], min(begins, key=lambda fit: fit.minus2)
-    if near.minus2 - likeliest.minus2 > NEEDED:
-        return fit_body(body, likeliest.model, FITTED, enough=ENOUGH)
-    solid = fit_body(body, near.model, REST, enough=ENOUGH)
-    free = fit_body(body, (solid if likeliest is near else likeliest).model, FITTED, enough=ENOUGH)
-    if solid.minus2 - free.minus2 > NEEDED:
+    near = _near(part, guess)
+    kind = min(KINDS, key=lambda inertia: abs(math.log((1.0 + inertia) / (1.0 + near.value("inertia")))))
+    held = fit_body(body, with_values(near.model, {"inertia": kind}), REST, enough=ENOUGH)
+    free = fit_body(body, held.model, FITTED, enough=ENOUGH)
+    if held.minus2 - free.minus2 > NEEDED:
         return free
-    return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
+    return replace(held, stderr={**held.stderr, "inertia": free.stderr["inertia"]})
 
 
 def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
-    """The likeliest numbers with this inertia. The delay is looked for further away: where a plate jumps with its
-    commands, small steps of the delay change nothing."""
-    near = fit_body(part, guess, REST, enough=ENOUGH)
+    """The likeliest numbers if the scale of the tilt is 1. The delay is looked for further away: where a plate jumps
+    with its commands, small steps of the delay change nothing."""
+    near = fit_body(part, guess, SCALED, enough=ENOUGH)
     for _ in DELAYS:
         tried = [with_values(near.model, {"delay": max(near.value("delay") + d, part.soonest)}) for d in DELAYS]
         minus2 = [one.minus2 for one in side_by_side(part.innovations, tried)]
         least = int(np.argmin(minus2))
         if minus2[least] > near.minus2 - ENOUGH:
             break
-        near = fit_body(part, tried[least], REST, enough=ENOUGH)
+        near = fit_body(part, tried[least], SCALED, enough=ENOUGH)
     return near
 
 
@@ -185,10 +186,10 @@ def textbook() -> RigReference:
     return RigReference(reference, Known({}, {}), source="a textbook ball")
 
 
-def _slides(model: RigModel) -> bool:
-    """Whether the ball of a model accelerates faster than any ball that rolls."""
-    factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
-    return max(factors, default=0.0) > FASTEST_ROLLING
+def _factors(model: RigModel) -> list[float]:
+    """Factors of gravity of the rings in a model of beads, as of balls that roll or slide."""
+    factors = (ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values())
+    return [min(factor, 1.0 / (1.0 + SLIDES)) for factor in factors if factor > 0.0]
 
 
 def _inertia(model: RigModel) -> float:
@@ -196,9 +197,8 @@ def _inertia(model: RigModel) -> float:
 
     It is that of a solid ball if some contact with floor and walls explains the factors, otherwise the nearest
     possible one."""
-    factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
-    factors = [factor for factor in factors if 0.0 < factor < 1.0]
+    factors = _factors(model)
     if not factors:
         return SOLID
-    low, high = (1.0 / max(factors) - 1.0) / 2.0, 1.0 / min(factors) - 1.0
+    low, high = max((1.0 / max(factors) - 1.0) / 2.0, SLIDES), 1.0 / min(factors) - 1.0
     return min(max(SOLID, low), high)

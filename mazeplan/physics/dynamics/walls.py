@@ -12,6 +12,7 @@ of the two sides of the opening.
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,6 +75,18 @@ def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
         slabs.append([*place, 0.5 * across.thickness, ring.inner_radius, ring.outer_radius])
     rows = (np.array(part, dtype=float).reshape(-1, n) for part, n in ((walls, WALL), (gaps, GAP), (slabs, SLAB)))
     return Walls(*rows, rim=maze.rings[0].outer_radius, radius=maze.ball.radius, rounding=rounding)
+
+
+def corners(walls: Walls) -> Array:
+    """The corners of the cores at the openings, (4 G, 2), m. The centre of a ball that touches an edge is `radius +
+    rounding` away from one of them."""
+    places = [np.empty((0, 2))]
+    for low, high, first, last in walls.walls:
+        for cos, sin, half, *_ in walls.gaps[int(first) : int(last)]:
+            for r, across in product((low, high), (-half, half)):
+                along = math.sqrt(max(r * r - across * across, 0.0))
+                places.append(np.array([[cos * along - sin * across, sin * along + cos * across]]))
+    return np.concatenate(places)
 
 
 class WallCore(NamedTuple):

@@ -37,7 +37,6 @@ def rotation(vector: Sequence[float] | Array) -> Array:
 
 def sampled(image: np.ndarray, where: np.ndarray, border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
     """Values of the image at places (..., 2), x, y in px, float32, by linear interpolation."""
-    # OpenCV's documentation allows one array with both coordinates; its type hints do not
     # OpenCV takes None for the second map; its stubs do not
     return cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
 

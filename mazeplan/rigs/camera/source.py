@@ -76,7 +76,6 @@ class VideoSource:
             return None
         if not got and not self._file:
             raise RigError(f"camera {shown(self.source)} stopped sending pictures; {_advice(self.source)}")
-        # wall clock: a camera is part of a rig
         # wall clock: a camera has no other, and the rig's clock begins from it
         return None if image is None or not got else CameraFrame(image, time.monotonic())
 
