@@ -55,7 +55,7 @@ STATES = RingKinematics(
 def test_models_of_effects_are_written(learn, log, tmp_path, kind):
     code, out, _ = learn(log, "--kind", kind)
     assert code == 0
-    for begin in ("stage:", "camera_delay_s: ", "  ring 1:", "  ring 5:", "rigid ball: ", "wrote "):
+    for begin in ("stage:", "camera_delay_s: ", "rings: ", "  rolling_inertia.factor ", "rigid ball: ", "wrote "):
         assert any(line.startswith(begin) for line in out.splitlines())
     assert "learned part" not in out
     model = load_model(tmp_path / "model")

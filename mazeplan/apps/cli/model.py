@@ -57,9 +57,10 @@ def model_lines(model: RigModel) -> list[str]:
     from mazeplan.learning.model_document import model_document
 
     document, lines = model_document(model), list[str]()
+    document.get("body", {}).pop("of", None)  # a stamp, for programs
     for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
         if key in document:
-            lines += _lines(key, document[key], "")
+            lines += _ring_lines(document[key]) if key == "rings" else _lines(key, document[key], "")
     return lines + [f"learned part of ring {n}: {len(part)} rows" for n, part in sorted(model.processes.items())]
 
 
@@ -74,14 +75,36 @@ def _sentence(model: RigModel) -> str:
     return f"kind {model.kind}: {KINDS[model.kind]}; rings {rings}; {late}"
 
 
+def _ring_lines(rings: dict[int, dict[str, Any]]) -> list[str]:
+    """A line for each number of the rings' effects that is not 0 everywhere, with its values from ring to ring."""
+    numbers: dict[str, dict[int, dict[str, Any]]] = {}
+    for ring, effects in rings.items():
+        for effect, parts in effects.items():
+            for name, number in parts.items():
+                numbers.setdefault(f"{effect}.{name}", {})[ring] = number
+    kept = {name: row for name, row in numbers.items() if any(number["value"] for number in row.values())}
+    width = max(map(len, kept), default=0) + 2
+    lines = [f"{'rings:':{width + 2}s}" + "".join(f"{ring:<20}" for ring in rings).rstrip()]
+    for name, row in kept.items():
+        cells = "".join(f"{_value(row[ring], '.4g', '.2g') if ring in row else '':20s}" for ring in rings)
+        unit = next(iter(row.values()))["unit"]
+        lines.append(f"  {name:{width}s}{cells}{unit if unit != '1' else ''}".rstrip())
+    return lines
+
+
+def _value(number: dict[str, Any], as_value: str = "g", as_error: str = "g") -> str:
+    """A number with its standard error."""
+    error = f" ± {number['stderr']:{as_error}}" if "stderr" in number else ""
+    return f"{number['value']:{as_value}}{error}"
+
+
 def _lines(key: Any, value: Any, indent: str) -> list[str]:
     """Lines for a key of model.yaml and all keys below it, with ± for the standard error."""
     if not isinstance(value, dict):
         return [f"{indent}{key}: {value}"]
     if "value" in value:
-        error = f" ± {value['stderr']:g}" if "stderr" in value else ""
         unit = "" if value["unit"] == "1" else f" {value['unit']}"
-        return [f"{indent}{key}: {value['value']:g}{error}{unit}"]
+        return [f"{indent}{key}: {_value(value)}{unit}"]
     title = f"ring {key}" if isinstance(key, int) else key
     inner = [line for name, part in value.items() for line in _lines(name, part, f"{indent}  ")]
     return [f"{indent}{title}:", *inner]
