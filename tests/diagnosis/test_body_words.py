@@ -124,3 +124,9 @@ def test_errors_of_the_ball_are_not_told_of_findings_that_only_the_tilt_shows():
     assert "s ahead" not in sentence(done(gain, stage=overtaxed))
     assert "s ahead" in sentence(done(gain, FRICTION, stage=overtaxed))
     assert "s ahead" in sentence(done(gain))
+
+
+def test_a_model_of_another_rig_differs_in_too_much_at_once():
+    some = FRICTION, MAGNET, TURNED, {**FRICTION, "name": "viscous_friction"}
+    assert not any("another rig" in line for line in advice(done(*some)))
+    assert "another rig" in advice(done(*some, {**TURNED, "name": "tilt_offset"}))[0]

@@ -22,6 +22,7 @@ from mazeplan.physics.rig.stage import StageModel
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the earlier one; above 2, it is too large
+MANY = 5  # effects from which the model is probably of another rig
 LEAST_GAIN = 0.5  # of a tilt sensor; below this, or above its inverse, swapped columns are more likely
 CERTAIN, BARELY = 8.0, 0.5  # standard errors: minimum for "certain", for any word
 DEG = 180.0 / math.pi
@@ -329,6 +330,8 @@ def advice(
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip
         out.insert(0, "First check the columns: are x and y, or beta and gamma, swapped, or is a sign wrong?")
+    if len(done.effects) >= MANY:
+        out.insert(0, "So much rarely changes at once: is this the model of another rig? Check --model and the log.")
     out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
     if (written or add) and any(e.get("planned", True) for e in done.effects):
         way = (f"plan with the new model: mazeplan navigate --rig RIG --model {written}" if written
