@@ -138,5 +138,5 @@ def test_hitting_or_missing_an_edge_does_not_make_the_likelihood_jump(briefly):
     fit = briefly.fit
     there = fit.value("rolling") + np.linspace(-4e-3, 4e-3, 41)
     minus2 = [briefly.body.innovations(with_values(fit.model, {"rolling": value})).minus2 for value in there]
-    assert np.max(np.abs(np.diff(minus2, n=2))) < 35.0  # 55 with the pictures after edges
+    assert np.max(np.abs(np.diff(minus2, n=2))) < 35.0  # 55 without the noise at edges
     assert np.ptp(minus2) > 1.0

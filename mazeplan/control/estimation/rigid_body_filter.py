@@ -10,10 +10,9 @@ This is the third-degree cubature rule (Arasaratnam and Haykin, IEEE Trans. Auto
 picture the prediction goes on for up to `BRIDGED` s. A picture that is far off does not correct the state, and counts
 in the likelihood like a picture at the limit. Several such pictures in a row restart the filter.
 
-Which pictures count in the likelihood depends on the record alone, never on the parameters: not those at the beginning
-of a stretch, and not those shortly after the ball was at an edge of an opening (`after_edges`). A ball that just misses
-an edge takes another way than one that just hits it. With these pictures, the likelihood jumps by about 100 between
-near parameters, and a fit stops at any of them.
+A ball that just misses an edge of an opening takes another way than one that just hits it. So the velocity gets noise
+where the record shows the ball at an edge (`at_edges`). Without it, the likelihood jumps by about 100 between near
+parameters, and a fit stops at any of them. Which pictures count depends on the record alone, for the same reason.
 
     -2 log L = sum over pictures of nu' S^-1 nu + log det S
 """
@@ -41,7 +40,7 @@ POINTS = 2 * STATE
 BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that correct the state however far off they are
 EARLY = 24  # first pictures of a stretch that do not count; more than those that show the time before it
-AT_EDGE, EDGE_S = 0.8e-3, 0.2  # m from touching an edge of an opening; s after which pictures count again
+AT_EDGE, EDGE_NOISE = 0.8e-3, 0.1  # m from touching an edge of an opening; noise of the velocity there, over the speed
 FAR = 36.0  # limit of nu' S^-1 nu; a picture beyond it is rejected
 REJECTED_TO_RESTART = 3  # number of rejected pictures in a row that restart the filter
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
@@ -226,6 +225,18 @@ def add_process_noise(P, kf, dt, hit):
 
 
 @njit(cache=True, error_model="numpy")
+def add_edge_noise(P, dt, speed):
+    """Add to P (5, 5) that a ball of this speed, m/s, may have hit an edge at any time of the last dt s."""
+    rough = EDGE_NOISE * EDGE_NOISE * speed * speed
+    for i in range(2):
+        P[i, i] += rough * dt * dt / 3.0
+        P[i, i + 2] += rough * dt / 2.0
+        P[i + 2, i] += rough * dt / 2.0
+        P[i + 2, i + 2] += rough
+    P[4, 4] += rough
+
+
+@njit(cache=True, error_model="numpy")
 def correct(mean, P, gain, scale, a, b, xx, yy, xy):
     """Correct mean (5,) and P (5, 5) by innovations (a, b) with variances xx, yy and covariance xy.
 
@@ -270,7 +281,7 @@ def _straightened(kf, u, v):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _run(ball, walls, effects, kf, y, begins, counted, rows, dt, per, late, nu, S, state, cov):
+def _run(ball, walls, effects, kf, y, begins, edge, rows, dt, per, late, nu, S, state, cov):
     """Filter pictures y (N, 2). Writes nu, S, state and cov as in `Filtered`. Returns (starts, left_out, minus2)."""
     core = body_core(ball, walls, effects)
     mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
@@ -285,8 +296,10 @@ def _run(ball, walls, effects, kf, y, begins, counted, rows, dt, per, late, nu, 
         running = running and not begins[k]
         since = 0 if begins[k] else since + 1
         if running:
+            speed = math.hypot(mean[2], mean[3]) if edge[k] else 0.0
             hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
             add_process_noise(P, kf, dt, hit)
+            add_edge_noise(P, dt, speed)
         unseen += 1
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
             u, v, near = _straightened(kf, y[k, 0] - kf.offset_x, y[k, 1] - kf.offset_y)
@@ -297,7 +310,7 @@ def _run(ball, walls, effects, kf, y, begins, counted, rows, dt, per, late, nu, 
             xx, yy, xy = square * P[0, 0] + kf.variance, square * P[1, 1] + kf.variance, square * P[0, 1]
             det = xx * yy - xy * xy
             size = (du * du * yy - 2.0 * du * dv * xy + dv * dv * xx) / det
-            counts, age = counted[k] and since >= EARLY and not lost, age + 1
+            counts, age = since >= EARLY and not lost, age + 1
             if counts:
                 minus2 += math.log(det) + min(size, FAR)
             if lost or doubted >= REJECTED_TO_RESTART:
@@ -316,14 +329,12 @@ def _run(ball, walls, effects, kf, y, begins, counted, rows, dt, per, late, nu, 
     return starts, left_out, minus2
 
 
-def after_edges(pictures: BallPictures, walls: Walls) -> np.ndarray:
-    """Whether the ball was at an edge of an opening less than EDGE_S before a picture, or then, (N,)."""
-    near, size = np.zeros(len(pictures), dtype=bool), walls.radius + walls.rounding + AT_EDGE
+def at_edges(y: Array, walls: Walls) -> np.ndarray:
+    """Whether the ball is at an edge of an opening in a picture or in the one before, (N,). y: see `BallPictures`"""
+    near, size = np.zeros(len(y), dtype=bool), walls.radius + walls.rounding + AT_EDGE
     for corner in corners(walls):
-        near |= np.hypot(*(pictures.y - corner).T) < size
-    for _ in range(round(EDGE_S / pictures.dt)):
-        near[1:] |= near[:-1]
-    return near
+        near |= np.hypot(*(y - corner).T) < size
+    return near | np.concatenate([near[:1], near[:-1]])
 
 
 class BodyFilter:
@@ -338,7 +349,7 @@ class BodyFilter:
         n = len(pictures)
         self._rows: tuple[object, Array] = None, np.empty((0, ROW))  # replaced, not changed: other threads may read it
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
-        self._t, self._counted = np.ascontiguousarray(pictures.t), ~after_edges(pictures, walls)
+        self._t, self._edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls)
         self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
@@ -371,7 +382,7 @@ class BodyFilter:
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
         found = _run(
             Ball(*map(float, model.ball)), self.walls, effects_of(model.terms), kf, self._y, self._begins,
-            self._counted, rows, self.pictures.dt, self.substeps, late, nu, S, state, cov,
+            self._edge, rows, self.pictures.dt, self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
