@@ -4,7 +4,7 @@ The rigs are those of tests/strange_rigs.py: six named ones, and any number draw
 the folder that MAZEPLAN_RIGS names. Each gets 300 s of `collect --rings --place`, `learn --kind pi` of them, and the
 same starts and seeds without a model and with the model just learned. Alone, for a look at some rigs:
 
-    python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [RIG ...]
+    python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [--logs N] [RIG ...]
 
 RIG: MODULE:CLASS
 """
@@ -176,6 +176,7 @@ def drawn_section(quick: bool) -> Section:
     table.add("records that could not be learned from", drawn - len(many))
     table.add(f"records of the named rigs, {logs} each: unreadable files", f"{len(failed)} of {len(written)}")
     table.add("numbers in them at a bound or as uncertain as their range", len(open_))
+    table.add("CPU s of `learn --kind pi` with them, at most", f"{max(r.get('learn_s', 0.0) for r in written):.0f}")
     notes = (
         "`MAZEPLAN_RIGS=FOLDER`: servos, balls, walls, tilt sensors and cameras of all kinds of tests/strange_rigs.py,",
         "300 s of record each, 8 runs before and after.",
@@ -212,14 +213,19 @@ def main() -> None:
     p.add_argument("--runs", type=int, default=8)
     p.add_argument("--workers", type=int, default=2)
     p.add_argument("--seed", type=int, default=0, help="of the records")
+    p.add_argument("--logs", type=int, default=1, help="records of each rig, with this seed and the next ones")
     p.add_argument("rigs", nargs="*")
     o = p.parse_args()
     names = [*o.rigs, *(f"drawn {o.first + i}" for i in range(o.drawn))]
-    rows = measured([(name, o.runs, o.seed) for name in names], o.workers)
-    good = [row for row in rows if "error" not in row]
+    rows = measured([(name, o.runs, o.seed + i) for name in names for i in range(o.logs)], o.workers)
+    good = [row for row in rows if "after" in row]
     after, before = (sum(row[when]["success"] == o.runs for row in good) for when in ("after", "before"))
     bad, failed = [row["rig"] for row in good if slower(row)], [row["rig"] for row in rows if "error" in row]
-    print(f"{len(rows)} rigs: {after} arrive in all runs when learned, {before} before; worse: {bad}; errors: {failed}")
+    print(
+        f"{len(rows)} records: {after} arrive in all runs when learned, {before} before; worse: {bad}; errors: {failed}"
+    )
+    most, left = max(row.get("learn_s", 0.0) for row in rows), sum(len(row.get("open", ())) for row in rows)
+    print(f"learn: at most {most:.1f} CPU s; numbers at a bound or as uncertain as their range: {left}")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,8 @@ nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt (a
 with g_k half of the gradient of picture k. The same steps find noise and physics. Standard errors hold for residuals
 that are not quite white (the sandwich; White, Econometrica 50, 1982).
 
--2 log L is still a little rough: it jumps by about 10 between near points. Derivatives are central differences over
-several standard errors (WIDTH), which smooths the jumps. A gain below 10 means nothing.
+-2 log L is a little rough: it jumps by about 20 between near points (`rigid_body_filter`, on edges). Derivatives are
+central differences over several standard errors (WIDTH), which smooths the jumps. A gain below 20 means nothing.
 """
 
 from __future__ import annotations

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mazeplan.control.estimation.plate_start import with_true_starts
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel, Filtered
-from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, autocorrelation, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import bead_values, number_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, autocorrelation
+from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_values
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import RingRecord, record_of
@@ -27,7 +25,6 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.dynamics.walls import pack_walls
-from mazeplan.physics.effect import Term
 from mazeplan.physics.rig.stage import StageModel
 
 FEWEST = 900  # minimum number of pictures of the ball
@@ -38,52 +35,7 @@ GUESSED = (  # right in a model of beads, whose inertia and other friction also 
     "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
     "gain_beta", "gain_gamma",
 )  # fmt: skip
-WHITE = 0.06  # autocorrelation of innovations up to which only noise is left
 FINEST = 5e-5  # m; least noise of a camera: where pictures are exact, an error over the fitted noise means nothing
-
-
-@dataclass(frozen=True)
-class RigRecord:
-    """A record with the numbers of the ball that fit it.
-
-    fit: numbers with standard errors
-    body: the filter
-    stage: the fitted stage, None without commands
-    memory: autocorrelations (3,) of whitened innovations at lags 1 to 3
-    pictures: number of pictures that count
-    known: the model of beads at which the fit started"""
-
-    fit: BodyFit
-    body: BodyFilter
-    stage: Stage | None
-    memory: np.ndarray
-    pictures: int
-    maze: Maze
-    known: RigModel | None = None
-
-    @property
-    def white(self) -> bool:
-        """Whether the innovations are noise alone."""
-        return bool(np.max(np.abs(self.memory)) <= WHITE)
-
-    def document(self) -> dict[str, Any]:
-        """The document of `diagnose --body --json`."""
-        return {
-            "pictures": self.pictures, "white": self.white,
-            "autocorrelation": [round(float(a), 4) for a in self.memory],
-            "minus2_log_likelihood": round(self.fit.minus2, 2), "left_out": self.fit.filtered.left_out,
-            "starts": self.fit.filtered.starts, "parameters": {name: self._number(name) for name in self.fit.free},
-        }  # fmt: skip
-
-    def _number(self, name: str) -> dict[str, Any]:
-        """A number of the document, with its minimum and maximum over the rings in the model of beads."""
-        number = number_of(self.fit.model, name)
-        known = () if self.known is None or number.part == "terms" else bead_values(self.known, self.maze, name)
-        return {
-            "value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": number.unit,
-            "words": number.words, "effect": number.effect or None,
-            "model": [min(known), max(known)] if known else None,
-        }  # fmt: skip
 
 
 def why_not_whole(tables: Sequence[Table]) -> str:
@@ -199,18 +151,3 @@ def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
     said["rolling"] = min(max(said.get("rolling", 0.0), 0.01), 1.0)
     said["delay"] = max(said["delay"], 0.0) or BodyModel().view.delay
     return with_values(BodyModel(), said)
-
-
-def rig_record(
-    table: Table, maze: Maze, model: RigModel | None = None, *,
-    free: Sequence[str] = DEFAULT_FREE, terms: Sequence[Term] = (),
-) -> RigRecord:  # fmt: skip
-    """Fit the ball to a record. Raises TableError for a record that is too short or has no positions.
-
-    model: model of beads at which the fit starts
-    free: names of the numbers to fit (`PARAMETERS`, and EFFECT.PARAMETER of terms)
-    terms: further effects on the ball"""
-    body, stage = body_filter(table, maze)
-    fit = fit_body(body, first_guess(model, maze)._replace(terms=tuple(terms)), free)
-    count = int(np.isfinite(fit.filtered.nu[:, 0]).sum())
-    return RigRecord(fit, body, stage, autocorrelation(fit.filtered), count, maze, model)
