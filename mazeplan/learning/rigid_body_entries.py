@@ -114,7 +114,7 @@ KEPT = (
 )  # fmt: skip
 
 
-# numbers that a file leaves out are 0: what the record does not show does not act
+# numbers that a file leaves out are 0: what the record does not show does not act; a noise is the usual one then
 ABSENT = dict.fromkeys(
     ("rolling", "viscous", "quadratic", "wall", "wall_rolling", "restitution", "hold", "spin", "delay"), 0.0
 )
@@ -123,10 +123,11 @@ NEAR = 1e-6  # share of its range by which a number is at its bound
 
 def determined(name: str, value: float, stderr: float | None) -> bool:
     """Whether a record determines a number: it is not 0 for want of an effect, not at its upper bound, and not as
-    uncertain as its range."""
+    uncertain as its range. A noise is not at its lower bound, either."""
     number = PARAMETERS[name]
     wide = number.high - number.low
     at_end = name in ABSENT and name != "delay" and min(value, number.high - value) < NEAR * wide
+    at_end |= number.log and not (1.0 + NEAR) * number.low < value < (1.0 - NEAR) * number.high
     return math.isfinite(value) and not at_end and not (stderr is not None and stderr > wide)
 
 

@@ -8,7 +8,14 @@ from dataclasses import replace
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import bead_values, number_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_parameters import (
+    bead_values,
+    body_of,
+    number_of,
+    value_of,
+    with_body,
+    with_values,
+)
 from mazeplan.learning.modelfile import load_model
 from mazeplan.learning.rigid_body_entries import PARAMETERS, REACH
 from mazeplan.maze.mapfile import load_map
@@ -77,3 +84,11 @@ def test_what_beads_say_is_told_in_the_bodys_units():
     assert bead_values(rig, MAZE, "delay") == (rig.camera_delay,)
     for nothing in ("wall", "tilt_beta", "noise", "restitution", "cross_beta"):
         assert bead_values(rig, MAZE, nothing) == ()
+
+
+def test_a_noise_at_its_bound_is_not_written_and_is_the_usual_one_then():
+    rig = load_model("toy")
+    for end in (PARAMETERS["strike"].low, PARAMETERS["strike"].high):
+        held = with_body(rig, with_values(body_of(rig), {"strike": end}), {})
+        assert "strike" not in held.body.values
+        assert body_of(held).wander.strike == BodyModel().wander.strike
