@@ -126,7 +126,8 @@ def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
     part = alternate(body)
     near = _near(part, guess)
     kind = min(KINDS, key=lambda inertia: abs(math.log((1.0 + inertia) / (1.0 + near.value("inertia")))))
-    held = fit_body(body, with_values(near.model, {"inertia": kind}), REST, enough=ENOUGH)
+    near = fit_body(part, with_values(near.model, {"inertia": kind}), REST, enough=ENOUGH)  # costs less than on all
+    held = fit_body(body, near.model, REST, enough=ENOUGH)
     free = fit_body(body, held.model, FITTED, enough=ENOUGH)
     if held.minus2 - free.minus2 > NEEDED:
         return free
