@@ -176,7 +176,8 @@ def drawn_section(quick: bool) -> Section:
     table.add("records that could not be learned from", drawn - len(many))
     table.add(f"records of the named rigs, {logs} each: unreadable files", f"{len(failed)} of {len(written)}")
     table.add("numbers in them at a bound or as uncertain as their range", len(open_))
-    table.add("CPU s of `learn --kind pi` with them, at most", f"{max(r.get('learn_s', 0.0) for r in written):.0f}")
+    longest = max(row.get("learn_s", 0.0) for row in (*many, *written))
+    table.add("CPU s of `learn --kind pi` with any of all these records, at most", f"{longest:.1f}")
     notes = (
         "`MAZEPLAN_RIGS=FOLDER`: servos, balls, walls, tilt sensors and cameras of all kinds of tests/strange_rigs.py,",
         "300 s of record each, 8 runs before and after.",
