@@ -1,21 +1,26 @@
-"""Writes the pages that are made from the program: commands/*.md and made/*.md."""
+"""Writes the pages that are made from the program: functions.md, commands/*.md and made/*.md.
+
+The first of them is kept in the repository, for those who read it there: python docs/generate.py"""
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 LONGEST = 60  # maximum number of characters of a formula in a table
+FUNCTIONS = ("navigate", "evaluate", "collect", "learn", "compare", "diagnose", "improve", "load_map", "check_rig")
 
 
 def pages(folder: Path) -> None:
     """Write all pages into the folder of the documentation; a page that has not changed stays untouched."""
     texts = {f"commands/{name}.md": text for name, text in commands()}
     texts |= {
+        "functions.md": functions(),
         "made/figures.md": figures(folder / "history.json"),
         "made/effects.md": effects(),
         "made/faults.md": faults(),
@@ -63,6 +68,33 @@ def _command(path: str, command: Any, level: int) -> Iterator[str]:
         shown = "" if default is None or callable(default) or default is False or default == () else f"`{default}`"
         rows.append((names, shown, (getattr(parameter, "help", None) or "").replace("<", "&lt;")))
     yield from table(("parameter", "default", "meaning"), rows)
+
+
+def functions() -> Iterator[str]:
+    """Signature and docstring of each function for Python programs."""
+    import mazeplan
+
+    yield from ("# Functions", "", "Made from the program. How to use them: [from Python](python.md).", "")
+    for name in FUNCTIONS:
+        function = getattr(mazeplan, name)
+        signature, stars = inspect.signature(function), False
+        yield from (f"## mazeplan.{name}", "", "```text", f"{name}(")
+        for parameter in signature.parameters.values():
+            if parameter.kind is parameter.KEYWORD_ONLY and not stars:
+                yield "    *,"
+                stars = True
+            yield f"    {_argument(parameter)},"
+        yield from (f") -> {signature.return_annotation}", "")
+        yield from (*(inspect.getdoc(function) or "").splitlines(), "```", "")
+
+
+def _argument(parameter: inspect.Parameter) -> str:
+    """Name, type and default."""
+    default: Callable[..., object] | object = parameter.default
+    if default is parameter.empty:
+        return f"{parameter.name}: {parameter.annotation}"
+    shown = getattr(default, "__name__", None) or repr(default)
+    return f"{parameter.name}: {parameter.annotation} = {shown}"
 
 
 def figures(path: Path) -> Iterator[str]:
@@ -137,3 +169,7 @@ def nodes() -> Iterator[str]:
             ports = ", ".join(f"`{port}`" for port in kind.ports)
             rows.append((f"`{name}`", " ".join((kind.__doc__ or "").split("\n\n")[0].split()), ports))
         yield from table(("node", "what it does", "ports"), rows)
+
+
+if __name__ == "__main__":
+    (Path(__file__).parent / "functions.md").write_text("\n".join(functions()) + "\n", encoding="utf-8")

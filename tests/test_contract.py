@@ -6,9 +6,11 @@ Everything else may be renamed. What the commands print as JSON is checked where
 from __future__ import annotations
 
 from dataclasses import fields
+from importlib import import_module
 from inspect import signature
 
 import pytest
+from pages import ROOT
 from typer.main import get_command
 
 import mazeplan
@@ -142,6 +144,12 @@ def test_a_result_has_a_document_a_page_and_words_for_a_notebook(kind):
     for name in ("json", "report", "_repr_html_"):
         assert callable(getattr(kind, name))
     assert kind.__dataclass_params__.frozen
+
+
+def test_the_page_of_functions_is_that_of_the_program(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    page = (ROOT / "docs" / "functions.md").read_text(encoding="utf-8")
+    assert page == "\n".join(import_module("generate").functions()) + "\n", "write it anew: python docs/generate.py"
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

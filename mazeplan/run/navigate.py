@@ -63,7 +63,12 @@ def navigate(
     balls: number of balls, 1 or 2; None: as the map says; with 2 the default tree is `two_balls`
     seed: of start angle and simulated noise
     time_limit: rig time for each goal, from when it was given, s
-    display, goals, own_process, feed, around, watch: see `request.Company`
+    display: shows the progress of the run
+    goals: gives further goals during the run
+    own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
+    feed: called with topic, rig time and document of each message of a log
+    around: wraps the rig, for example to pace it by the wall clock
+    watch: called with each tree and its context before it begins
 
     The tree is checked before anything moves, as `behavior check` does.
 
