@@ -210,30 +210,19 @@ def predict_body(core, rows, first, count, h, mean, P, L, points):
 
 
 @njit(cache=True, error_model="numpy")
-def add_process_noise(P, kf, dt, hit):
-    """Add to P (5, 5) the white accelerations over dt s, and the noise of contacts that took `hit` m/s away."""
-    for i in range(2):
-        P[i, i] += kf.plane * dt * dt * dt / 3.0
-        P[i, i + 2] += kf.plane * dt * dt / 2.0
-        P[i + 2, i] += kf.plane * dt * dt / 2.0
-        P[i + 2, i + 2] += kf.plane * dt
-    P[4, 4] += kf.spin * dt
+def add_process_noise(P, kf, dt, hit, edge=0.0):
+    """Add to P (5, 5) the white accelerations over dt s, and the noise of contacts that took `hit` m/s away.
+
+    edge: speed of a ball that may have hit an edge at any time of the last dt s, m/s"""
+    often = EDGE_NOISE * EDGE_NOISE * edge * edge / dt
+    plane = kf.plane + often
     rough = kf.strike * kf.strike * hit * hit
-    P[2, 2] += rough
-    P[3, 3] += rough
-    P[4, 4] += rough
-
-
-@njit(cache=True, error_model="numpy")
-def add_edge_noise(P, dt, speed):
-    """Add to P (5, 5) that a ball of this speed, m/s, may have hit an edge at any time of the last dt s."""
-    rough = EDGE_NOISE * EDGE_NOISE * speed * speed
     for i in range(2):
-        P[i, i] += rough * dt * dt / 3.0
-        P[i, i + 2] += rough * dt / 2.0
-        P[i + 2, i] += rough * dt / 2.0
-        P[i + 2, i + 2] += rough
-    P[4, 4] += rough
+        P[i, i] += plane * dt * dt * dt / 3.0
+        P[i, i + 2] += plane * dt * dt / 2.0
+        P[i + 2, i] += plane * dt * dt / 2.0
+        P[i + 2, i + 2] += plane * dt + rough
+    P[4, 4] += (kf.spin + often) * dt + rough
 
 
 @njit(cache=True, error_model="numpy")
@@ -298,8 +287,7 @@ def _run(ball, walls, effects, kf, y, begins, edge, rows, dt, per, late, nu, S, 
         if running:
             speed = math.hypot(mean[2], mean[3]) if edge[k] else 0.0
             hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
-            add_process_noise(P, kf, dt, hit)
-            add_edge_noise(P, dt, speed)
+            add_process_noise(P, kf, dt, hit, speed)
         unseen += 1
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
             u, v, near = _straightened(kf, y[k, 0] - kf.offset_x, y[k, 1] - kf.offset_y)
