@@ -3,8 +3,9 @@
     python tools/bench_strangers.py PART [--first I] [--count N] [--folder FOLDER]
 
 PART: euler, delay (healthy, rigs of the folder MAZEPLAN_RIGS), sticky (same folder), healthy, effects (the six of
-tests/strange_rigs.py), drawn. Case I of a part is always the same rig with the same seeds. FOLDER keeps records and
-models, so that a part goes on where it stopped. One line of JSON for each diagnosis, then a summary.
+tests/strange_rigs.py), drawn (at random, healthy), changed (others, drawn at random, with a change). Case I of a part is
+always the same rig with the same seeds. FOLDER keeps records and models, so that a part goes on where it stopped. One
+line of JSON for each diagnosis, then a summary.
 """
 
 from __future__ import annotations
@@ -52,6 +53,12 @@ def cases(part: str) -> Iterator[tuple[Rig, dict[str, Any], set[str], int]]:
     elif part == "effects":
         for seed, (change, right), name in itertools.product(range(1, 6), CHANGES, SIX):
             yield (name, {}), change, right, seed
+    elif part == "changed":
+        for i, (change, right) in zip(range(102), itertools.cycle(CHANGES)):
+            drawn = importlib.import_module("strange_rigs").drawn(9000 + i)
+            more = {key: drawn.get(key, 0.0) for key in ("lean_x_deg", "late_ms")}
+            change = {key: size + more.get(key, 0.0) for key, size in change.items()}
+            yield ("strange_rigs:StrangeRig", drawn), change, right, 1
     else:
         for i, seed in itertools.product(range(100), (0, 1)):
             drawn = importlib.import_module("strange_rigs").drawn(8000 + i)
@@ -105,7 +112,7 @@ def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, fold
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("euler", "delay", "sticky", "healthy", "effects", "drawn"))
+    parser.add_argument("part", choices=("euler", "delay", "sticky", "healthy", "effects", "drawn", "changed"))
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--folder", type=Path, default=Path("runs/strangers"))
