@@ -4,8 +4,8 @@
 
 PART: euler, delay (healthy, rigs of the folder MAZEPLAN_RIGS), sticky (same folder), healthy, effects (the six of
 tests/strange_rigs.py), drawn (at random, healthy), changed (others, drawn at random, with a change). Case I of a part
-is always the same rig with the same seeds. FOLDER keeps records and models, so that a part goes on where it stopped. One
-line of JSON for each diagnosis, then a summary.
+is always the same rig with the same seeds. FOLDER keeps records and models, so that a part goes on where it stopped.
+One line of JSON for each diagnosis, then a summary.
 """
 
 from __future__ import annotations
