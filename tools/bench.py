@@ -36,6 +36,7 @@ from bench_realtime import realtime_section
 from bench_rig import rig_section
 from bench_strange import drawn_section, strange_section
 from bench_trees import trees_section
+from bench_waiting import waiting_section
 
 SECTIONS: dict[str, Callable[[bool], Section]] = {
     "drive": drive_section, "realtime": realtime_section, "faults": faults_section,
@@ -43,7 +44,7 @@ SECTIONS: dict[str, Callable[[bool], Section]] = {
     "trees": trees_section, "models": models_section, "strange": strange_section, "drawn": drawn_section,
     "diagnose": diagnose_section, "loggedruns": loggedruns_section, "effects": effects_section,
     "contact": contact_section, "contactplant": contactplant_section, "plant": plant_section,
-    "growth": growth_section, "rig": rig_section, "machines": machines_section,
+    "growth": growth_section, "rig": rig_section, "machines": machines_section, "waiting": waiting_section,
 }  # fmt: skip
 HOURS = ("drawn", "effects", "contactplant", "plant")
 PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
@@ -104,6 +105,7 @@ PAGE: dict[str, tuple[Pick, ...]] = {
         Pick("policy", 1, TOTAL, "learned policy: {0}"),
         Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
     ),
+    "How long do people wait?": (Pick("waiting", 0, ("earlier, s", "s", "over the limit")),),
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
     "What does each part bring? (toy)": (Pick("drive", 2, ("arrived", "mean s", "worst")),),
     "What do damaged files do?": (Pick("trees", 1, ("loads", "error at a line", "anything else"), "{0}", (" all ",)),),
