@@ -28,7 +28,6 @@ COMMANDS = {  # {n}: a number for outputs, different each time
     "collect, 120 s": "collect --rig toy --rings --seconds 120 --seed 1 -o collected{n}.mcap",
     "learn of 120 s": "learn collected.mcap -o model{n} --kind pi",
     "score": "score model collected.mcap",
-    "compare": "compare collected.mcap --kinds p,pi",
     "evaluate, 8 runs": "evaluate --rig toy --model model --runs 8",
     "diagnose": "diagnose collected.mcap --model model -o diagnosis{n}",
     "improve": "improve --rig leaning.yaml --seconds 60 --runs 4 -o improved{n}",
