@@ -25,6 +25,7 @@ from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import simulate_axis
 
 FIRST, SECOND, DAMPINGS = (6.0, 9.0, 13.0, 19.0, 28.0, 42.0), (8.0, 11.0, 15.0, 20.0, 26.0, 36.0), (0.7, 1.0)
+RATE = 30.0  # Hz, of the rows that are compared; more would only take time
 RATIO = 1.45  # of neighbours in these grids of rad/s
 DELAYS = np.arange(0.0, 0.21, 1.0 / 60.0)  # s
 ALIKE = 1.01  # a simpler axis is taken if its loss is within this factor of the smallest one
@@ -47,15 +48,23 @@ def with_tilt_by_commands(table: Table, stage: StageModel) -> Table:
 
 def stage_by_ball(table: Table, maze: Maze) -> StageModel:
     """The stage by which the ball of a table without tilt moves as it does. Both axes are alike."""
-    found = [find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc]
+    every = max(round(1.0 / (RATE * table.dt)), 1)
+    few = _each(table, every)
+    found = [find_windows(few, maze, ring.number, few.dt) for ring in maze.rings if not ring.is_disc]
     windows = [replace(w, start=w.start[::2], block=w.block[::2]) for w in found if len(w.start)]  # they overlap
-    losses = [(axis, _loss(with_tilt_by_commands(table, StageModel(axis, axis)), windows)) for axis in _axes()]
+    tables = ((axis, with_tilt_by_commands(table, StageModel(axis, axis))) for axis in _axes())
+    losses = [(axis, _loss(_each(tilted, every), windows)) for axis, tilted in tables]
     least = min(loss for _, loss in losses)
     order = min(axis.order for axis, loss in losses if loss <= ALIKE * least)
     best, _ = min((found for found in losses if found[0].order == order), key=lambda found: found[1])
     if best.order:
         best = replace(best, stderr={"natural_frequency": best.natural_frequency * (RATIO - 1.0) / 2.0})
     return StageModel(best, best)
+
+
+def _each(table: Table, every: int) -> Table:
+    """Every few rows of a table."""
+    return replace(table, columns={name: column[::every] for name, column in table.columns.items()})
 
 
 def finer_axes() -> Iterator[StageAxis]:

@@ -68,7 +68,9 @@ def score_section(model: str, score: dict[str, Any]) -> PageSection:
     lead = f"{score['verdict'].capitalize()}: {score['because']}."
     words = "In each ring: with the model, without a model, and the noise."
     shown = PagePicture("errors", "Error of the angle after 40 samples", words, partial(_errors, score["rings"]))
-    return PageSection(f"Prediction errors of {model}", lead, (), [*([shown, table] if rows else []), *map(Note, score["advice"])])
+    return PageSection(
+        f"Prediction errors of {model}", lead, (), [*([shown, table] if rows else []), *map(Note, score["advice"])]
+    )
 
 
 def _errors(rings: Mapping[str, Mapping[str, float]], figure: Figure) -> None:

@@ -329,15 +329,17 @@ class BodyFilter:
     """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
     def __init__(
-        self, pictures: BallPictures, plate: PlateMotion, walls: Walls, soonest: float = -math.inf
+        self, pictures: BallPictures, plate: PlateMotion, walls: Walls, soonest: float = -math.inf,
+        edge: np.ndarray | None = None,
     ) -> None:  # fmt: skip
-        """soonest: smallest delay of the camera behind the motion of the plate that is possible, s"""
+        """soonest: smallest delay of the camera behind the motion of the plate that is possible, s
+        edge: `at_edges` of these pictures, if it is known"""
         self.pictures, self.plate, self.walls, self.soonest = pictures, plate, walls, soonest
         self.substeps = min(SUBSTEPS, math.ceil(pictures.dt / SUBSTEP_S - 1e-9))
         n = len(pictures)
         self._rows: tuple[object, Array] = None, np.empty((0, ROW))  # replaced, not changed: other threads may read it
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
-        self._t, self._edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls)
+        self._t, self._edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls) if edge is None else edge
         self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
@@ -347,7 +349,7 @@ class BodyFilter:
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
         seen = replace(p, t=p.t[rows], y=p.y[rows], begins=p.begins[rows] | begun, clock=clock)
-        return BodyFilter(seen, self.plate, self.walls, self.soonest)
+        return BodyFilter(seen, self.plate, self.walls, self.soonest, self._edge[rows])
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
         """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.

@@ -20,7 +20,7 @@ from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
-from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
+from mazeplan.diagnosis.rig.search import ENOUGH, HALF_GAIN_SHARE, NEEDED, NOISE, Reference, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
@@ -36,6 +36,7 @@ FITTED = (  # numbers that are fitted for a reference
 )  # fmt: skip
 REST = tuple(name for name in FITTED if name != "inertia")
 SCALED = tuple(name for name in FITTED if name not in GAINS)
+ROUGH = 10.0  # of -2 log L; a fit ends when a step gains less: the likelihood is rougher than that
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, HOLLOW, ROUND = 0.4, 2.0 / 3.0, 0.02  # inertia over m R^2 of a solid and a hollow ball; its standard error
@@ -127,11 +128,14 @@ def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
     near = _near(part, guess)
     kind = min(KINDS, key=lambda inertia: abs(math.log((1.0 + inertia) / (1.0 + near.value("inertia")))))
     near = fit_body(part, with_values(near.model, {"inertia": kind}), REST, enough=ENOUGH)  # costs less than on all
-    held = fit_body(body, near.model, REST, enough=ENOUGH)
-    free = fit_body(body, held.model, FITTED, enough=ENOUGH)
-    if held.minus2 - free.minus2 > NEEDED:
-        return free
-    return replace(held, stderr={**held.stderr, "inertia": free.stderr["inertia"]})
+    held = fit_body(body, near.model, REST, enough=ROUGH)
+    free = fit_body(part, held.model, FITTED, enough=ROUGH)
+    if part.innovations(held.model).minus2 - free.minus2 > HALF_GAIN_SHARE * NEEDED:
+        whole = fit_body(body, free.model, FITTED, enough=ROUGH)
+        if held.minus2 - whole.minus2 > NEEDED:
+            return whole
+    wider = math.sqrt(len(part.pictures) / len(body.pictures))  # a standard error of a part of the pictures
+    return replace(held, stderr={**held.stderr, "inertia": wider * free.stderr["inertia"]})
 
 
 def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
