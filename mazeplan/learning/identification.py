@@ -51,7 +51,8 @@ MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
 FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
-LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; correlation with the other axis's command that only exchanged tilts have
+LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; size of a correlation that only exchanged or turned tilts have
+USUAL_DELAY_S = 0.06  # s, of the camera: sharp enough to tell whether the ball follows the tilt
 LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
 
@@ -242,16 +243,42 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
 
 
+def check_record(table: Table, maze: Maze | None) -> None:
+    """Raise ValueError if the tilts do not follow their commands, or the ball does not follow the tilts.
+
+    What the table does not show is not checked. maze: None if the ball is not to be checked"""
+    if "u_beta" in table and "u_gamma" in table:
+        _check_axes(table)
+    if maze is None or "r" not in table or "theta" not in table:
+        return
+    found = (find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc)
+    enough = [w for w in found if len(w.start) >= MIN_WINDOWS]
+    if enough:
+        _fit_balls(table, enough, USUAL_DELAY_S, table.dt)
+
+
 def _check_axes(table: Table) -> None:
-    """Raise ValueError if each measured tilt follows the command of the other axis, with any lag up to LAG_S."""
-    angles = np.nan_to_num(np.column_stack([table["beta"], table["gamma"]]))
+    """Raise ValueError if the measured tilts are exchanged or turned round, beside commands up to LAG_S before."""
+    angles = np.column_stack([table["beta"], table["gamma"]])
     commands = np.column_stack([table["u_beta"], table["u_gamma"]])
-    most = np.zeros((2, 2))  # largest correlation of each angle (row) with each command
+    most = np.zeros((2, 2))  # correlation of each angle (row) with each command, at the lag where it is largest
+    seen = np.isfinite(angles[:, 0]) & np.isfinite(angles[:, 1])
     for lag in range(round(LAG_S / table.dt)):
-        both = np.corrcoef(angles[lag:], commands[: len(commands) - lag], rowvar=False)
-        most = np.maximum(most, np.nan_to_num(np.abs(both[:2, 2:])))
-    if min(most[0, 1], most[1, 0]) > EXCHANGED > max(most[0, 0], most[1, 1]):
+        rows = np.flatnonzero(seen[lag:])
+        here = _unit(angles[lag:][rows]).T @ _unit(commands[rows])
+        most = np.where(np.abs(here) > np.abs(most), here, most)
+    size = np.abs(most)
+    if min(size[0, 1], size[1, 0]) > EXCHANGED > max(size[0, 0], size[1, 1]):
         raise ValueError("beta follows u_gamma and gamma follows u_beta: are the two measured tilts exchanged?")
+    turned = [name for i, name in enumerate(("beta", "gamma")) if most[i, i] < -EXCHANGED]
+    if turned:
+        raise ValueError(f"the measured tilt of {' and '.join(turned)} has the opposite sign of its command")
+
+
+def _unit(x: Array) -> Array:
+    """Columns (N, 2) around their means, each of length 1; 0 where nothing changes."""
+    x = x - x.mean(axis=0)
+    return np.asarray(x / np.maximum(np.linalg.norm(x, axis=0), 1e-12), dtype=np.float64)
 
 
 def _check_follows(ring: int, factor: float) -> None:

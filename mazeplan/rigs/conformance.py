@@ -114,9 +114,11 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
         except BaseException:  # Ctrl-C or a signal: no later check levels the plate
             _leave(rig)
             raise
-        detail = "ok" if problem is None else f"as {first[problem]}" if problem in first else problem
-        if problem is not None:
-            first.setdefault(problem, name)
+        detail = "ok" if problem is None else problem
+        if problem in first:
+            detail = f"for the same reason as: {first[problem]}"
+        elif problem is not None:
+            first[problem] = name
         results.append(CheckResult(name, problem is None, detail))
     return results
 

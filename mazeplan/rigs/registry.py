@@ -171,6 +171,8 @@ def rig_class(spec: str, where: dict[str, Any]) -> Any:
 
     where: file of the rig, and line in it, for errors"""
     module_name, _, class_name = spec.partition(":")
+    if not class_name:
+        raise SettingsError(f"got rig {spec!r}, expected module:Class", **where)
     file = where.get("file")
     try:
         module = user_module(module_name, f"rig {spec!r}", None if file is None else file.parent)

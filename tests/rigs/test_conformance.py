@@ -137,7 +137,7 @@ def test_invalid_samples_are_reported_in_words_and_once(change, said):
     details = [result.detail for result in check_rig(seen(change)(MAZE, {}), MAZE)]
     assert any(detail.startswith(said) for detail in details)
     if "NoneType" in said:
-        assert details[:3] == [said, "as clock", "as clock"]
+        assert details[:3] == [said, *["for the same reason as: clock"] * 2]
     assert not any(detail.startswith("raised") for detail in details)
 
 

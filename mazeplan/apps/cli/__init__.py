@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -141,7 +142,13 @@ def _usage_message(error: Any) -> str:
         names = ", ".join(error.ctx.command.list_commands(error.ctx))
         return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Value error, )?(.*)", text)
-    return text if found is None else f"{found[1]}: {found[2]}"
+    if found is None:
+        return text
+    option, problem = found.groups()
+    if problem.startswith("Input should be "):  # without the value
+        got = next((word for name, word in pairwise(sys.argv) if name == option), "a value")
+        problem = f"got {got}, expected a number {problem.removeprefix('Input should be ')}"
+    return f"{option}: {problem}"
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives: three relative ones, s, rad
 BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
+MOST_COUPLING = axis_coupling.parameters["beta_from_gamma"].high
 OVERTAXED_RESIDUAL = (
     3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
 )
@@ -142,7 +143,7 @@ def _with_coupling(
     block = np.arange(len(e)) // max(round(BLOCK_S / record.dt), 1)
     scores = np.stack([np.bincount(block, weights=column * e) for column in A.T], axis=1)
     sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # for correlated neighbours
-    share = float(w[0]) / axis.gain
+    share = min(max(float(w[0]) / axis.gain, -MOST_COUPLING), MOST_COUPLING)
     if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play

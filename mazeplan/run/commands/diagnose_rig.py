@@ -17,7 +17,7 @@ from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.physics.registry import own_effects
 from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, lines_of_test, write_reports
-from mazeplan.run.commands.log_context import logged_map
+from mazeplan.run.commands.log_context import check_wiring, logged_map
 
 
 def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> DiagnosisResult:
@@ -26,6 +26,8 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> Diagnosi
     found = logged_map(request.map, *request.logs, *further, *request.references)
     maze, known = found.maze, request.known
     added = own_effects(request.effects)
+    for one in tables:
+        check_wiring(one, maze)
     request.progress("reference")
     references = [as_table(log, request.columns) for log in request.references]
     folder = None if isinstance(request.model, RigModel | None) else str(request.model)

@@ -27,7 +27,7 @@ from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, Values, declare_known, finish
-from mazeplan.run.commands.log_context import check_channel, check_radius, logged_map
+from mazeplan.run.commands.log_context import check_channel, check_radius, check_wiring, logged_map
 
 FEWEST_IN_RINGS = 0.7  # minimum share of the samples in rings of the map; a run's log also has passages
 
@@ -85,6 +85,7 @@ def _diagnose(
     """Diagnose a ring. Returns the diagnosis and its document."""
     added = own_effects(request.effects)
     raw = as_table(log, request.columns)
+    check_wiring(raw, maze if request.radius is None else None)
     camera, of_positions = _known_camera(raw, model, request.declare)
     picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
     data = _ring_data(centred(raw, seen_by), maze, request)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mazeplan.core import file_kinds
-from mazeplan.core.errors import InputError, ShortWarning
+from mazeplan.core.errors import InputError, ShortWarning, TableError
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 
@@ -123,3 +123,17 @@ def check_channel(ring: int, maze: Maze) -> None:
         raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)} (map {maze.name})")
     if maze.ring(ring).is_disc:
         raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel (map {maze.name})")
+
+
+def check_wiring(table: Table, maze: Maze | None) -> None:
+    """Raises TableError if tilts do not follow their commands, or the ball does not follow the tilts.
+
+    maze: None if the ball is not to be checked"""
+    from mazeplan.learning.identification import check_record
+    from mazeplan.learning.unmeasured_tilt import tilt_is_measured
+
+    if tilt_is_measured(table):
+        try:
+            check_record(table, maze)
+        except ValueError as problem:
+            raise TableError(str(problem), file=table.place) from None
