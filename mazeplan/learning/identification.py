@@ -265,6 +265,8 @@ def _check_axes(table: Table) -> None:
     seen = np.isfinite(angles[:, 0]) & np.isfinite(angles[:, 1])
     for lag in range(round(LAG_S / table.dt)):
         rows = np.flatnonzero(seen[lag:])
+        if len(rows) < MIN_WINDOWS:
+            return
         here = _unit(angles[lag:][rows]).T @ _unit(commands[rows])
         most = np.where(np.abs(here) > np.abs(most), here, most)
     size = np.abs(most)

@@ -26,7 +26,7 @@ from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_filter, shortened
-from mazeplan.diagnosis.rig.search import ENOUGH, alternate
+from mazeplan.diagnosis.rig.search import ENOUGH, PART, alternate
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
@@ -116,7 +116,7 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     if why_not_whole([table]):
         return stage, None
     first = filter_on_stage(table, maze, stage)
-    ball = fit_body(alternate(first), BodyModel(), enough=ENOUGH).model
+    ball = fit_body(alternate(first, PART // 2), BodyModel(), enough=ENOUGH).model
     total, best = stage.lag + ball.view.delay, (math.inf, stage, ball)
     for axis in finer_axes():
         part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))

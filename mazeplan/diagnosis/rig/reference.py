@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -36,13 +37,17 @@ FITTED = (  # numbers that are fitted for a reference
 )  # fmt: skip
 REST = tuple(name for name in FITTED if name != "inertia")
 SCALED = tuple(name for name in FITTED if name not in GAINS)
-ROUGH = 10.0  # of -2 log L; a fit ends when a step gains less: the likelihood is rougher than that
+ROUGH = 20.0  # of -2 log L; a fit ends when a step gains less: the likelihood is rougher than that
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 SOLID, HOLLOW, ROUND = 0.4, 2.0 / 3.0, 0.02  # inertia over m R^2 of a solid and a hollow ball; its standard error
 SLIDES = 1.2 * LEAST_INERTIA  # inertia of a ball that slides
 KINDS = (SLIDES, SOLID, HOLLOW)
 DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes of the delay that a fit tries
+WALLS_AT = tuple(
+    {"restitution": e, "hold": hold} for e, hold in product((0.1, 0.2, 0.35, 0.5, 0.7), (0.01, 0.05, 0.12, 0.25))
+)
+MOST_JUMPS = 20  # maximum number of jumps of a fit to one of these
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
@@ -139,11 +144,14 @@ def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
 
 
 def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
-    """The likeliest numbers if the scale of the tilt is 1. The delay is looked for further away: where a plate jumps
-    with its commands, small steps of the delay change nothing."""
+    """The likeliest numbers if the scale of the tilt is 1. Delay and walls are looked for further away, too.
+
+    Where a plate jumps with its commands, small steps of the delay change nothing. And walls that return little in
+    every impact look nearly like walls that return nothing in slow ones."""
     near = fit_body(part, guess, SCALED, enough=ENOUGH)
-    for _ in DELAYS:
-        tried = [with_values(near.model, {"delay": max(near.value("delay") + d, part.soonest)}) for d in DELAYS]
+    for _ in range(MOST_JUMPS):
+        later = [{"delay": max(near.value("delay") + d, part.soonest)} for d in DELAYS]
+        tried = [with_values(near.model, values) for values in (*later, *WALLS_AT)]
         minus2 = [one.minus2 for one in side_by_side(part.innovations, tried)]
         least = int(np.argmin(minus2))
         if minus2[least] > near.minus2 - ENOUGH:

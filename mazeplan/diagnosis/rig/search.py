@@ -34,6 +34,7 @@ NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are
 NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
 RIVAL_SHARE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
+HOPEFUL_SHARE = 0.5  # candidates with this share of the best gain are fitted until nothing more is gained
 SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
 STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
 MIN_SCORE_SHARE = 0.12  # a candidate with less than this share of the best score is not fitted
@@ -273,6 +274,10 @@ def _best(
     simpler = {name for c in tried for name in c.simpler}
     tried += [c for c in left if c.effect in simpler and c not in tried]
     fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
+    most = max((minus2 - fit.minus2 for fit in fits.values()), default=0.0)
+    hopeful = [c for c, fit in fits.items() if minus2 - fit.minus2 > HOPEFUL_SHARE * most]
+    if len(hopeful) > 1:  # a fit that got stuck decides nothing
+        fits |= {c: _polished(part, fits[c].model, was, (*free, *c.fitted)) for c in hopeful}
     gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
     for c in left:
         gain = gained.get(c, max(scores[c] + PRICE * len(c.free), 0.0))
