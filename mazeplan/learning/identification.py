@@ -249,7 +249,7 @@ def check_record(table: Table, maze: Maze | None) -> None:
     What the table does not show is not checked. maze: None if the ball is not to be checked"""
     if "u_beta" in table and "u_gamma" in table:
         _check_axes(table)
-    if maze is None or "r" not in table or "theta" not in table:
+    if maze is None or len(table) < WINDOW or "r" not in table or "theta" not in table:
         return
     found = (find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc)
     enough = [w for w in found if len(w.start) >= MIN_WINDOWS]
