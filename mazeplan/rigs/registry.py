@@ -89,8 +89,21 @@ def rig_file(spec: str) -> Path | None:
     raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
 
 
-def rig_label(spec: str) -> str:
+def rig_of(rig: str | Path | Rig | type, maze: Maze) -> Rig:
+    """The rig that a name or file means, one of a class, or the rig itself. Raises SettingsError as `make_rig` does."""
+    if isinstance(rig, str | Path):
+        return make_rig(str(rig), maze)
+    if not isinstance(rig, type):
+        return rig
+    _check_class(rig, rig.__name__, {})
+    return rig(maze, {})
+
+
+def rig_label(spec: str | Path | Rig | type) -> str:
     """Name in reports: the packaged name, the file's stem, or the class."""
+    if not isinstance(spec, str | Path):
+        return (spec if isinstance(spec, type) else type(spec)).__name__
+    spec = str(spec)
     path = rig_file(spec)
     if path is None:
         return spec

@@ -16,6 +16,7 @@ phase: EXCITE, or the leaf of the tree that drove.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from mazeplan.core.display import NullDisplay
+from mazeplan.core.errors import RigError
 from mazeplan.core.events import DriveFailed, DriveStarted, ExcitationStarted, OpeningPassed
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.maths.angles import difference
@@ -218,8 +220,13 @@ def _far_sighted(setup: Setup) -> Setup:
 
 
 def _end(rig: Rig) -> None:
+    """Level the plate and close the rig. An error that ended the record is not replaced by one of a level plate."""
+    failed = sys.exception()
     try:
         rig.level()
+    except RigError:
+        if failed is None:
+            raise
     finally:
         rig.close()
 

@@ -26,7 +26,7 @@ def navigate(
     goal: int | str | None = None,
     *,
     map: str | Path | Maze = "cme",  # the contract's option names
-    rig: str | Path | Rig = "toy",
+    rig: str | Path | Rig | type = "toy",
     model: str | Path | RigModel | None = None,
     policy: str | Path | Policy | None = None,
     behavior: str = "navigate",
@@ -50,7 +50,7 @@ def navigate(
     """Bring the ball from one ring to another and return what happened.
 
     start, goal: ring numbers, or "ring1"; goal None: the centre
-    rig: a packaged name, a YAML file, "module:Class", or a rig
+    rig: a packaged name, a YAML file, "module:Class", a rig, or its class
     model: packaged name, folder or RigModel; None: the rig's own, else one of the rig's name, else nominal physics
     policy: a learned policy, or its folder; the default tree is then `policy`
     behavior: packaged tree or XML file

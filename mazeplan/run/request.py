@@ -28,7 +28,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, check_ready
-from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.registry import rig_label, rig_of
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.balls import check_balls, tree_of, with_balls
 from mazeplan.run.goals import Goals
@@ -68,7 +68,7 @@ class NavigationRequest:
     start: int | str = 1
     goal: int | str | None = None
     map: str | Path | Maze = "cme"
-    rig: str | Rig = "toy"
+    rig: str | Rig | type = "toy"
     model: str | Path | RigModel | None = None
     policy: str | Path | Policy | None = None
     behavior: str = "navigate"
@@ -121,7 +121,7 @@ class NavigationRequest:
         Raises InputError, RigError."""
         company, job = company or Company(), job or self.job
         maze, rig_name = self.maze, self.rig if isinstance(self.rig, str) else None
-        made = make_rig(self.rig, maze) if isinstance(self.rig, str) else self.rig
+        made = rig_of(self.rig, maze)
         rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
         check_balls(maze, rig, job, self.policy is not None)
         check_ready(rig)
@@ -133,7 +133,7 @@ class NavigationRequest:
             maze,
             resolve_model(model, rig_name, maze),
             self.tree,
-            rig_label(self.rig) if isinstance(self.rig, str) else type(self.rig).__name__,
+            rig_label(self.rig),
             model_name="" if isinstance(model, RigModel | None) else str(model),
             settings=settings if self.deadline else settings.with_values(NO_DEADLINE),
             behavior_modules=tuple(self.behavior_modules),

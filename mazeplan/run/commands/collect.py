@@ -16,7 +16,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.registry import rig_label, rig_of
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.collect import Collected, Collection, run_collection, run_tour
 from mazeplan.run.resolve import resolve_model, ring_number
@@ -39,7 +39,7 @@ def collect(
     output: str | Path,
     seconds: float = 300.0,
     *,
-    rig: str | Path | Rig = "toy",
+    rig: str | Path | Rig | type = "toy",
     map: str | Path | Maze = "cme",
     ring: int | str = 1,
     rings: bool = False,
@@ -66,6 +66,10 @@ def collect(
     Raises InputError, RigError."""
     if model is not None and (place or not rings):
         raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
+    if place and not rings:
+        raise InputError("needs --rings: only then somebody places the ball in each ring", key="--place")
+    if not 0.0 < seconds < math.inf:
+        raise InputError(f"got {seconds:g}, expected a finite number > 0 of s", key="--seconds")
     maze = map if isinstance(map, Maze) else load_map(map)
     first = ring_number(ring, maze)
     others = [r.number for r in maze.rings if r.number != first] if rings else []
@@ -74,15 +78,14 @@ def collect(
         raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees")
     most = None if tilt is None else math.radians(tilt)
     spec = str(rig) if isinstance(rig, str | Path) else None
-    label = type(rig).__name__ if spec is None else rig_label(spec)
+    label = rig_label(rig)
     given = maze.name if isinstance(map, Maze) else str(map)
     plan = Collection(seconds, (first, *others), seed, most, highest_hz, spec or label, given)
     setup, tour = None, None
     if rings and not place:
         name = "" if isinstance(model, RigModel | None) else str(model)
         setup = Setup(maze, resolve_model(model, spec, maze), rig_name=label, model_name=name)
-    made = rig if not isinstance(rig, str | Path) else make_rig(str(rig), maze)
-    machine = watched(made, own_process=own_process)
+    machine = watched(rig_of(rig, maze), own_process=own_process)
     if highest_hz > 0.5 * machine.rate_hz:
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
