@@ -21,6 +21,7 @@ from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError
+from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.logs.run_log import Sink
 from mazeplan.core.name_hints import one_of
 from mazeplan.learning.modelfile import RigModel
@@ -83,6 +84,9 @@ class NavigationRequest:
     time_limit: float = TIME_LIMIT
     log: str | Path | None = None
     deadline: bool = True  # whether plans have a limit of time by the wall clock
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("time_limit", "runs"), most={"seed": math.inf, "runs": math.inf})
 
     @cached_property
     def maze(self) -> Maze:

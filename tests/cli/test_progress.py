@@ -11,6 +11,7 @@ from dataclasses import replace
 import pytest
 from commands import plain
 
+from mazeplan.apps.cli import progress
 from mazeplan.apps.cli.progress import NavigationProgress, ProgressBar, campaign_progress
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
 
@@ -121,3 +122,13 @@ def test_rich_and_numpy_are_imported_only_when_used():
     unwanted = "[name for name in ('rich', 'numpy') if name in sys.modules]"
     code = f"import sys, mazeplan.apps.cli.progress, mazeplan.apps.cli.log; sys.exit(bool({unwanted}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_without_a_terminal_a_new_step_is_a_line_after_a_while(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    stream = io.StringIO()
+    with ProgressBar("learning", stream) as bar:
+        for now[0], step in ((1.0, "reading"), (9.0, "stage"), (10.0, "ball"), (18.0, "judging")):
+            bar.show(step)
+    assert stream.getvalue() == "learning: stage\nlearning: judging\n"

@@ -84,6 +84,7 @@ def test_a_leaning_rig_from_beginning_to_end(tmp_path):
     assert new.ball(1).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(np.radians(1.5), abs=4e-3)
     before, after = entry["navigation"]["before"], entry["navigation"]["after"]
     assert "results" not in before
+    assert (entry["compared"]["pairs"], entry["compared"]["b"]) == (2, "after")
     assert after["success"] == 2
     assert after["success"] > before["success"] or after["time_s"]["mean"] < before["time_s"]["mean"]
     assert json.loads((tmp_path / "round1" / "round.json").read_text())["navigation"]["after"] == after

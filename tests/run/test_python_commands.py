@@ -186,3 +186,25 @@ def test_tables_in_memory_are_as_good_as_files(tmp_path):
 def test_what_is_no_table(given, said):
     with pytest.raises(InputError, match=said):
         as_table(given)
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (lambda: mazeplan.navigate(time_limit=-1), "time_limit: got -1, expected a number > 0"),
+        (lambda: mazeplan.navigate(seed="a"), "seed: got 'a', expected a whole number"),
+        (lambda: mazeplan.evaluate(-4), "runs: got -4, expected a number > 0"),
+        (lambda: mazeplan.collect("never.mcap", seconds=-3), "seconds: got -3, expected a finite number > 0"),
+        (lambda: mazeplan.collect("never.mcap", place=True), "place: needs --rings"),
+        (lambda: mazeplan.learn([], kind="xx"), "kind: got 'xx', expected one of p, pi"),
+    ],
+)
+def test_a_wrong_argument_is_an_input_error(act, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words):
+        act()
+
+
+def test_a_class_is_a_rig(tmp_path):
+    assert mazeplan.navigate("ring4", rig=PlanarRig, model="ideal").rig == PlanarRig.__name__
+    assert mazeplan.collect(tmp_path / "log.mcap", seconds=2, rig=PlanarRig).json()["rig"] == PlanarRig.__name__

@@ -162,6 +162,9 @@ def round_lines(rounds: list[dict[str, Any]]) -> list[str]:
             lines.append(
                 f"  {when:7s} {n['success']} of {n['runs']} arrived" + (f", mean {mean:.2f} s" if mean else "")
             )
+        if entry.get("compared"):
+            lines.append(f"  {entry['compared']['sentence']}")
+        lines += [f"  {line}" for line in entry["diagnosis"]["advice"]]
         if entry["diagnosis"]["model"]:
             lines.append(f"  model   {entry['diagnosis']['model']}")
     return lines

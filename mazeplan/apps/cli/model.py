@@ -83,12 +83,16 @@ def _ring_lines(rings: dict[int, dict[str, Any]]) -> list[str]:
             for name, number in parts.items():
                 numbers.setdefault(f"{effect}.{name}", {})[ring] = number
     kept = {name: row for name, row in numbers.items() if any(number["value"] for number in row.values())}
-    width = max(map(len, kept), default=0) + 2
-    lines = [f"{'rings:':{width + 2}s}" + "".join(f"{ring:<20}" for ring in rings).rstrip()]
-    for name, row in kept.items():
-        cells = "".join(f"{_value(row[ring], '.4g', '.2g') if ring in row else '':20s}" for ring in rings)
-        unit = next(iter(row.values()))["unit"]
-        lines.append(f"  {name:{width}s}{cells}{unit if unit != '1' else ''}".rstrip())
+    cells = {
+        name: [_value(row[ring], ".4g", ".2g") if ring in row else "" for ring in rings] for name, row in kept.items()
+    }
+    first = max(map(len, kept), default=0) + 2
+    wide = max((len(cell) for row in cells.values() for cell in row), default=0) + 2
+    lines = [f"{'rings:':{first + 2}s}" + "".join(f"{ring:<{wide}}" for ring in rings).rstrip()]
+    for name, row in cells.items():
+        unit = next(iter(kept[name].values()))["unit"]
+        line = "".join(f"{cell:{wide}s}" for cell in row)
+        lines.append(f"  {name:{first}s}{line}{unit if unit != '1' else ''}".rstrip())
     return lines
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Self, TextIO
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
 
 COMPILING_S = 2.0
+QUIET_S = 8.0  # s, after which a new step is printed without a terminal
 _listeners: list[Any] = []
 
 
@@ -72,6 +74,8 @@ class NavigationProgress:
 class ProgressBar:
     """Shows long work on a terminal: step, share done, rate, time left or time taken. A context manager.
 
+    Without a terminal, it prints the step if nothing was printed for QUIET_S.
+
     label: name of the work
     transient: whether to erase the bar at the end
     compiles: whether the work may compile for a minute; this is reported without a terminal, too"""
@@ -84,6 +88,7 @@ class ProgressBar:
         self._bar: Any = None
         self._task: Any = None
         self._done, self._total = 0.0, math.inf
+        self._said = time.monotonic()
 
     def __enter__(self) -> Self:
         if self._compiles:
@@ -102,6 +107,8 @@ class ProgressBar:
     def show(self, step: str) -> None:
         """Show the present step."""
         if self._bar is None:
+            if time.monotonic() - self._said > QUIET_S:
+                self.note(f"{self._label}: {step}")
             return
         if self._done >= self._total:  # a new step of unknown length
             self._done, self._total = 0.0, math.inf
@@ -111,6 +118,7 @@ class ProgressBar:
 
     def note(self, text: str) -> None:
         """Print a line, above the bar if there is one."""
+        self._said = time.monotonic()
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -263,6 +263,8 @@ def _ratio(effect: Entry) -> float:
 def _change(effect: Entry) -> str:
     """An effect with its sizes before and now, and its place now."""
     before, parts, places = effect["known_before"], [], _places(effect)
+    if places and len(effect["rings"]) == 1:
+        parts.append(f"in ring {next(iter(effect['rings']))}")
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if key not in places and abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:

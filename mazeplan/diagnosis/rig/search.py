@@ -159,7 +159,7 @@ def search_rig(
         else (fit_body(part, first.model, always, STEPS, ENOUGH), HALF_GAIN_SHARE * NEEDED)
     )
     while len(chosen) < MOST_FOUND:
-        tell(f"{len(chosen)} found, next")
+        tell(f"looking for difference {len(chosen) + 1}")
         found = [c.candidate for c in chosen]
         free = _free(always, found)
         base = _with_starts(body, best.model, maze, own)
@@ -167,7 +167,7 @@ def search_rig(
         new, model = _best(part, base, best.minus2, was, free, left, places, least, tried)
         if new is None:
             break
-        tell(f"{len(chosen) + 1} found, its size")
+        tell(f"size of difference {len(chosen) + 1}")
         with_it = _polished(part, model, was, (*free, *new.candidate.fitted))
         new = replace(new, gain=best.minus2 - with_it.minus2)
         share = WALLS_SHARE if set(new.candidate.free) <= WALLS else BESIDE_SHARE

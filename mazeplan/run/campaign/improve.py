@@ -32,6 +32,7 @@ from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.campaign.evaluate import evaluate, summary
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.campaign.pairs import paired
 from mazeplan.run.collect import Collection, run_collection
 from mazeplan.run.learn import learn
 from mazeplan.run.resolve import model_source, resolve_model
@@ -122,7 +123,10 @@ def improve(
             before = before or _navigate(rig, path, options, tell, "before", working, advance)
             after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
             document["advice"] += _looked_at(done, before, after)
-            rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
+            runs = {"before": before, "after": after}
+            compared = None if new is None else paired(before, after, ("before", "after"), "after").document
+            short = {when: {key: part for key, part in n.items() if key != "results"} for when, n in runs.items()}
+            rounds.append({"diagnosis": document, "navigation": short, "compared": compared})
             with whole_file(here / "round.json") as beside:
                 beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
@@ -188,7 +192,6 @@ def _navigate(
     campaign = Campaign(runs=options.runs, rig=rig, map=options.map, model=model, seed=options.seed, **how)
     done = evaluate(campaign, workers=options.workers, progress=of_total(advance, options.runs))
     document = summary(done)
-    del document["results"]
     mean = document["time_s"]["mean"]
     tell(f"{when}: {document['success']} of {options.runs} arrived" + (f", mean {mean:.2f} s" if mean else ""))
     return document

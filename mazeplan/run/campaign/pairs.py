@@ -34,8 +34,12 @@ class PairedRuns(DocumentResult):
         return self.document["sentence"]
 
 
-def paired(a: Mapping[str, Any], b: Mapping[str, Any], names: tuple[str, str] = ("A", "B")) -> PairedRuns:
-    """The difference between two documents of `evaluate --json`, b - a. names: of their files
+def paired(
+    a: Mapping[str, Any], b: Mapping[str, Any], names: tuple[str, str] = ("A", "B"), called: str = "B"
+) -> PairedRuns:
+    """The difference between two documents of `evaluate --json`, b - a.
+
+    names: of their files; called: the second one in the sentence
 
     Raises InputError for documents that have no seed in common, or were not made by the same job."""
     runs = [_by_seed(document, name) for document, name in zip((a, b), names, strict=True)]
@@ -52,7 +56,7 @@ def paired(a: Mapping[str, Any], b: Mapping[str, Any], names: tuple[str, str] = 
         "a": names[0], "b": names[1], "pairs": len(seeds), "unpaired": sum(map(len, runs)) - 2 * len(seeds),
         "time_s": _times((time[1] - time[0])[arrived.all(axis=0)]), "arrivals": _arrivals(*arrived),
     }  # fmt: skip
-    return PairedRuns(document | {"sentence": _sentence(document)})
+    return PairedRuns(document | {"sentence": _sentence(document, called)})
 
 
 def _by_seed(document: Mapping[str, Any], name: str) -> dict[int, Mapping[str, Any]]:
@@ -89,7 +93,7 @@ def _arrivals(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _sentence(document: Mapping[str, Any]) -> str:
+def _sentence(document: Mapping[str, Any], called: str) -> str:
     time, arrivals = document["time_s"], document["arrivals"]
     if time["difference"] is None:
         first = f"times cannot be compared: both arrived with {time['pairs']} seeds"
@@ -98,12 +102,12 @@ def _sentence(document: Mapping[str, Any]) -> str:
         sign = -1.0 if time["difference"] < 0.0 else 1.0
         low, high = sorted(sign * end for end in time["interval"])
         size = f"{abs(time['difference']):.2f} s {way}, {low:.2f} to {high:.2f}"
-        first = f"B is {size}" if low > 0.0 else f"times differ by no more than chance (B is {size})"
+        first = f"{called} is {size}" if low > 0.0 else f"times differ by no more than chance ({called} is {size})"
     share = 100.0 * arrivals["difference"]
     low, high = sorted(math.copysign(100.0, share) * end for end in arrivals["interval"])
     way = "more" if share > 0.0 else "fewer"
     if arrivals["p_value"] < 1.0 - LEVEL:
-        size = f"{abs(share):.0f} % {way} runs of B arrived, {low:.0f} to {high:.0f} %"
+        size = f"{abs(share):.0f} % {way} runs of {called} arrived, {low:.0f} to {high:.0f} %"
     else:
         size = f"no {'fewer' if share > 0.0 else 'more'} failures than chance"
     return f"{first}; {size}; {document['pairs']} pairs"

@@ -97,7 +97,7 @@ def evaluate(
     with named_rig(rig, alone=alone) as name:
         campaign = Campaign(
             start, goal, map, name, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
-            seed=seed, time_limit=time_limit, deadline=deadline, runs=runs or (FAULT_RUNS if faults else RUNS),
+            seed=seed, time_limit=time_limit, deadline=deadline, runs=(FAULT_RUNS if faults else RUNS) if runs is None else runs,
             own_process=own_process,
         )  # fmt: skip
         if learn:

@@ -17,7 +17,7 @@ from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
-from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.learning.modelfile import KINDS, RigModel, save_model
 from mazeplan.learning.policy_training import DEVICES
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.commands.log_context import logged_map
@@ -61,6 +61,8 @@ def learn(
     columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
 
     Raises InputError, TableError."""
+    if kind not in KINDS:
+        raise InputError(f"--kind: got {kind!r}, expected one of {', '.join(KINDS)}")
     if device not in DEVICES:
         raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
     options = FitOptions(most=most, training=TrainingOptions(starts=2), seed=seed)
