@@ -95,9 +95,10 @@ def evaluate(
     work = Work(workers, dask, None if store is None else Path(store), say, bar)
     alone = (workers or 1) == 1 and dask is None and store is None
     with named_rig(rig, alone=alone) as name:
+        usual = FAULT_RUNS if faults else RUNS
         campaign = Campaign(
             start, goal, map, name, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
-            seed=seed, time_limit=time_limit, deadline=deadline, runs=(FAULT_RUNS if faults else RUNS) if runs is None else runs,
+            seed=seed, time_limit=time_limit, deadline=deadline, runs=usual if runs is None else runs,
             own_process=own_process,
         )  # fmt: skip
         if learn:
