@@ -62,7 +62,7 @@ def test_quoted_numbers_stay_text():
     [
         ("", None, "empty"),
         ("# only a comment\n", None, "empty"),
-        ("a: 1\n\tb: 2\n", 2, "tab character"),
+        ("a: 1\n\tb: 2\n", 2, "got a tab"),
         ("a: 1\nb: 2\na: 3\n", 3, "twice, first in line 1"),
         ("x:\n  - {a: 1, a: 2}\n", 2, "twice"),
         (BOMB, 1, "anchors"),
