@@ -33,8 +33,8 @@ from mazeplan.physics.effects.local_forces import FAMILY, table_swing
 NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
-RIVAL_SHARE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
-HOPEFUL_SHARE = 0.5  # candidates with this share of the best gain are fitted until nothing more is gained
+RIVAL_SHARE = 0.92  # a candidate with this share of the best gain explains the record as well: a rival
+HOPEFUL_SHARE = 0.7  # candidates with this share of the best gain are fitted until nothing more is gained
 SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
 STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
 MIN_SCORE_SHARE = 0.12  # a candidate with less than this share of the best score is not fitted
