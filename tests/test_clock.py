@@ -30,6 +30,7 @@ ALLOWED = {  # who may look at it, and for what
     "run/campaign/one_run.py": {"from time import perf_counter", "from time import process_time"},  # what a run cost
     "run/campaign/store.py": {"from datetime import UTC", "from datetime import datetime"},  # when it ended
     "core/logs/run_log.py": {"from datetime import UTC", "from datetime import datetime"},  # when it began, told
+    "apps/cli/progress.py": {"from time import monotonic"},  # how long nothing was printed
     "apps/cli/map.py": {"import time", "sleep"},  # how often a file is looked at
     "apps/cli/live.py": {"from time import monotonic"},  # how long nobody has looked
     "apps/cli/calibrate.py": {"from datetime import date", "today"},  # when a calibration was made

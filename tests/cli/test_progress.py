@@ -126,7 +126,7 @@ def test_rich_and_numpy_are_imported_only_when_used():
 
 def test_without_a_terminal_a_new_step_is_a_line_after_a_while(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
     stream = io.StringIO()
     with ProgressBar("learning", stream) as bar:
         for now[0], step in ((1.0, "reading"), (9.0, "stage"), (10.0, "ball"), (18.0, "judging")):

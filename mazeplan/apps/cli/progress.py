@@ -6,9 +6,9 @@ import math
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from mazeplan.apps.cli.output import plural, say
@@ -88,7 +88,7 @@ class ProgressBar:
         self._bar: Any = None
         self._task: Any = None
         self._done, self._total = 0.0, math.inf
-        self._said = time.monotonic()
+        self._said = monotonic()
 
     def __enter__(self) -> Self:
         if self._compiles:
@@ -107,7 +107,7 @@ class ProgressBar:
     def show(self, step: str) -> None:
         """Show the present step."""
         if self._bar is None:
-            if time.monotonic() - self._said > QUIET_S:
+            if monotonic() - self._said > QUIET_S:
                 self.note(f"{self._label}: {step}")
             return
         if self._done >= self._total:  # a new step of unknown length
@@ -118,7 +118,7 @@ class ProgressBar:
 
     def note(self, text: str) -> None:
         """Print a line, above the bar if there is one."""
-        self._said = time.monotonic()
+        self._said = monotonic()
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
