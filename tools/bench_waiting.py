@@ -71,7 +71,7 @@ def limit(checkout: Path, folder: Path, words: str) -> float:
 
 def waiting_section(quick: bool) -> Section:
     """Wall times of the commands of the tour, beside their limits and an earlier checkout."""
-    before = os.environ.get("MAZEPLAN_BEFORE")
+    before, times = os.environ.get("MAZEPLAN_BEFORE"), 1 if quick else TIMES
     checkouts = [*([Path(before).resolve()] if before else []), ROOT]
     table = Table(("command", "earlier, s", "s", "limit, s", "over the limit"))
     totals = dict.fromkeys(checkouts, 0.0)
@@ -84,7 +84,7 @@ def waiting_section(quick: bool) -> Section:
                 waited(checkout, folder, COMMANDS[name].format(n=""))
         for name, words in COMMANDS.items():
             took = dict.fromkeys(checkouts, math.inf)
-            for n in range(1 if quick else TIMES):
+            for n in range(times):
                 for checkout, folder in folders.items():
                     took[checkout] = min(took[checkout], waited(checkout, folder, words.format(n=n)))
             for checkout, seconds in took.items():
@@ -95,7 +95,7 @@ def waiting_section(quick: bool) -> Section:
     earlier = f"{totals[checkouts[0]]:.2f}" if before else "-"
     table.add("all", earlier, f"{totals[ROOT]:.2f}", "", "")
     notes = (
-        f"Shortest of {TIMES} new processes, after a first run that compiles. Limit: the second time in one process.",
+        f"Shortest of {times} new processes, after a first run that compiles. Limit: the second time in one process.",
         f"Earlier: {_version(Path(before))}, in turns with this one." if before else "Earlier: not measured.",
     )
     return Section("Waiting for the commands of the tour (simulated)", notes, (table,))
