@@ -105,7 +105,9 @@ PAGE: dict[str, tuple[Pick, ...]] = {
         Pick("policy", 1, TOTAL, "learned policy: {0}"),
         Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
     ),
-    "How long do people wait?": (Pick("waiting", 0, ("earlier, s", "s", "over the limit")),),
+    "How long do people wait?": (
+        Pick("waiting", 0, ("earlier, s", "s"), "{0}", ("navigate", "learn of", "diagnose", "all")),
+    ),
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
     "What does each part bring? (toy)": (Pick("drive", 2, ("arrived", "mean s", "worst")),),
     "What do damaged files do?": (Pick("trees", 1, ("loads", "error at a line", "anything else"), "{0}", (" all ",)),),
