@@ -261,18 +261,18 @@ def _check_axes(table: Table) -> None:
     """Raise ValueError if the measured tilts are exchanged or turned round, beside commands up to LAG_S before."""
     angles = np.column_stack([table["beta"], table["gamma"]])
     commands = np.column_stack([table["u_beta"], table["u_gamma"]])
-    most = np.zeros((2, 2))  # correlation of each angle (row) with each command, at the lag where it is largest
+    size, high = np.zeros((2, 2)), np.zeros((2, 2))  # most of the correlations of each angle (row) with each command
     seen = np.isfinite(angles[:, 0]) & np.isfinite(angles[:, 1])
     for lag in range(round(LAG_S / table.dt)):
         rows = np.flatnonzero(seen[lag:])
         if len(rows) < MIN_WINDOWS:
             return
         here = _unit(angles[lag:][rows]).T @ _unit(commands[rows])
-        most = np.where(np.abs(here) > np.abs(most), here, most)
-    size = np.abs(most)
+        size, high = np.maximum(size, np.abs(here)), np.maximum(high, here)
     if min(size[0, 1], size[1, 0]) > EXCHANGED > max(size[0, 0], size[1, 1]):
         raise ValueError("beta follows u_gamma and gamma follows u_beta: are the two measured tilts exchanged?")
-    turned = [name for i, name in enumerate(("beta", "gamma")) if most[i, i] < -EXCHANGED]
+    # a sine has both signs: it follows its command, and half a period later the opposite of it
+    turned = [name for i, name in enumerate(("beta", "gamma")) if size[i, i] > EXCHANGED > high[i, i]]
     if turned:
         raise ValueError(f"the measured tilt of {' and '.join(turned)} has the opposite sign of its command")
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.table import read_table
 from mazeplan.maze.mapfile import load_map
@@ -75,6 +76,23 @@ def test_an_interrupted_collection_levels_closes_and_keeps_what_it_has(tmp_path)
     assert rig.levelled
     assert rig.closed
     assert 25 < len(read_table(log)) < 40
+
+
+class NeverReady(PlanarRig):
+    """A rig that cannot level its plate before its first reset."""
+
+    def level(self):
+        raise RigError("not ready")
+
+
+def test_an_error_of_the_record_is_not_replaced_by_one_of_the_level_plate(tmp_path):
+    rig, file = NeverReady(MAZE), tmp_path / "file"
+    file.touch()
+    with pytest.raises(LogError, match="cannot be written"):
+        run_collection(rig, MAZE, Collection(5.0, (1,)), file / "log.mcap")
+    assert rig.closed
+    with pytest.raises(RigError, match="not ready"):
+        run_collection(NeverReady(MAZE), MAZE, Collection(2.0, (1,)), tmp_path / "log.mcap")
 
 
 class CountingRig(PlanarRig):

@@ -8,6 +8,8 @@ from plant import play
 
 import mazeplan
 from mazeplan.core.errors import TableError
+from mazeplan.core.logs.table import as_table
+from mazeplan.learning.identification import check_record
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +33,13 @@ def columns():
 def test_a_record_with_wrong_wiring_is_refused(columns, command, wrong, words):
     with pytest.raises(TableError, match=words):
         getattr(mazeplan, command)(columns | wrong(columns), **({"kind": "pi"} if command == "learn" else {}))
+
+
+def test_a_sine_that_follows_its_command_is_not_turned_round():
+    t = np.arange(900) / 30.0
+    u, tilt = (np.sin(np.pi * 30.0 / 9.5 * (t - late)) for late in (0.0, 0.05))  # or 11 samples, turned
+    table = as_table({"t": t, "beta": tilt, "gamma": tilt, "u_beta": u, "u_gamma": u, "theta": t})
+    check_record(table, None)
 
 
 def test_the_record_itself_is_not_refused(columns):
