@@ -31,10 +31,8 @@ from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.physics.rig.stage import StageModel
 
-USUAL_LAG = StageModel().lag  # s
-ENTRY = (
-    1.4  # of the change of the lag; set after trials on seven rigs whose servos follow at once (tools/bench_strange.py)
-)
+USUAL_LAG = 0.067  # s; of the servos of the packaged rigs, on which `gate.lead_s` and `gate.entry_s` were set
+ENTRY = 1.4  # of the change of the lag; set in trials on seven rigs whose servos follow at once
 
 
 @dataclass(frozen=True)

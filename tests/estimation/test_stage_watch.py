@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from stage_kinds import DEGREE, KINDS, jumps
 
-from mazeplan.control.estimation.stage_watch import StageWatch
+from mazeplan.control.estimation.fit_watch import LEARNED_OFF
+from mazeplan.control.estimation.stage_watch import OFF, StageWatch
 from mazeplan.core.records import Command, Observation
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import simulate_axis
@@ -19,7 +20,7 @@ PLAIN["first order"] = StageAxis(1.0, 9.0, 1.0, 1.0 / 30.0, order=1)  # one of 1
 RIGHT = np.eye(2)
 
 
-def watched(axis, *, seed=0, rate_hz=30.0, seconds=1.0, wiring=RIGHT, noise=0.0):
+def watched(axis, *, seed=0, rate_hz=30.0, seconds=1.0, wiring=RIGHT, noise=0.0, off=OFF):
     """What a watch of the textbook stage says of a rig's tilts, and the last stage that a run would adopt."""
     n, rng, said, adopted = round(seconds * rate_hz), np.random.default_rng(seed), list[str](), None
     u = jumps(seed, n, bang=True)
@@ -28,7 +29,7 @@ def watched(axis, *, seed=0, rate_hz=30.0, seconds=1.0, wiring=RIGHT, noise=0.0)
     watch = StageWatch(StageModel(), rate_hz)
     for k in range(n):
         watch.update(Observation(k / rate_hz, 0.0, 0.0, *map(float, tilts[k])))
-        words, stage = watch.judge()
+        words, stage = watch.judge(off)
         said += [words] if words else []
         if stage is not None:
             adopted = stage
@@ -96,3 +97,10 @@ def test_a_plate_that_hardly_moves_shows_nothing():
         watch.update(Observation(k / 30.0, 0.0, 0.0, 0.05 * DEGREE, -0.05 * DEGREE))
         watch.sent(Command(0.3 * DEGREE * math.sin(0.5 * k), 0.3 * DEGREE * math.cos(0.5 * k)))
         assert watch.judge() == ("", None)
+
+
+def test_a_learned_stage_that_fast_commands_limit_a_little_is_kept():
+    limited = replace(StageAxis(), rate_limit=math.radians(60.0))  # large commands alone reach it
+    for seed in range(5):
+        assert watched(limited, seed=seed, seconds=2.0)[1] is not None  # nobody measured this stage: adopted
+        assert watched(limited, seed=seed, seconds=2.0, off=LEARNED_OFF) == ([], None)

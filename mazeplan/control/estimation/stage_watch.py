@@ -108,15 +108,13 @@ class StageWatch:
 
         off: rms of the difference from which the stage is wrong, rad"""
         left = self.left()
-        if left[0] <= OFF or not self.ready:
+        if left[0] <= off or not self.ready:
             return "", None
         best = int(np.argmin(left))
         limited, rest = self._limited()
         if rest < ALIKE * left[best] and left[0] > LIMITS * rest:
             words = f"the plate turns at most {math.degrees(limited.beta.rate_limit):.0f} degrees a second"
             return f"{words}: {math.degrees(rest):.1f} in place of {math.degrees(left[0]):.1f} degrees off", limited
-        if left[0] <= off:
-            return "", None
         if words := self._mixed_up():
             return words, None
         gains = np.diag(self._yp[0]) / np.maximum(np.diag(self._pp[0]), LEAST)
