@@ -252,6 +252,7 @@ class Doubt:
     rate:     samples do not come at the rig's rate_hz
     position: the position of the ball is not a number
     far:      the ball is metres away
+    frozen:   the ball is at one position, bit by bit, while the plate turns: a picture repeats
     ball:     the ball is far from where it could be
     tilt:     the tilt is not a number, or leaps
     no_tilt:  the tilt was never measured: the commands move the model's plate

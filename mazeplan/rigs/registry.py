@@ -12,14 +12,14 @@ from typing import Any
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.name_hints import guess, one_of
 from mazeplan.core.user_modules import user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import FileSettings, placed, read_rig_file
 from mazeplan.rigs.interface import Rig, RigWrapper
-from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
@@ -145,12 +145,22 @@ def make_rig(spec: str, maze: Maze) -> Rig:
     assert data is not None
     from mazeplan.rigs.sim.simulated import SimulatedRig
 
+    _check_keys(data)
     settings = settings_from(data)
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
     try:
         return SimulatedRig(own, settings)
     except SettingsError as problem:
         raise placed(problem, data) from None
+
+
+def _check_keys(settings: FileSettings) -> None:
+    """Raises SettingsError for a key that a simulated rig does not have: the file may be of a rig of one's own."""
+    known = SimulatedSettings.model_fields
+    for key in settings:
+        if key not in known:
+            expected = f"a key of `mazeplan rig list`{guess(key, known)}; or, for a rig of your own, `class: module:Class`"
+            raise placed(SettingsError(f"unknown key, expected {expected}", key=str(key)), settings)
 
 
 def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:

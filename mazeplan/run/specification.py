@@ -187,7 +187,7 @@ def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "rig": setup.rig_name,
         "map": dump_map(setup.maze),
         "map_name": setup.maze.name,
-        "model": setup.model_name or setup.model.kind,
+        "model": setup.model_name or ("nominal" if setup.model.kind == "p" else setup.model.kind),
         "behavior": setup.behavior,
         "behavior_modules": list(setup.behavior_modules),
         "start_ring": job.start,

@@ -184,3 +184,19 @@ def test_a_wrong_sampling_rate_is_reported_once(times, told):
         scrutiny.admit(sample(k, t=t))
         scrutiny.judge(set(), t)
     assert [doubt.what for doubt in scrutiny.doubts].count("rate") == told
+
+
+def test_a_picture_that_repeats_while_the_plate_turns_is_told():
+    scrutiny = SampleCheck(30.0)
+    for k in range(60):
+        scrutiny.admit(sample(k, beta=0.05 * math.sin(0.2 * k)))
+        scrutiny.judge(set(), k * DT)
+    assert [doubt.what for doubt in scrutiny.doubts] == ["frozen"]
+
+
+def test_a_ball_that_rests_on_a_still_plate_is_no_frozen_picture():
+    scrutiny = SampleCheck(30.0)
+    for k in range(90):
+        scrutiny.admit(sample(k, beta=0.02 * math.sin(0.2 * k)))
+        scrutiny.judge(set(), k * DT)
+    assert scrutiny.doubts == []

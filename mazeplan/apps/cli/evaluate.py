@@ -78,7 +78,7 @@ def _compare(files: tuple[Path, Path], as_json: bool) -> None:
     from mazeplan.apps.report.inputs import read_document
     from mazeplan.run.campaign.pairs import paired
 
-    a, b = (read_document(file) for file in files)
+    a, b = (read_document(file, "the JSON of evaluate") for file in files)
     done = paired(a, b, (str(files[0]), str(files[1])))
     if as_json:
         print_json(done.document)

@@ -57,7 +57,10 @@ def model_lines(model: RigModel) -> list[str]:
     from mazeplan.learning.model_document import model_document
 
     document, lines = model_document(model), list[str]()
-    document.get("body", {}).pop("of", None)  # a stamp, for programs
+    body = document.get("body", {})
+    body.pop("of", None)  # a stamp, for programs
+    if "delay" in body:
+        body["delay beyond camera_delay_s"] = body.pop("delay")
     for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
         if key in document:
             lines += _ring_lines(document[key]) if key == "rings" else _lines(key, document[key], "")

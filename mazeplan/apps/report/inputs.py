@@ -1,7 +1,7 @@
 """The inputs of a report: finds the kind of each input, and reads its document.
 
 FILE.mcap            log of a run
-FILE.json            output of `evaluate`, `compare`, `diagnose` or `improve` with --json
+FILE.json            output of `evaluate`, `compare`, `diagnose` or `improve` with --json; round.json of `improve`
 FOLDER               output of `diagnose -o` (report.json, evidence.json), or of `evaluate --store`
 """
 
@@ -85,18 +85,18 @@ def read_input(path: Path) -> list[Input]:
     return of_document(read_document(path), path)
 
 
-def read_document(path: Path) -> dict[str, Any]:
-    """The object in a JSON file, without its `format`. Raises InputError for other files."""
+def read_document(path: Path, kinds: str = KINDS) -> dict[str, Any]:
+    """The object in a JSON file, without its `format`. Raises InputError for other files. kinds: what is expected"""
     try:
         document = json.loads(path.read_bytes().decode("utf-8-sig"))
     except json.JSONDecodeError as problem:
         if file_kinds.got(path) != "JSON":
-            raise InputError(file_kinds.refused(path, KINDS), file=path) from None
-        raise InputError(f"is no JSON: {problem.msg}; expected {KINDS}", file=path, line=problem.lineno) from None
+            raise InputError(file_kinds.refused(path, kinds), file=path) from None
+        raise InputError(f"is no JSON: {problem.msg}; expected {kinds}", file=path, line=problem.lineno) from None
     except (OSError, ValueError, RecursionError):
-        raise InputError(file_kinds.refused(path, KINDS), file=path) from None
+        raise InputError(file_kinds.refused(path, kinds), file=path) from None
     if not isinstance(document, dict):
-        raise InputError(f"got a {type(document).__name__}, expected {KINDS}", file=path)
+        raise InputError(f"got a {type(document).__name__}, expected {kinds}", file=path)
     given = document.pop("format", FORMAT)
     if problem := format_problem(given, FORMAT, document.get("version")):
         raise InputError(problem, file=path, key="format")
@@ -105,6 +105,8 @@ def read_document(path: Path) -> dict[str, Any]:
 
 def of_document(document: dict[str, Any], path: Path) -> list[Input]:
     """The inputs in a document, whose keys tell its kind. Raises InputError for an unknown document."""
+    if "diagnosis" in document and "navigation" in document:  # round.json of `improve`
+        document = {"rounds": [document]}
     if "rounds" in document:
         with read_as_printed(Input("diagnosis", path, path.stem)):
             rounds = [{**entry["diagnosis"], "navigation": entry.get("navigation")} for entry in document["rounds"]]

@@ -20,10 +20,11 @@ GAP = 4.5  # samples; a larger step of the clock means lost samples
 FAR_M = 2.0  # m; larger positions are in a wrong unit
 EACH = 30  # samples per check of the sampling rate
 RATE = 0.25  # allowed relative difference from the rig's rate
+FROZEN_S, TURNED = 1.5, math.radians(3.0)  # s of one position; turn of the plate by which a ball would have moved
 FAILED = {
     "far": f"it measures the ball more than {FAR_M:g} m from the middle: it is out, or x and y are not in m",
     "clock": "its clock does not go on",
-    "tilt": "its tilt sensor measures no number, or nothing that a plate could do",
+    "tilt": "its tilt sensor measures no number, or no tilt of a plate: beta and gamma are in rad",
 }
 
 
@@ -47,6 +48,7 @@ class SampleCheck:
         self._last: float | None = None
         self._steps: list[float] = []  # s, between samples since the last check of the rate
         self._off = False  # whether the rate differs from the rig's
+        self._same: list[Observation] = []  # the last samples, if the ball is at one position in all of them
         self.found: set[str] = set()
         self._since: dict[str, int] = {}  # number of samples in a row, by doubt
         self.doubts: list[Doubt] = []
@@ -69,6 +71,7 @@ class SampleCheck:
         if observation.others:
             observation = replace(observation, others=tuple(map(_near, observation.others)))
         x, y = observation.x, observation.y
+        self.found |= {"frozen"} if self._frozen(observation) else set()
         if x is None or y is None or math.hypot(x, y) <= FAR_M:
             return observation
         self.found.add("far" if math.isfinite(x) and math.isfinite(y) else "position")
@@ -81,6 +84,16 @@ class SampleCheck:
             self._off = abs(median(self._steps) / self._dt - 1.0) > RATE
             self._steps.clear()
         return self._off
+
+    def _frozen(self, observation: Observation) -> bool:
+        """Whether the ball is at the same position for FROZEN_S, bit by bit, while the plate turns."""
+        if self._same and (observation.x, observation.y) != (self._same[0].x, self._same[0].y):
+            self._same.clear()
+        self._same.append(observation)
+        if not observation.seen or observation.t - self._same[0].t < FROZEN_S:
+            return False
+        tilts = [[getattr(one, axis) for one in self._same] for axis in ("beta", "gamma")]
+        return any(max(tilt) - min(tilt) > TURNED for tilt in tilts)
 
     @staticmethod
     def _numbers(observation: Observation) -> None:

@@ -136,7 +136,7 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
     node = _section(document, "errors", path)
     errors = {int(ring): _number(node[ring], "value", path, f"errors.{ring}", 0.0, math.inf)
               for ring in node if str(ring).isdigit()}  # fmt: skip
-    source, imbalance = "the rig as its model knows it", BALANCED
+    source, imbalance = "its model", BALANCED
     if "imbalance" in document:
         node = document["imbalance"]
         size, error = (_number(node, key, path, "imbalance", 0.0, math.inf) for key in ("value", "stderr"))

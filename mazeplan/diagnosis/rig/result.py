@@ -45,6 +45,7 @@ REPAIRS = {
     "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
 }  # fmt: skip
 NOT_PREDICTING = "held-out parts are predicted no better"
+OF_AN_AXIS = {"servo_gain", "servo_lag", "backlash", "deadband", "tilt_gain"}  # their advice names the axis
 OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
 
 
@@ -262,12 +263,12 @@ def _ratio(effect: Entry) -> float:
 
 def _change(effect: Entry) -> str:
     """An effect with its sizes before and now, and its place now."""
-    before, parts, places = effect["known_before"], [], _places(effect)
+    before, parts, places, changed = effect["known_before"], [], _places(effect), _changed(effect)
     if places and len(effect["rings"]) == 1:
         parts.append(f"in ring {next(iter(effect['rings']))}")
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
-        if key not in places and abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
+        if key not in places and key not in changed and len(effect["parameters"]) > 1:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
         if key in places:
@@ -306,10 +307,18 @@ def _place(effect: Entry) -> str:
     places = _places(effect)
     at = {key: p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
     if not at:
-        return ""
+        axes = [axis for axis in ("beta", "gamma") if axis in _changed(effect)]
+        return f" of {axes[0]}" if effect["name"] in OF_AN_AXIS and len(axes) == 1 else ""
     ring = next(iter(effect["rings"]), "")
     angles = " to ".join(f"{place_deg(angle, 0):.0f}" for angle in at.values())
     return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
+
+
+def _changed(effect: Entry) -> list[str]:
+    """The numbers of an effect that a sentence gives: all if none has changed by three standard errors."""
+    before, numbers = effect.get("known_before", {}), effect["parameters"]
+    far = [key for key, p in numbers.items() if abs(p["value"] - (before.get(key, 0.0) or 0.0)) > 3.0 * p["stderr"]]
+    return far or list(numbers)
 
 
 def _repair(effect: Entry) -> str:
