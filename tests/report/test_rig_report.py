@@ -89,3 +89,12 @@ def test_evidence_of_another_diagnosis_is_refused(tmp_path):
     other = {name: value for name, value in document().items() if name != "reference"}
     with pytest.raises(InputError, match="belongs to another"):
         diagnosis_section(*read_input(folder_of(tmp_path / "out", other, evidence())))
+
+
+def test_a_round_of_improve_is_read_as_the_whole_document_is(tmp_path):
+    one = {"diagnosis": {"verdict": "effect_found"}, "navigation": None, "compared": None}
+    (tmp_path / "round.json").write_text(json.dumps(one))
+    (tmp_path / "all.json").write_text(json.dumps({"rounds": [one]}))
+    (alone,), (inside,) = read_input(tmp_path / "round.json"), read_input(tmp_path / "all.json")
+    assert (alone.kind, alone.document) == (inside.kind, inside.document)
+    assert alone.kind == "diagnosis"
