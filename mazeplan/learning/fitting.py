@@ -19,7 +19,6 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
@@ -185,6 +184,8 @@ def row_noise(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
     left = cross_residuals(hyper, x, phi, y)
     if not np.any(left):  # an exact fit has no tails
         return np.full(len(y), hyper.noise)
+    from scipy import stats  # slow to import
+
     found, _, spread = stats.t.fit(left, floc=0.0)
     nu = float(np.clip(found, *FREEDOM))
     return hyper.noise * np.sqrt((nu + (left / spread) ** 2) / (nu + 1.0))

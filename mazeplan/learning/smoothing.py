@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 from numba import njit
 from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array, IntArray
@@ -38,7 +38,24 @@ TINY = 1e-200  # minimum variance, so that a constant signal has a likelihood
 
 def smoothed(signal: Array, window: int, *, deriv: int = 0, dt: float = 1.0) -> Array:
     """Savitzky-Golay estimate, cubic over `window` samples (odd), of a signal (N,) or its derivative (per dt^deriv)."""
-    return np.asarray(savgol_filter(signal, window, 3, deriv=deriv, delta=dt), dtype=np.float64)
+    if len(signal) < window:
+        raise ValueError(f"got {len(signal)} samples, expected at least {window}, a window")
+    out, half = np.empty(len(signal)), window // 2
+    out[half : len(out) - half] = np.correlate(signal, savgol_weights(window, 3, deriv, dt), mode="valid")
+    for k in range(half):  # at the ends, the polynomial of the first and of the last window
+        out[k] = savgol_weights(window, 3, deriv, dt, k - half) @ signal[:window]
+        out[-1 - k] = savgol_weights(window, 3, deriv, dt, half - k) @ signal[-window:]
+    return out
+
+
+@cache
+def savgol_weights(window: int, order: int, deriv: int, dt: float, at: int = 0) -> Array:
+    """Weights (window,) that give a derivative of the polynomial of this order through a window of samples dt apart.
+
+    at: sample of the derivative, from the middle of the window. scipy.signal does the same, but takes half a second to
+    import."""
+    j = np.arange(-(window // 2), window // 2 + 1) - at
+    return math.factorial(deriv) / dt**deriv * np.linalg.pinv(np.vander(j, order + 1, increasing=True))[deriv]
 
 
 @dataclass(frozen=True)
@@ -161,7 +178,7 @@ def acceleration_kernel(window: int = 7, order: int = 2) -> Array:
     smoothing = Smoothing(window=window, order=order)
     half = window // 2
     j = np.arange(-half, half + 1)
-    c = savgol_coeffs(window, smoothing.order, deriv=2, use="dot")
+    c = savgol_weights(window, smoothing.order, 2, 1.0)
     knots = np.arange(-half - 1, half + 2)
     K = np.maximum(j - knots[:, None], 0) @ c
     K[[0, 1, -2, -1]] = 0.0  # at the ends and beyond; else rounding
@@ -186,7 +203,7 @@ def _savgol(signal: Array, dt: float, smoothing: Smoothing) -> Array:
     out, half = np.full((3, len(signal)), np.nan), smoothing.window // 2
     if len(signal) >= smoothing.window:
         for deriv in range(3):
-            weights = savgol_coeffs(smoothing.window, smoothing.order, deriv=deriv, delta=dt, use="dot")
+            weights = savgol_weights(smoothing.window, smoothing.order, deriv, dt)
             out[deriv, half : len(signal) - half] = np.correlate(signal, weights, mode="valid")
     return out
 

@@ -159,7 +159,9 @@ def _check_keys(settings: FileSettings) -> None:
     known = SimulatedSettings.model_fields
     for key in settings:
         if key not in known:
-            expected = f"a key of `mazeplan rig list`{guess(key, known)}; or, for a rig of your own, `class: module:Class`"
+            expected = (
+                f"a key of `mazeplan rig list`{guess(key, known)}; or, for a rig of your own, `class: module:Class`"
+            )
             raise placed(SettingsError(f"unknown key, expected {expected}", key=str(key)), settings)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.smoothing import (
@@ -14,6 +15,7 @@ from mazeplan.learning.smoothing import (
     acceleration_kernel,
     derivatives,
     noise_of,
+    smoothed,
     unwrapped,
 )
 
@@ -199,3 +201,10 @@ def test_unwrapping_skips_what_was_not_seen_and_starts_anew_in_a_segment():
         assert apart[start] == wrapped[start]
         assert np.diff(apart[start:stop]) == pytest.approx(np.diff(theta[start:stop]))
     assert len(unwrapped(np.full(3, np.nan))) == 3
+
+
+@pytest.mark.parametrize(("window", "deriv"), [(7, 0), (11, 1), (21, 2)])
+def test_a_smoothed_signal_is_that_of_scipy_at_the_ends_too(window, deriv):
+    signal = np.random.default_rng(window).standard_normal(60).cumsum()
+    expected = savgol_filter(signal, window, 3, deriv=deriv, delta=0.05)
+    np.testing.assert_allclose(smoothed(signal, window, deriv=deriv, dt=0.05), expected, rtol=1e-9, atol=1e-9)

@@ -10,11 +10,12 @@ import pytest
 from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.dynamics.plate import ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.dynamics.rigid_body import Ball, advance, no_effects
-from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.rigid_body_effects import BESIDES, effects_of
 from mazeplan.physics.dynamics.walls import SLAB, Walls
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, WALL, Effect, Parameter
 from mazeplan.physics.effects.ball import constant_force, dry_friction, quadratic_drag, surface_profile, tilt_offset
-from mazeplan.physics.formulas.symbols import PLATE, cos, sin
+from mazeplan.physics.effects.local_forces import FAMILY
+from mazeplan.physics.formulas.symbols import PLATE, RECORDED, cos, sin, state, symbols_of
 from mazeplan.physics.registry import PACKAGED
 
 R, H, START = 6.35e-3, 1.0 / 300.0, 2.0
@@ -23,13 +24,13 @@ SMOOTH = Ball(rolling=0.0, spin=0.0, wall=0.0, restitution=0.0, hold=1e9)
 PLAIN = Parameter("1", 0.0, -10.0, 10.0, smallest=0.1)
 
 
-def after(state, terms=(), *, steps=1, beta=0.0, gamma=0.0, tilting=None):
-    """The state (5,) behind some steps under a tilt that stays, which begin at START."""
+def after(start, terms=(), *, steps=1, beta=0.0, gamma=0.0, tilting=None):
+    """The state (5,) behind some steps from a start under a tilt that stays, which begin at START."""
     plate = PlateMotion(0.0, 1.0, np.tile([beta, 0.0, 0.0, gamma, 0.0, 0.0], (99, 1)))
     rows, out = np.zeros((steps, ROW)), np.empty((steps, 5))
     plate_rows(plate, tilting or Tilting(), START + H * np.arange(steps), H, 1, rows)
     effects = effects_of(terms) if terms else no_effects()
-    advance(SMOOTH, OPEN, effects, rows, H, np.array(state, dtype=float), out)
+    advance(SMOOTH, OPEN, effects, rows, H, np.array(start, dtype=float), out)
     return out[-1]
 
 
@@ -128,3 +129,12 @@ def test_the_middle_of_the_plate_has_no_angle_and_does_no_harm():
     out = after([2e-4, 0.0, -0.05, 0.0, 0.0], [push], steps=10)
     assert np.all(np.isfinite(out))
     assert out[2] == pytest.approx(-0.05, abs=1e-3)
+
+
+def test_the_effects_of_this_package_ask_for_the_moment_only():
+    ours = [e for e in (*PACKAGED.values(), *FAMILY.values()) if e.named and e.formula and e.acts in BESIDES]
+    for effect in ours:
+        made = effect.formula(state(), symbols_of(effect.parameters, ""))
+        parts = made.values() if isinstance(made, dict) else [made]
+        asked = {symbol.name for part in parts for symbol in getattr(part, "free_symbols", ())}
+        assert not asked & set(RECORDED), effect.name

@@ -21,7 +21,6 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.records import Array
-from mazeplan.run.campaign.evaluate import stored_documents
 
 KINDS = (
     "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or evaluate --store"
@@ -72,6 +71,8 @@ def read_as_printed(given: Input) -> Iterator[None]:
 def read_input(path: Path) -> list[Input]:
     """The inputs in a file or folder. A document of `improve` has several inputs. Raises InputError for other files."""
     if path.is_dir():
+        from mazeplan.run.campaign.evaluate import stored_documents  # slow to import
+
         if documents := stored_documents(path):
             names = [path.name, *(f"{path.name}, {i}" for i in range(2, len(documents) + 1))]
             return [Input("evaluation", path, name, one) for name, one in zip(names, documents, strict=True)]

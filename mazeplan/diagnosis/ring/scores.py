@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array
@@ -32,7 +31,7 @@ from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 from mazeplan.diagnosis.coordinate.kalman import accelerations, roll_out
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 from mazeplan.diagnosis.ring.system import RingSystem
-from mazeplan.learning.smoothing import Smoothing, derivatives
+from mazeplan.learning.smoothing import Smoothing, derivatives, savgol_weights
 
 AHEAD = (20, 40)  # samples ahead at which roll-outs are scored
 EVERY = 10  # samples from one roll-out's start to the next
@@ -163,7 +162,7 @@ def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
     rows = np.arange(half, n - half)
     rows = rows[(begun[rows - half] == begun[rows + half]) & (rows - half - begun[rows] >= KNOWN)]
     positions, _ = roll_out(problem, p, states, rows - half, MATCHED.window - 1)
-    weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
+    weights = savgol_weights(MATCHED.window, MATCHED.order, 2, system.dt)
     found = np.full(n, np.nan)
     found[rows] = system.seen_at(fitted.values, positions) @ weights
     return found

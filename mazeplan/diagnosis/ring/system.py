@@ -20,7 +20,6 @@ from itertools import pairwise
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from mazeplan.core.maths.compiled import pointer_to
 from mazeplan.core.records import Array
@@ -148,6 +147,8 @@ class RingSystem:
 
     def _low_passed(self) -> Array:
         """Measured speeds (N, 3), low-passed with the time constants PAST."""
+        from scipy.signal import lfilter  # slow to import
+
         out = np.zeros((len(self.t), len(PAST)))
         steps = np.diff(self.theta, prepend=self.theta[:1]) / self.dt
         steps = np.where(self.begins | ~np.isfinite(steps), 0.0, steps)
@@ -162,6 +163,8 @@ class RingSystem:
 
     def _leaning(self) -> Array:
         """Tilts (N, 2), low-passed with LEAN_S from the beginning of each stretch on."""
+        from scipy.signal import lfilter  # slow to import
+
         tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / LEAN_S)
         out = tilts.copy()
         for a, b in pairwise([*np.flatnonzero(self.begins), len(self.t)]):

@@ -29,7 +29,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
@@ -40,7 +39,7 @@ from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.diagnosis.ring.candidates import is_smooth
 from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target, ring_of
 from mazeplan.diagnosis.ring.system import RingSystem
-from mazeplan.learning.smoothing import acceleration_kernel
+from mazeplan.learning.smoothing import acceleration_kernel, savgol_weights
 from mazeplan.physics.effect import Effect
 
 MANY = 10  # maximum number of effects: in a record of a real rig, many act at once
@@ -74,7 +73,7 @@ class WindowLikelihood(Likelihood):
         seen = np.isfinite(system.theta)  # the first sample of a window and the one before give its speed
         self.windows: IntArray = at[seen[at - half] & seen[at - half - 1]][::EVERY]
         self.target: Array = target[self.windows]
-        self.weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
+        self.weights = savgol_weights(MATCHED.window, MATCHED.order, 2, system.dt)
         self.kernel = acceleration_kernel(MATCHED.window, MATCHED.order)
         self.worth = EVERY * float(np.sum(self.kernel**2))
         self.repeats = 1.0 / self.worth

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, norm, t
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.results import DocumentResult
@@ -74,6 +73,8 @@ def _times(difference: np.ndarray) -> dict[str, Any]:
     """Mean of the differences (N,), s, with its interval; None with fewer than two."""
     if len(difference) < 2:
         return {"pairs": len(difference), "difference": None, "interval": None}
+    from scipy.stats import t  # slow to import
+
     mean, error = float(difference.mean()), float(difference.std(ddof=1)) / math.sqrt(len(difference))
     half = float(t.ppf(0.5 + 0.5 * LEVEL, len(difference) - 1)) * error
     interval = [round(mean - half, 4), round(mean + half, 4)]
@@ -82,6 +83,8 @@ def _times(difference: np.ndarray) -> dict[str, Any]:
 
 def _arrivals(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
     """Shares that arrived (N,), their difference with its interval, and the runs in which only one arrived."""
+    from scipy.stats import binomtest, norm  # slow to import
+
     only_a, only_b, n = int((a & ~b).sum()), int((b & ~a).sum()), len(a)
     lost, won = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
     half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * math.sqrt((lost + won - (won - lost) ** 2) / (n + 2))

@@ -16,9 +16,7 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_format import format_problem
@@ -31,6 +29,9 @@ from mazeplan.run.campaign.identity import digest_of, identity
 from mazeplan.run.campaign.lock import exclusive_lock
 from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.resolve import model_source
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 SPREADS = ("p50", "p99", "max")
@@ -98,6 +99,8 @@ def read_runs(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def runs_table(folder: Path) -> pd.DataFrame:
     """A table of all runs in a folder, one row for each; docs/campaigns.md explains the columns. Raises InputError."""
+    import pandas as pd  # slow to import
+
     rows = [row_of(head, run) for head, runs in map(read_runs, campaign_files(folder)) for run in runs]
     table = pd.DataFrame(rows)
     return table if table.empty else table.astype({"ended": "datetime64[ms, UTC]"}).sort_values(["campaign", "index"])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.name_hints import nearest
@@ -14,7 +14,6 @@ from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.online import Lesson
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
@@ -24,10 +23,12 @@ from mazeplan.run.campaign.evaluate import run_all, setup_document, summary
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.faults import report
 from mazeplan.run.campaign.one_run import Campaign, Ran
-from mazeplan.run.campaign.online_learning import evaluate_learning, lesson_document, lesson_line
 from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, open_stores
 from mazeplan.run.specification import TIME_LIMIT
+
+if TYPE_CHECKING:
+    from mazeplan.learning.online import Lesson
 
 RUNS, FAULT_RUNS = 16, 10
 EXCLUDED = {
@@ -185,6 +186,8 @@ def _check_learning(learn: bool, output: Path | None, workers: int | None, other
 
 def _learning(campaign: Campaign, output: Path | None, work: Work) -> tuple[list[NavigationResult], dict[str, Any]]:
     """Run a campaign that learns. Returns the results of its runs, and the entry `learning` of its document."""
+    from mazeplan.run.campaign.online_learning import evaluate_learning, lesson_document, lesson_line  # slow to import
+
     done: list[Lesson] = []
 
     def on_lesson(lesson: Lesson) -> None:
