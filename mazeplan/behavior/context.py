@@ -31,7 +31,8 @@ from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.physics.rig.stage import StageModel
 
-USUAL_LAG = 0.067  # s; of the servos of the packaged rigs, on which `gate.lead_s` and `gate.entry_s` were set
+USUAL_LAG = StageModel().lag  # s
+SAME = 0.004  # s; lag of the servos on which `gate.lead_s` and `gate.entry_s` were set: as the usual one within this
 ENTRY = 1.4  # of the change of the lag; set in trials on seven rigs whose servos follow at once
 
 
@@ -86,7 +87,9 @@ class LeafOptions:
     def on_stage(self, stage: StageModel) -> LeafOptions:
         """The options for this stage. A servo with less lag than the usual one has less of `gate.lead_s` and
         `gate.entry_s`: commands of the next move would hold a ball back that is not in yet."""
-        more = min(stage.lag - USUAL_LAG, 0.0)
+        more = stage.lag - USUAL_LAG
+        if more > -SAME:
+            return self
         lead, entry = max(self.gate.lead_s + more, 0.0), max(self.gate.entry_s + ENTRY * more, 0.0)
         return replace(self, gate=replace(self.gate, lead_s=lead, entry_s=entry))
 

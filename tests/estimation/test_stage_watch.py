@@ -99,8 +99,10 @@ def test_a_plate_that_hardly_moves_shows_nothing():
         assert watch.judge() == ("", None)
 
 
-def test_a_learned_stage_that_fast_commands_limit_a_little_is_kept():
-    limited = replace(StageAxis(), rate_limit=math.radians(60.0))  # large commands alone reach it
+def test_a_learned_stage_gets_a_limited_rate_that_explains_all_of_it_only():
+    limited, other = replace(StageAxis(), rate_limit=math.radians(50.0)), StageAxis(1.0, 16.0, 1.0)
     for seed in range(5):
-        assert watched(limited, seed=seed, seconds=2.0)[1] is not None  # nobody measured this stage: adopted
-        assert watched(limited, seed=seed, seconds=2.0, off=LEARNED_OFF) == ([], None)
+        _said, stage = watched(limited, seed=seed, seconds=2.0, off=LEARNED_OFF)
+        assert stage.beta.rate_limit == pytest.approx(limited.rate_limit)
+        assert watched(limited, seed=seed, seconds=2.0, noise=0.4 * DEGREE, off=LEARNED_OFF)[1] is None
+        assert watched(other, seed=seed, seconds=2.0, off=LEARNED_OFF) == ([], None)

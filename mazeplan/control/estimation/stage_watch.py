@@ -35,6 +35,7 @@ MOVED = math.radians(0.7)  # rad; rms of the predicted tilt, so that there is so
 OFF = math.radians(0.5)  # rad; rms of the difference from which a stage is wrong
 RATES = (25.0, 32.0, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0, 160.0)  # deg/s, limits that are tried
 LIMITS, ALIKE = 3.0, 1.1  # times less that a limit must leave; times more than the best other stage that it may leave
+CLEAR_LIMITS = 5.0  # the same for a fitted stage: servos with another limit (`ideal`) reach 4.3, limited ones 6 or more
 BETTER = 2.0  # times less than the present stage must be left with another one
 GAIN, LEAST_GAIN = 0.15, 0.2  # difference of a gain from 1 that counts; a smaller gain is another fault
 LEAST = 1e-9  # rad^2; keeps sums invertible
@@ -106,15 +107,19 @@ class StageWatch:
     def judge(self, off: float = OFF) -> tuple[str, StageModel | None]:
         """What is wrong, in words, and the stage that explains it, None if no stage does; "" if nothing is wrong.
 
-        off: rms of the difference from which the stage is wrong, rad"""
+        off: rms of the difference from which the stage is wrong, rad; below it, a limited rate counts from OFF on if it
+        leaves nearly nothing"""
         left = self.left()
-        if left[0] <= off or not self.ready:
+        if left[0] <= OFF or not self.ready:
             return "", None
         best = int(np.argmin(left))
         limited, rest = self._limited()
-        if rest < ALIKE * left[best] and left[0] > LIMITS * rest:
+        times = LIMITS if left[0] > off else CLEAR_LIMITS
+        if rest < ALIKE * left[best] and left[0] > times * rest:
             words = f"the plate turns at most {math.degrees(limited.beta.rate_limit):.0f} degrees a second"
             return f"{words}: {math.degrees(rest):.1f} in place of {math.degrees(left[0]):.1f} degrees off", limited
+        if left[0] <= off:
+            return "", None
         if words := self._mixed_up():
             return words, None
         gains = np.diag(self._yp[0]) / np.maximum(np.diag(self._pp[0]), LEAST)
