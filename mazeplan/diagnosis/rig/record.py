@@ -128,19 +128,18 @@ def seconds_of(body: BodyFilter) -> float:
 def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
     """What a fit does not explain: autocorrelation and size of its innovations.
 
-    The first number is the largest autocorrelation. The second number is the root mean square of the innovations over
-    its value without unexplained forces."""
+    The first number is the largest autocorrelation. The second number is `remaining_of`."""
     return float(np.max(np.abs(autocorrelation(fit.filtered)))), remaining_of(body, fit.model, fit.filtered)
 
 
 def remaining_of(body: BodyFilter, model: BodyModel, seen: Filtered | None = None) -> float:
-    """Root mean square of the innovations of a model over its value without unexplained forces; the noise is at least
-    FINEST. seen: by the model"""
+    """Root mean square of the innovations of a model, each over its standard deviation without unexplained forces; the
+    noise is at least FINEST. seen: by the model"""
     seen = body.run(model) if seen is None else seen
     view = model.view._replace(noise=max(model.view.noise, FINEST))
     quiet = body.run(model._replace(view=view, wander=model.wander._replace(plane=1e-6, strike=1e-3)))
     keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
-    return math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
+    return math.sqrt(float(np.mean(seen.nu[keep] ** 2 / quiet.S[keep, :2])))
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
