@@ -50,9 +50,8 @@ def compare(
 ) -> Comparison:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors.
 
-    logs, test: logs and tables: a path, a Table, {column: numbers} or a DataFrame, or several of them
+    logs, test, columns: as of `mazeplan.learn`
     test: None: every fourth block of 5 s is tested on
-    columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
     ring: only this ring; radius: of its track, m
     most: most training rows of a Gaussian process
     say: gets what is left out

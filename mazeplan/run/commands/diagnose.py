@@ -34,7 +34,7 @@ def diagnose(
 ) -> DiagnosisResult:
     """Find the effect that a model lacks, and the improvement of its predictions with the effect.
 
-    logs, test, reference: logs and tables: a path, a Table, {column: numbers} or a DataFrame, or several of them
+    logs, test, reference, columns: as of `mazeplan.learn`
     model: packaged name, folder or RigModel; None: nominal physics
     radius: of the track, m; None: the map's
     declare: known parameters, {"dry_friction.coefficient": 0.4} or texts as of `--declare`
@@ -42,7 +42,6 @@ def diagnose(
     system: "ring", "emps", "module:Class", or a class of your own
     effects: "module:function" with effects of your own
     output: folder for the report and the model; None: nothing is written
-    columns: names and units of columns, {"t": "time:ms"} or texts as of `--columns`
     progress: gets the step under way
 
     Raises InputError, TableError."""

@@ -66,7 +66,7 @@ def improve(
     rounds: of these steps; runs: navigations before and after each round
     seconds: length of a record, s of rig time
     reference: logs and tables of the rig while its model was right
-    columns: names and units of columns of the reference, {"t": "time:ms"} or texts as of `--columns`
+    columns: of the reference, as of `mazeplan.learn`
     workers: number of processes for the navigations
     output: folder for logs, models and reports; None: nothing is kept
     tell: gets findings; progress: gets the step under way
