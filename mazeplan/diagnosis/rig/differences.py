@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.search import (
@@ -38,6 +40,7 @@ from mazeplan.physics.effect import Effect, Term
 
 THE_SAME = "the reference shows it as well"
 STOOD_IN = "in the reference, its number stood in for something else: here it has its textbook value"
+VALLEY = 3.0  # times further than a parabola says that a fit may come
 TEXTBOOK = ("viscous", "quadratic", "tilt_beta", "tilt_gamma", "gain_beta", "gain_gamma", "angle", "scale", "bend")
 
 
@@ -83,20 +86,29 @@ def _is_textbook(c: Candidate, was: Reference, fit: BodyFit) -> bool:
     )
 
 
+def _fall(part: BodyFilter, model: BodyModel, free: Sequence[str]) -> float:
+    """The fall of -2 log L if these numbers became the likeliest ones and -2 log L were a parabola."""
+    scores = score_search(part, model, free)
+    slope = scores.each.sum(axis=0)
+    return float(slope @ np.linalg.pinv(scores.information, rcond=1e-9) @ slope)
+
+
 def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> tuple[Reference, list[Candidate]]:
     """The reference with the numbers that were found, as its record shows them; and the findings that are news."""
     now, sizes = searched.fit.model, [name for c in searched.found for name in c.sizes]
-    there = {term.name: term for term in was.model.terms if not idle(term)}
-    terms = [there.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not idle(term)]
-    terms += [term for name, term in there.items() if name not in {t.name for t in now.terms}]
+    known = {term.name: term for term in was.model.terms if not idle(term)}
+    terms = [known.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not idle(term)]
+    terms += [term for name, term in known.items() if name not in {t.name for t in now.terms}]
     start = noisy(was.model._replace(terms=tuple(terms)))
     found = with_values(start, {name: value_of(now, name) for name in sizes})
     part = alternate(then)
     # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
-    missed = part.innovations(found).minus2 < part.innovations(start).minus2
+    there, here = part.innovations(start).minus2, part.innovations(found).minus2
+    missed = here < there
     names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
     free, fit = sizes if missed else [name for name in sizes if name not in was.stderr], None
-    if not missed:  # its fit may have ended in another valley: are the found numbers likelier with all others free?
+    # its fit may have ended in another valley: are the found numbers likelier with all others free?
+    if not missed and here - VALLEY * _fall(part, found, (*NOISE, *names)) < there:
         own, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
         fit = other if other.minus2 < own.minus2 - NEEDED else None
     if fit is None and not free:
