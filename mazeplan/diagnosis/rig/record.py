@@ -128,8 +128,9 @@ def seconds_of(body: BodyFilter) -> float:
 def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
     """What a fit does not explain: autocorrelation and size of its innovations.
 
-    The first number is the largest autocorrelation. The second number is `remaining_of`."""
-    return float(np.max(np.abs(autocorrelation(fit.filtered)))), remaining_of(body, fit.model, fit.filtered)
+    The first number is the largest autocorrelation: a cause without a name acts on several pictures alike. A negative
+    one shows too much noise in the model, and counts as 0. The second number is `remaining_of`."""
+    return max(float(np.max(autocorrelation(fit.filtered))), 0.0), remaining_of(body, fit.model, fit.filtered)
 
 
 def remaining_of(body: BodyFilter, model: BodyModel, seen: Filtered | None = None) -> float:
