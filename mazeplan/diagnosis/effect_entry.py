@@ -11,6 +11,7 @@ from mazeplan.physics.registry import EFFECTS
 
 NEAR = 1e-6  # share of its range by which a parameter is at its bound
 Entry = dict[str, Any]  # {"name", "parameters": {parameter: {"value", "stderr", "unit"}}, ...}
+Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 
 
 def effect_entry(

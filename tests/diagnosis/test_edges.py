@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mazeplan.diagnosis.coordinate.fit import fit
 from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.fit import fit
 from mazeplan.diagnosis.ring.scores import MATCHED
 from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 from mazeplan.diagnosis.ring.windows import WindowLikelihood, refined
@@ -97,9 +97,8 @@ def table(losses, noise=0.0):
         [f for tilt in tilts for f in (tilt, np.gradient(tilt, DT), np.gradient(np.gradient(tilt, DT), DT))]
     )
     theta = theta + noise * rng.standard_normal(len(t))
-    system = RingSystem(t, theta, first, RADIUS, Tilt(t, motion, "known"), {})
-    system.target = derivatives(theta, DT, MATCHED).acceleration
-    return system
+    target = derivatives(theta, DT, MATCHED).acceleration
+    return RingSystem(t, theta, first, RADIUS, Tilt(t, motion, "known"), {}, target)
 
 
 KNOWN = [c for c in ring_library() if c.name in ("rolling_inertia", "viscous_friction")]
@@ -118,9 +117,9 @@ def test_no_window_begins_behind_a_lost_picture():
     t = DT * np.arange(120.0)
     theta = np.sin(t)
     theta[40] = np.nan
-    system = RingSystem(t, theta, t == 0.0, RADIUS, Tilt(t, np.zeros((len(t), 6)), "level"), {})
-    system.target = derivatives(np.sin(t), DT, MATCHED).acceleration
-    system.target[40 - 3 : 40 + 4] = np.nan
+    target = derivatives(np.sin(t), DT, MATCHED).acceleration
+    target[40 - 3 : 40 + 4] = np.nan
+    system = RingSystem(t, theta, t == 0.0, RADIUS, Tilt(t, np.zeros((len(t), 6)), "level"), {}, target)
     likelihood = WindowLikelihood(system, KNOWN, np.ones(len(t), dtype=bool))
     assert len(likelihood.windows) > 40
     assert np.isfinite(likelihood.residuals({c.name: START[c.name] for c in KNOWN})).all()

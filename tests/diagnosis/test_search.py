@@ -10,8 +10,8 @@ from plant import commands, play
 from ring_records import DECLARED, found, names
 
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.coordinate import search
 from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.ring import search
 from mazeplan.diagnosis.ring.diagnose import diagnose
 from mazeplan.physics.effects.nameless import PLACEBOS
 
@@ -49,12 +49,12 @@ def test_names_are_alike_only_while_one_of_them_stands_and_the_other_was_not_fou
     ]
     choices = iter([*((trial, None, group) for trial, group in zip(trials, groups, strict=True)), (None, None, ())])
     monkeypatch.setattr(search, "fit", lambda *given: fitted())
-    monkeypatch.setattr(search._Search, "_trials", lambda *given: [])
-    monkeypatch.setattr(search._Search, "_choice", lambda *given: next(choices))
-    monkeypatch.setattr(search._Search, "_exchange", exchanged)
-    monkeypatch.setattr(search._Search, "_drop", lambda self, current: (current, {}))
-    likelihood = SimpleNamespace(system=SimpleNamespace(declared={}))
-    assert search.search(likelihood, [], lambda text: None).alike == alike
+    monkeypatch.setattr(search.Search, "_trials", lambda *given: [])
+    monkeypatch.setattr(search.Search, "_choice", lambda *given: next(choices))
+    monkeypatch.setattr(search.Search, "_exchange", exchanged)
+    monkeypatch.setattr(search.Search, "_drop", lambda self, current: (current, {}))
+    likelihood = SimpleNamespace(system=SimpleNamespace(declared={}), noisy=True)
+    assert search.Search(likelihood, [], lambda text: None).run().alike == alike
 
 
 @pytest.mark.slow

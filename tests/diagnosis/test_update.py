@@ -107,7 +107,7 @@ def test_an_offset_of_the_camera_comes_to_the_one_that_the_model_knows(known):
     assert entry["known_before"] == {"x": known.offset_x, "y": known.offset_y}
     new = updated(replace(TOY, camera=known), {1: [entry]}).camera
     assert (new.offset_x, new.offset_y) == pytest.approx((0.003, -0.002), abs=5e-5)
-    assert new.stderr["offset_x"] == pytest.approx(known.scale * circle.stderr[1], abs=1e-6)
+    assert new.stderr["offset_x"] == pytest.approx(known.scale * circle.stderr[0], abs=1e-6)
 
 
 def test_ripples_for_which_a_model_has_no_place_are_told():

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mazeplan.diagnosis.coordinate.diagnosis import effect_words
+from mazeplan.diagnosis.ring.result import effect_words
 
 
 @pytest.mark.parametrize(

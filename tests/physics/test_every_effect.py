@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
-from mazeplan.diagnosis.coordinate.fit import Likelihood
-from mazeplan.diagnosis.coordinate.kalman import NODES, accelerations
+from mazeplan.diagnosis.ring.fit import Likelihood
+from mazeplan.diagnosis.ring.kalman import NODES, accelerations
 from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.maze.mapfile import load_map
@@ -103,9 +103,7 @@ def filtered(model: RigModel, effect: Effect) -> float:
     likelihood = Likelihood(system, library, np.ones(len(t), dtype=bool))
     problem, p = likelihood.system.build(library, {})
     assert problem.w.shape[1] == NODES
-    out = np.empty(len(t))
-    accelerations(problem, p, np.full(len(t), AT[0]), np.full(len(t), AT[1]), out)
-    return float(out[5])
+    return float(accelerations(problem, p, np.full(len(t), AT[0]), np.full(len(t), AT[1]))[5])
 
 
 def arrays(model: RigModel) -> float:

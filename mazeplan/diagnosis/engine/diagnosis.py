@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.coordinate.evidence import Evidence
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
 from mazeplan.diagnosis.engine.record import Record, noise_of
 from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
 from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.diagnosis.engine.windows import Fit, Model, Windows
+from mazeplan.diagnosis.evidence import Evidence
 
 MOST_ROWS = 12000
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mazeplan.diagnosis.coordinate.screening import SURE
-from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.ring.screening import SURE
 
 
 @dataclass(frozen=True)

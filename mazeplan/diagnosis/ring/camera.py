@@ -30,15 +30,13 @@ BLOCK = 30  # samples that count as one, because the ball stays at one wall of i
 class Circle:
     """A fitted circle.
 
-    radius: m
     offset: x and y, m
-    stderr: standard errors of radius, x and y, m
+    stderr: their standard errors, m
     evidence: gain of -2 log L by the offset, with its penalty
     before, after: standard deviation of r without and with the offset, m"""
 
-    radius: float
     offset: tuple[float, float]
-    stderr: tuple[float, float, float]
+    stderr: tuple[float, float]
     evidence: float
     before: float
     after: float
@@ -46,18 +44,15 @@ class Circle:
     @property
     def shifted(self) -> bool:
         """Whether the offset is significant and large enough to report."""
-        return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr[1:]))
+        return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr))
 
     def entry(self, known: Camera) -> Entry:
         """The whole offset in the picture as an effect of the document.
 
         known: camera by which the positions of the circle are corrected already (`record.centred`)"""
         had = {"x": known.offset_x, "y": known.offset_y}
-        left, stderr = (
-            dict(zip("xy", (known.scale * v for v in pair), strict=True)) for pair in (self.offset, self.stderr[1:])
-        )
-        values = {axis: round(had[axis] + value, 6) for axis, value in left.items()}
-        stderr = {axis: round(value, 6) for axis, value in stderr.items()}
+        values = {axis: round(had[axis] + known.scale * v, 6) for axis, v in zip("xy", self.offset, strict=True)}
+        stderr = {axis: round(known.scale * v, 6) for axis, v in zip("xy", self.stderr, strict=True)}
         more = {"evidence": round(self.evidence, 1), "before": round(self.before, 6), "after": round(self.after, 6)}
         return effect_entry(camera_offset, values, stderr, had) | more
 
@@ -81,14 +76,8 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
     n = len(y) / share
     evidence = n * float(np.log(before**2 / after**2)) - 2.0 * float(np.log(max(n, 2.0)))
     sigma = after * np.sqrt(share * np.diag(np.linalg.inv(X.T @ X)))
-    return Circle(
-        float(w[0]),
-        (float(w[1]), float(w[2])),
-        (float(sigma[0]), float(sigma[1]), float(sigma[2])),
-        evidence,
-        before,
-        after,
-    )
+    offset, stderr = (float(w[1]), float(w[2])), (float(sigma[1]), float(sigma[2]))
+    return Circle(offset, stderr, evidence, before, after)
 
 
 def _together(left: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mazeplan.physics import registry
-from mazeplan.physics.effect import BALL, FORCE, Effect, Parameter
+from mazeplan.physics.effect import BALL, Effect, Parameter
 from mazeplan.physics.effects.openings import WALLS
 
 STAGE_ERRORS = "stage"  # the pseudo-effect of `stage_errors`
@@ -28,8 +28,3 @@ def stage_errors(directions: Iterable[str]) -> Effect:
     They are fitted together with the effects where values and intervals are reported. They are never a finding."""
     one = Parameter("1", 0.0, -10.0, 10.0, step=0.1, prior=1.0)
     return Effect(STAGE_ERRORS, dict.fromkeys(directions, one), STAGE_ERRORS, named=False)
-
-
-def is_smooth(effect: Effect) -> bool:
-    """Whether the effect changes the acceleration without jumps."""
-    return effect.acts in (FORCE, "drag", "gravity") or effect.name in ("tilt_gain", "axis_misalignment")

@@ -6,25 +6,23 @@ The search and all fits see 70 % of the samples. The scores before and after use
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Container, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis, describe_unknown, verdict_of
-from mazeplan.diagnosis.coordinate.evidence import evidence_of
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without
-from mazeplan.diagnosis.coordinate.search import Finding, search
-from mazeplan.diagnosis.coordinate.system import Values
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
+from mazeplan.core.progress import Words, no_words
+from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord, runs
 from mazeplan.diagnosis.ring.ambiguity import confounded_effects, experiment_for
 from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS, ring_library, stage_errors
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without
 from mazeplan.diagnosis.ring.holdout import INNER, inner_folds, seen_and_held
 from mazeplan.diagnosis.ring.remainder import Remainder, remainder
-from mazeplan.diagnosis.ring.scores import RingScore, matched_target, ring_of, score
+from mazeplan.diagnosis.ring.result import RingDiagnosis, evidence_of, verdict_of
+from mazeplan.diagnosis.ring.scores import RingScore, matched_target, score
+from mazeplan.diagnosis.ring.search import Finding, Search
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.diagnosis.ring.windows import by_windows
 from mazeplan.diagnosis.stage.comparison import DECISIVE, Known, changed_gain, stage_effects
@@ -40,50 +38,6 @@ OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == 
 GAP = 30  # samples; the filter starts again if the ball was not seen for longer
 
 
-@dataclass(frozen=True, kw_only=True)
-class RingDiagnosis(Diagnosis):
-    """What was found in one ring.
-
-    circle: the ring as the camera sees it, None if it was not fitted
-    stage: fits of both axes, None without commands
-    tilt_source: where the plate's motion comes from, in words
-    apart: an experiment for each group of effects that this record cannot tell apart
-    held: which rows are held out, in words
-    remainder: what a Gaussian process learns of the residual"""
-
-    before: RingScore
-    after: RingScore
-    test: tuple[RingScore, RingScore] | None = None
-    circle: Circle | None
-    stage: Stage | None
-    tilt_source: str
-    apart: tuple[dict[str, str], ...]
-    held: str
-    remainder: Remainder | None = None
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What a reader of the numbers should know."""
-        learned = ()
-        if self.remainder is not None:
-            learned = (
-                f"nRMSE of theta_dd with what is left learned by a Gaussian process, without a name: "
-                f"{self.remainder.nrmse:.4f}.",
-            )
-        scored = f"Scores are of {self.held}, which search and fits did not see."
-        return (scored, f"Tilt: {self.tilt_source}.", *learned, *self.notes)
-
-    def own_document(self) -> dict[str, Any]:
-        """Keys of the document that other systems do not have."""
-        return {
-            "effects": [with_plan(effect) for effect in self.effects],
-            "separate_by": list(self.apart),
-            "held_out_rows": self.held,
-            "tilt": self.tilt_source,
-            **({} if self.remainder is None else {"remainder": self.remainder.document()}),
-        }
-
-
 def diagnose(
     record: RingRecord,
     radius: float,
@@ -94,13 +48,12 @@ def diagnose(
     more: Sequence[Effect] = (),
     without: Container[str] = (),
     test: RingRecord | None = None,
-    fold: int | None = None,
     known: Known | None = None,
     camera: Sequence[Entry] | None = None,
     as_model: RingRecord | None = None,
     corrected: Camera | None = None,
     test_as_model: RingRecord | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Words = no_words,
 ) -> RingDiagnosis:
     """Find what the declared effects lack.
 
@@ -111,18 +64,16 @@ def diagnose(
     more: effects to look for beside the library
     without: names of effects to leave out
     test: a further record, for scores only
-    fold: which rows to hold out (`holdout`); None: the default
     known: the model's stage; None: the declared one
     camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
     as_model: the record with the model's camera, for the scores before; None: `record`
     corrected: camera by which the positions of `record` are corrected already; None: they are as measured
     test_as_model: `test` with the model's camera, for its scores before; None: `test`
     progress: reports progress"""
-    tell = progress or (lambda text: None)
-    rows, held, which = seen_and_held(record, fold)
+    rows, held, which = seen_and_held(record)
     seen = np.isfinite(record.theta)
     share = float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
-    tell("stage")
+    progress("stage")
     known = known or Known(declared, {})
     stage = fit_stage(record, rows, known.kind)
     tilt = plate_motion(record, stage)
@@ -143,26 +94,26 @@ def diagnose(
             library = [c for c in library if c.name != "tilt_gain"]
             scaled = declared | {gain["name"]: values_of(gain)}
             straight = _likelihood(record, tilt, radius, scaled, everything, rows)
-    if record.u is None and matched_target(ring_of(straight)) is not None:
-        folds = list(inner_folds(record, rows, range(INNER)))
-        finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
+    if record.u is None and matched_target(straight.system) is not None:
+        folds = inner_folds(record, rows, range(INNER))
+        finding, judge = by_windows(straight, library, progress, closely, finer, folds)
     else:
-        finding, judge = search(straight, library, tell, nuisance=nuisance), straight
+        finding, judge = Search(straight, library, progress, nuisance=nuisance).run(), straight
     alike = (*finding.alike, *((either,) if either else ()))
     if "rolling_inertia" not in without:
         alike += tuple(confounded_effects(finding.final.values, finding.final.stderr))
     finding = replace(finding, alike=alike)
-    tell("scores on what was held out")
+    progress("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     own = _model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
-    plain, base, scored = _as_it_was(as_model or whole, own or tilt, radius, declared, everything, own is None, fold)
+    plain, base, scored = _as_it_was(as_model or whole, own or tilt, radius, declared, everything, own is None)
     done = RingDiagnosis(
         verdict=verdict_of(finding, effects, everything), effects=tuple(effects), finding=finding,
-        description=describe_unknown(finding), before=scored, after=score(straight, finding.final, held), share=share,
+        before=scored, after=score(straight, finding.final, held), share=share,
         evidence=(evidence_of(plain, base), evidence_of(straight, finding.final)), held=which,
         notes=(*record.notes, *_chance(finding)), circle=circle, stage=stage, tilt_source=tilt.source,
         apart=tuple(experiment_for(group, ring) for group in finding.alike),
-        remainder=_remainder(straight, finding, record, rows, held, tell),
+        remainder=_remainder(straight, finding, record, rows, held, progress),
     )  # fmt: skip
     if test is None:
         return done
@@ -204,19 +155,17 @@ def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
 def _likelihood(
     record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], rows: np.ndarray
 ) -> Likelihood:
-    system = RingSystem(record.t, record.theta, record.begins, radius, tilt, declared)
-    system.target = record.theta_ddot
+    system = RingSystem(record.t, record.theta, record.begins, radius, tilt, declared, record.theta_ddot)
     return Likelihood(system, library, rows)
 
 
 def _as_it_was(
-    record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], loose: bool,
-    fold: int | None,
-) -> tuple[Likelihood, Fit, RingScore]:  # fmt: skip
+    record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], loose: bool
+) -> tuple[Likelihood, Fit, RingScore]:
     """Likelihood, fit of the noise and scores of the declared model, on the record with the model's camera.
 
     loose: whether to fit the errors of the stage as well (`candidates.stage_errors`)"""
-    rows, held, _ = seen_and_held(record, fold)
+    rows, held, _ = seen_and_held(record)
     record, (rows, held) = _with_ball(record, rows, held)
     plain = _likelihood(record, tilt, radius, declared, library, rows)
     nuisance = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
@@ -275,7 +224,7 @@ def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effec
     out = effect_entry(c, values, final.stderr[c.name], evidence=round(finding.worth.get(c.name, math.nan), 1))
     out |= {"before": before, "after": after}
     if c.name == "friction_drift":
-        out["until_s"] = round(float(ring_of(likelihood).t[-1]), 3)
+        out["until_s"] = round(float(likelihood.system.t[-1]), 3)
     return out
 
 
@@ -300,7 +249,7 @@ def _on_test(
 
     as_model: the record with the model's camera
     was: the plate's motion by the model's stage, if the stage changed"""
-    moved, radius = plate_motion(test, done.stage), ring_of(plain).radius
+    moved, radius = plate_motion(test, done.stage), plain.system.radius
     scores = []
     for likelihood, found, seen, circle, tilt in (
         (plain, base, as_model, None, was or moved),
@@ -315,13 +264,12 @@ def _on_test(
 
 
 def _remainder(
-    likelihood: Likelihood, finding: Finding, record: RingRecord, rows: np.ndarray, held: np.ndarray,
-    tell: Callable[[str], None],
-) -> Remainder | None:  # fmt: skip
+    likelihood: Likelihood, finding: Finding, record: RingRecord, rows: np.ndarray, held: np.ndarray, tell: Words
+) -> Remainder | None:
     """What a Gaussian process learns of the residual.
 
     None, unless a term without a name was found or the record has accelerations of its own, which show blows."""
-    if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
+    if finding.unknown is None and matched_target(likelihood.system) is None:
         return None
     fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]
     return remainder(likelihood, fits, record, rows, held, tell)

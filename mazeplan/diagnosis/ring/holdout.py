@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from mazeplan.diagnosis.coordinate.search import SEEN
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.learning.split import block_split, near_border
 
+SEEN = 0.7  # share of the record that search and fits see
 BLOCK_S = 10.0  # s
-FOLDS = 4  # ways to hold out blocks of a record in turn
 GUARD = 8  # rows at a border that belong to neither set: windows of derivatives and states of the filter reach across
 INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s, of an inner block; blocks in a group; test blocks of a group, in turn
+Folds = list[tuple[np.ndarray, np.ndarray]]  # pairs of training rows and test rows (N,)
 LONGEST = 0.5  # share of the record; with a longer stretch, the record counts as one piece
 
 
-def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarray, np.ndarray, str]:
+def seen_and_held(record: RingRecord) -> tuple[np.ndarray, np.ndarray, str]:
     """Seen rows and held-out rows (N,), and the held-out rows in words.
 
-    fold: number of a fold, below FOLDS; all folds together hold out each row once. None: the default
-
-    By default, the last part of an uninterrupted record is held out, because a model has to predict what comes later.
-    A record in many pieces has no such order, so blocks all over the record are held out."""
-    if fold is not None:
-        wanted = np.arange(len(record)) // max(round(BLOCK_S / record.dt), 1) % FOLDS == fold
-        kept = ~near_border(wanted, record.segment.astype(np.float64), GUARD)
-        return kept & ~wanted, kept & wanted, f"block {fold + 1} of every {FOLDS}, of {BLOCK_S:g} s each"
+    The last part of an uninterrupted record is held out, because a model has to predict what comes later. A record in
+    many pieces has no such order, so blocks all over the record are held out."""
     known = np.isfinite(record.theta)
     lengths = np.diff(np.append(np.flatnonzero(record.begins), len(record)))
     if record.u is None and lengths.max() < LONGEST * len(record):
@@ -38,14 +32,13 @@ def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarr
     return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
 
 
-def inner_folds(
-    record: RingRecord, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of training rows and test rows (N,), both among the seen rows.
+def inner_folds(record: RingRecord, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED) -> Folds:
+    """Folds among the seen rows.
 
     tried_blocks: which blocks of each group of INNER blocks to test, one after the other"""
-    block = np.arange(len(record)) // max(round(INNER_S / record.dt), 1)
+    block, folds = np.arange(len(record)) // max(round(INNER_S / record.dt), 1), []
     for which in tried_blocks:
         tried = block % INNER == which
         kept = seen & ~near_border(tried, record.segment.astype(np.float64), GUARD)
-        yield kept & ~tried, kept & tried
+        folds.append((kept & ~tried, kept & tried))
+    return folds

@@ -20,7 +20,7 @@ because the residual comes from edges.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,12 +28,12 @@ import numpy as np
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
+from mazeplan.core.progress import Words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.coordinate.diagnosis import rounded
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 from mazeplan.diagnosis.record import RingRecord
-from mazeplan.diagnosis.ring.holdout import inner_folds
-from mazeplan.diagnosis.ring.scores import MATCHED, acceleration_pairs, nrmse, ring_of
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood
+from mazeplan.diagnosis.ring.holdout import Folds, inner_folds
+from mazeplan.diagnosis.ring.scores import MATCHED, acceleration_pairs, nrmse, rounded
 from mazeplan.learning.features import INPUT_SETS
 from mazeplan.learning.fitting import FitOptions, fit_process
 from mazeplan.learning.gp_training import TrainingOptions
@@ -68,7 +68,7 @@ class _Residual:
 
     samples: states
     expected: accelerations (n,) that the effects predict, rad/s^2
-    left: residual (n,), rad/s^2
+    residual: rad/s^2 (n,)
     slope: derivative (n,) of the true angle by the measured angle
     good: True (n,) where state and residual are known"""
 
@@ -83,16 +83,11 @@ class _Residual:
         return np.flatnonzero(self.good & rows[self.samples.row])
 
     def predict_residual(
-        self,
-        train: IntArray,
-        test: IntArray,
-        use_prediction: bool,
-        training: TrainingOptions,
-        tell: Callable[[str], None],
+        self, train: IntArray, test: IntArray, use_prediction: bool, training: TrainingOptions, tell: Words
     ) -> Array:
         """Prediction (K,) of the residual in the test rows, by a Gaussian process trained on the train rows.
 
-        knows: whether the prediction of the effects is an input"""
+        use_prediction: whether the prediction of the effects is an input"""
         options = FitOptions(most=MOST, inputs="local", training=training)
         odd = self.expected[:, None] if use_prediction else np.empty((len(self.expected), 0))
         process, _ = fit_process(
@@ -103,12 +98,7 @@ class _Residual:
 
 
 def remainder(
-    likelihood: Likelihood,
-    fits: Sequence[Fit],
-    record: RingRecord,
-    seen: np.ndarray,
-    held: np.ndarray,
-    tell: Callable[[str], None],
+    likelihood: Likelihood, fits: Sequence[Fit], record: RingRecord, seen: np.ndarray, held: np.ndarray, tell: Words
 ) -> Remainder | None:
     """Train on seen rows (N,) and score on held-out rows (N,). None if torch is missing or rows are few.
 
@@ -121,7 +111,7 @@ def remainder(
     tell("what is left, by a Gaussian process")
     predictions = []
     try:
-        use_prediction = _better_informed(what, list(inner_folds(record, seen)), tell)
+        use_prediction = _better_informed(what, inner_folds(record, seen), tell)
         for fitted in fits:
             _, predicted = acceleration_pairs(likelihood, fitted)
             what = _residual(likelihood, fitted, record, target, predicted)
@@ -142,38 +132,28 @@ def remainder(
 
 def _residual(likelihood: Likelihood, fitted: Fit, record: RingRecord, target: Array, predicted: Array) -> _Residual:
     """The residual: target (N,) minus the accelerations (N,) that the named effects predict."""
-    system, values = ring_of(likelihood), fitted.values
-    samples = _samples(replace(record, theta=system.position(values)), system.radius)
+    system, values = likelihood.system, fitted.values
+    columns: dict[str, Array] = {
+        "t": record.t, "theta": system.position(values), "beta": record.beta, "gamma": record.gamma,
+        "segment": record.segment.astype(np.float64),
+    }  # fmt: skip
+    # rates of theta from before the target's window
+    options = SampleOptions(ring=1, radius=system.radius, rates="delayed")
+    samples = ring_samples(Table(columns), None, MATCHED, options)[1]
     slope = system.slope(values)[samples.row]
     expected = predicted[samples.row] * slope
     residual = target[samples.row] * slope - expected
     return _Residual(samples, expected, residual, slope, samples.good & np.isfinite(residual))
 
 
-def _better_informed(
-    what: _Residual, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]
-) -> bool:
+def _better_informed(what: _Residual, folds: Folds, tell: Words) -> bool:
     """Whether the prediction of the named effects, as an input, lowers the error on blocks of the seen rows."""
     pairs = [(what.among(learn), what.among(tried)) for learn, tried in folds]
     if min(len(rows) for pair in pairs for rows in pair) < FEWEST:
         return False
-    without, with_it = (
-        sum(
-            float(
-                np.sum((what.residual[tried] - what.predict_residual(learn, tried, use_prediction, QUICK, tell)) ** 2)
-            )
-            for learn, tried in pairs
-        )
-        for use_prediction in (False, True)
-    )
-    return with_it < without
-
-
-def _samples(record: RingRecord, radius: float) -> RingSamples:
-    """Samples of the record, with rates of theta from before the target's window."""
-    columns: dict[str, Array] = {
-        "t": record.t, "theta": record.theta, "beta": record.beta, "gamma": record.gamma,
-        "segment": record.segment.astype(np.float64),
-    }  # fmt: skip
-    options = SampleOptions(ring=1, radius=radius, rates="delayed")
-    return ring_samples(Table(columns), None, MATCHED, options)[1]
+    errors = [0.0, 0.0]  # sums of squares without and with it
+    for use_prediction in (False, True):
+        for learn, tried in pairs:
+            left = what.residual[tried] - what.predict_residual(learn, tried, use_prediction, QUICK, tell)
+            errors[use_prediction] += float(np.sum(left**2))
+    return errors[True] < errors[False]

@@ -20,16 +20,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.coordinate.diagnosis import Score
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
-from mazeplan.diagnosis.coordinate.kalman import accelerations, roll_out
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood
+from mazeplan.diagnosis.ring.kalman import accelerations, roll_out
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.learning.smoothing import Smoothing, derivatives, savgol_weights
 
@@ -39,34 +37,30 @@ SETTLED = 30  # samples of a stretch before a roll-out may start
 MATCHED = Smoothing(window=7, order=2)
 SAME = 1e-2  # maximum difference between a matched column and `MATCHED` of theta, in standard deviations of the latter
 KNOWN = 2  # samples of a stretch after which the filter knows the speed
+LABELS = {"nrmse": "nRMSE of theta_dd", **{f"rollout{n}": f"theta error after {n} samples, rad" for n in AHEAD}}
+
+
+def rounded(value: float) -> float | None:
+    """A number of the document; None if not finite."""
+    return round(value, 5) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
-class RingScore(Score):
+class RingScore:
     """Errors on some rows.
 
     nrmse: of theta_dd
     rollout20, rollout40: mean absolute error of theta after 20 and 40 samples, rad
-    floor: noise floor of rollout40, rad; it includes the uncertainty of the start
-    windows: number of roll-outs"""
+    floor: noise floor of rollout40, rad; it includes the uncertainty of the start"""
 
     nrmse: float
     rollout20: float
     rollout40: float
     floor: float
-    windows: int
-    digits: ClassVar[int] = 5
 
-    @property
-    def labels(self) -> dict[str, str]:
-        """Words with the unit for each error."""
-        ahead = {f"rollout{n}": f"theta error after {n} samples, rad" for n in AHEAD}
-        return {"nrmse": "nRMSE of theta_dd", **ahead}
-
-    @property
-    def axes(self) -> tuple[str, str]:
-        """Words for position and speed."""
-        return "theta, rad", "theta_dot, rad/s"
+    def document(self) -> dict[str, float | None]:
+        """The errors, rounded; None if not finite."""
+        return {name: rounded(getattr(self, name)) for name in LABELS}
 
     def nothing_found(self) -> str:
         """The sentence of a record in which no effect was found."""
@@ -91,26 +85,26 @@ class RingScore(Score):
         return self.both(after) + no_better * worse
 
 
-def ring_of(likelihood: Likelihood) -> RingSystem:
-    """The system of a likelihood, which must be a ring. Raises TypeError."""
-    if not isinstance(likelihood.system, RingSystem):
-        raise TypeError(f"got a {type(likelihood.system).__name__}, expected a ring")
-    return likelihood.system
-
-
 def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:
     """Scores on some rows (N,)."""
-    system = ring_of(likelihood)
     target, predicted = acceleration_pairs(likelihood, fitted)
-    states = likelihood.filtered(fitted.values, fitted.q)
-    problem, p = system.build(likelihood.library, fitted.values)
-    starts = score_starts(rows, system.begins, problem.seen)
-    positions, variances = roll_out(problem, p, states, starts, AHEAD[-1])
-    places = system.seen_at(fitted.values, positions)
-    errors = [np.abs(difference(places[:, n], system.theta[starts + n])) for n in AHEAD]
+    system = likelihood.system
+    starts = score_starts(rows, system.begins, np.isfinite(system.theta))
+    theta, variances = _rolled_out(likelihood, fitted, starts, AHEAD[-1])
+    errors = [np.abs(difference(theta[:, n], system.theta[starts + n])) for n in AHEAD]
     floor = np.sqrt(2.0 / math.pi) * fitted.noise * np.sqrt(variances + 1.0)
     means = [float(np.mean(e)) if len(starts) else math.nan for e in (*errors, floor)]
-    return RingScore(nrmse(target, predicted, rows), *means, windows=len(starts))
+    return RingScore(nrmse(target, predicted, rows), *means)
+
+
+def _rolled_out(likelihood: Likelihood, fitted: Fit, starts: np.ndarray, steps: int) -> tuple[Array, Array]:
+    """Angles (W, steps + 1) that the camera sees in roll-outs from the filter's states in the rows `starts` (W,).
+
+    Also returns the variances (W,) of the last angle, over that of a measurement."""
+    _, states = likelihood.everywhere(fitted.values, fitted.q)
+    problem, p = likelihood.system.build(likelihood.library, fitted.values)
+    positions, variances = roll_out(problem, p, states, starts, steps)
+    return likelihood.system.seen_at(fitted.values, positions), variances
 
 
 def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
@@ -124,15 +118,14 @@ def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
 
 def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Array]:
     """Target (N,) and prediction (N,) of theta_dd, rad/s^2, with the same smoothing; NaN where unknown."""
-    system = ring_of(likelihood)
+    system = likelihood.system
     target = matched_target(system)
     if target is not None:
         return target, _matched(likelihood, fitted)
     smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.begins))
     problem, p = system.build(likelihood.library, fitted.values)
-    model = np.empty(len(system))
     value, rate = (np.ascontiguousarray(np.nan_to_num(part)) for part in (smooth.value, smooth.rate))
-    accelerations(problem, p, value, rate, model)
+    model = accelerations(problem, p, value, rate)
     return np.where(np.isfinite(system.theta), smooth.acceleration, np.nan), model
 
 
@@ -154,17 +147,12 @@ def begun_at(begins: np.ndarray) -> np.ndarray:
 
 def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
     """Accelerations (N,) of the model: predicted positions of each window, with the weights of `MATCHED`."""
-    system, half = ring_of(likelihood), MATCHED.window // 2
-    states = likelihood.filtered(fitted.values, fitted.q)
-    problem, p = system.build(likelihood.library, fitted.values)
-    n = len(system)
-    begun = begun_at(system.begins)
-    rows = np.arange(half, n - half)
+    system, half = likelihood.system, MATCHED.window // 2
+    found, begun = np.full(len(system), np.nan), begun_at(system.begins)
+    rows = np.arange(half, len(system) - half)
     rows = rows[(begun[rows - half] == begun[rows + half]) & (rows - half - begun[rows] >= KNOWN)]
-    positions, _ = roll_out(problem, p, states, rows - half, MATCHED.window - 1)
-    weights = savgol_weights(MATCHED.window, MATCHED.order, 2, system.dt)
-    found = np.full(n, np.nan)
-    found[rows] = system.seen_at(fitted.values, positions) @ weights
+    theta, _ = _rolled_out(likelihood, fitted, rows - half, MATCHED.window - 1)
+    found[rows] = theta @ savgol_weights(MATCHED.window, MATCHED.order, 2, system.dt)
     return found
 
 

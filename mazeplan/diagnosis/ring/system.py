@@ -21,12 +21,12 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.maths.compiled import pointer_to, shifted
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.coordinate.kalman import NODES, Moves, Problem
-from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS
+from mazeplan.diagnosis.ring.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.stage.plate_motion import Tilt
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect
 from mazeplan.physics.effects.nameless import PAST
@@ -69,13 +69,7 @@ def _fill(motions, errors, beside, gains, p, t, radii, plate, out):
             w[6], w[7] = radii[0], radii[1]
             for c in range(beside.shape[1]):
                 w[8 + c] = beside[k, c]
-            call_plate(plate, (t[k, i], w, pointer_to(p, 0), pointer_to(out, w_end(out, k, i))))
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def w_end(out, k, i):
-    """Where in inputs (N, nodes, W) the coefficients of the plate begin."""
-    return (k * out.shape[1] + i) * out.shape[2] + COUNT
+            call_plate(plate, (t[k, i], w, pointer_to(p, 0), shifted(w, COUNT)))
 
 
 def _forget(kept: dict, most: int) -> None:
@@ -119,20 +113,21 @@ class _Assembled:
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
 
-    weakest = 0.08  # rad/s^2
-
-    def __init__(self, t: Array, theta: Array, begins: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
+    def __init__(
+        self, t: Array, theta: Array, begins: np.ndarray, radius: float, tilt: Tilt, declared: Values,
+        target: Array | None = None,
+    ) -> None:  # fmt: skip
         """t: times (N,), s
         theta: measured angles (N,), rad, unwrapped in each stretch, NaN if not seen
         begins: True (N,) where a stretch begins
         radius: of the track, m
         tilt: motion of the plate
-        declared: known effects"""
+        declared: known effects
+        target: accelerations (N,) in the record's own column, rad/s^2"""
         # contiguous, because strided arrays would make Numba compile all functions once more
         self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
         self.begins, self.radius, self.tilt = begins, radius, tilt
-        self.declared = declared
-        self.target: Array | None = None  # accelerations in the record's own column, rad/s^2
+        self.declared, self.target = declared, target
         self.dt = float(np.median(np.diff(t)))
         self._beside = np.hstack([self._low_passed(), self._backwards(), self._leaning()])
         self._motions: dict[tuple[float, bool], Array] = {}
@@ -226,7 +221,7 @@ class RingSystem:
         built = self._assembled(candidates, values)
         problem = Problem(
             self.position(values), np.isfinite(self.theta), self.begins, self.t, self.dt, self.inputs(values),
-            np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64), 2.0 * math.pi,
+            np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64),
             np.array(built.holds, dtype=np.int64).reshape(-1, 2),
             np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.opening_offsets, dtype=np.float64),
         )  # fmt: skip

@@ -25,29 +25,30 @@ smoothing averages.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mazeplan.core.progress import Words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
-from mazeplan.diagnosis.coordinate.kalman import accelerations, midpoint_roll_outs
-from mazeplan.diagnosis.coordinate.screening import ACCEPT, price
-from mazeplan.diagnosis.coordinate.search import Finding, search, still_alike
-from mazeplan.diagnosis.coordinate.system import Values
-from mazeplan.diagnosis.ring.candidates import is_smooth
-from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target, ring_of
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
+from mazeplan.diagnosis.ring.holdout import Folds
+from mazeplan.diagnosis.ring.kalman import accelerations, midpoint_roll_outs
+from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target
+from mazeplan.diagnosis.ring.screening import ACCEPT, price
+from mazeplan.diagnosis.ring.search import Finding, Search, still_alike
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.learning.smoothing import acceleration_kernel, savgol_weights
-from mazeplan.physics.effect import Effect
+from mazeplan.physics.effect import DRAG, FORCE, GRAVITY, Effect
 
-MANY = 10  # maximum number of effects: in a record of a real rig, many act at once
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
 ASIDE = (-0.05, 0.0, 0.05)  # rad, by which openings may seem rotated if blows come at one edge only
 SHARE = 0.1  # minimum further gain of a closer model, as a share of the effect's gain
 WORTH_IT = 0.99  # maximum share of the squared residuals that a model with more parameters may leave
+SMOOTH = (FORCE, DRAG, GRAVITY)  # they change the acceleration without jumps
 KEPT = 100  # cached residuals, so that the same values are not computed twice
 
 
@@ -62,8 +63,7 @@ class WindowLikelihood(Likelihood):
         rows: True (N,) for rows that count
         tails: degrees of freedom of Student's distribution"""
         super().__init__(system, library, rows)
-        self.tails = tails
-        self.ring, target = system, matched_target(system)
+        self.tails, target = tails, matched_target(system)
         if target is None:
             raise ValueError("the record brings no accelerations by the smoothing that is known")
         half = MATCHED.window // 2
@@ -86,24 +86,21 @@ class WindowLikelihood(Likelihood):
             if len(self._kept) >= KEPT:
                 del self._kept[next(iter(self._kept))]
             problem, p = self.system.build(self.library, values)
-            out = np.empty((len(self.windows), MATCHED.window))
-            midpoint_roll_outs(problem, p, self.windows - MATCHED.window // 2, out)
-            self._kept[key] = self.target - self.ring.seen_at(values, out) @ self.weights
+            angles = midpoint_roll_outs(problem, p, self.windows - MATCHED.window // 2, MATCHED.window - 1)
+            self._kept[key] = self.target - self.system.seen_at(values, angles) @ self.weights
         return self._kept[key]
 
-    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
-        """Weighted residuals (n,), rad/s^2; 0; number of independent residuals.
-
-        Each residual is multiplied by the square root of its weight."""
+    def whitened(self, values: Values, q: float) -> Array:
+        """Weighted residuals (n,), rad/s^2: each is multiplied by the square root of its weight."""
         e = self.residuals(values)
-        return e * np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails)), 0.0, len(e) * self.worth
+        return e * np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails))
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
         """Weighted residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
         e = self.residuals(values)
         root = np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails))
         J = np.empty((len(e), len(steps)))
-        smooth = {c.name for c in self.library if is_smooth(c)}
+        smooth = {c.name for c in self.library if c.acts in SMOOTH or c.name in ("tilt_gain", "axis_misalignment")}
         here = self._averaged(values)
         for j, (effect, name, step) in enumerate(steps):
             moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
@@ -117,12 +114,10 @@ class WindowLikelihood(Likelihood):
         """Acceleration (n,) along the measured path, averaged over each window with the weights of the smoothing.
 
         It misses a few percent of a change, which is good enough for the direction of a step."""
-        system, half = self.ring, MATCHED.window // 2
-        problem, p = system.build(self.library, values)
-        x = np.nan_to_num(problem.y)
-        out = np.empty(len(x))
-        accelerations(problem, p, x, np.gradient(x, system.dt), out)
-        return out[self.windows[:, None] + np.arange(-half, half + 1)] @ self.kernel
+        problem, p = self.system.build(self.library, values)
+        x, half = np.nan_to_num(problem.y), MATCHED.window // 2
+        along = accelerations(problem, p, x, np.gradient(x, self.system.dt))
+        return along[self.windows[:, None] + np.arange(-half, half + 1)] @ self.kernel
 
     def minus2(self, values: Values, q: float) -> float:
         """-2 log L with the scale eliminated; inf where it is not finite."""
@@ -194,10 +189,7 @@ def _closer(squares: WindowLikelihood, rest: Sequence[Effect], c: Effect, values
 
 
 def refined(
-    squares: WindowLikelihood,
-    found: Fit,
-    finer: Sequence[Effect],
-    folds: Sequence[tuple[np.ndarray, np.ndarray]],
+    squares: WindowLikelihood, found: Fit, finer: Sequence[Effect], folds: Folds
 ) -> tuple[Fit, dict[str, float]]:
     """Use models with more parameters where they lower the error on held-out blocks.
 
@@ -218,30 +210,20 @@ def refined(
     return current, gains
 
 
-def _left(
-    squares: WindowLikelihood,
-    candidates: Sequence[Effect],
-    start: Values,
-    folds: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> float:
+def _left(squares: WindowLikelihood, candidates: Sequence[Effect], start: Values, folds: Folds) -> float:
     """Sum of squared residuals, (rad/s^2)^2, on the test rows of all folds, by fits to the training rows."""
     total = 0.0
-    for learn, tried in folds:
-        fitted = fit(WindowLikelihood(squares.ring, squares.library, learn, squares.tails), candidates, start)
-        e = WindowLikelihood(squares.ring, squares.library, tried, squares.tails).residuals(fitted.values)
+    for pair in folds:
+        learn, tried = (WindowLikelihood(squares.system, squares.library, rows, squares.tails) for rows in pair)
+        e = tried.residuals(fit(learn, candidates, start).values)
         total += float(e @ e)
     return total
 
 
 def by_windows(
-    likelihood: Likelihood,
-    library: Sequence[Effect],
-    rows: np.ndarray,
-    tell: Callable[[str], None],
-    closely: Sequence[Effect] = (),
-    finer: Sequence[Effect] = (),
-    folds: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-) -> tuple[Finding, Likelihood]:
+    likelihood: Likelihood, library: Sequence[Effect], tell: Words, closely: Sequence[Effect],
+    finer: Sequence[Effect], folds: Folds,
+) -> tuple[Finding, Likelihood]:  # fmt: skip
     """The finding of a record of smoothed accelerations without commands, and the likelihood of its fit.
 
     Forces that act all the time come first, then effects of blows. At the end, the filter finds the noise of the final
@@ -249,21 +231,21 @@ def by_windows(
 
     closely: closer models that may replace plain ones; only blows show the difference
     finer: models with more parameters
-    folds: pairs of training rows and test rows (N,), which must confirm the models in `finer`"""
-    system = ring_of(likelihood)
+    folds: what must confirm the models in `finer`"""
+    system, rows = likelihood.system, likelihood.rows
     tell("forces")
-    steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
+    steady = Search(WindowLikelihood(system, library, rows), library, tell).run()
     had, values = steady.final.candidates, steady.final.values
     tell("blows")
     squares = WindowLikelihood(system, [*library, *closely, *finer], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
-    found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
+    found = Search(squares, rest, tell, free=[c for c in had if c.named]).run(values)
     closer, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
     tell("models with more parameters")
     best, more = refined(squares, closer, finer, folds)
     values = best.values
     q = best_q(likelihood, values)
-    e, *_ = likelihood.whitened(values, q)
+    e = likelihood.whitened(values, q)
     final = replace(best, q=q, noise=float(np.sqrt(np.mean(e * e))))
     plainer = replace(closer, q=q, noise=final.noise) if more else None
     worth = {**steady.worth, **found.worth}

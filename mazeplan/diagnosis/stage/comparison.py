@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from mazeplan.diagnosis.coordinate.system import Values
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
+from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.modelfile import RigModel

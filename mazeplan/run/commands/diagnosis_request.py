@@ -18,8 +18,8 @@ from mazeplan.core.results import PAGES, DocumentResult, finite
 from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
-    from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
     from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
+    from mazeplan.diagnosis.ring.result import RingDiagnosis
     from mazeplan.learning.modelfile import RigModel
     from mazeplan.maze.geometry import Maze
     from mazeplan.physics.effect import Effect
@@ -115,7 +115,7 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
 
 
 def finish(
-    done: Diagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
+    done: RingDiagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
 ) -> DiagnosisResult:
     """The result of a diagnosis of one mechanism. Writes its report, if one was asked for."""
     further = [note for note in document["notes"] if note not in done.remarks]

@@ -1,126 +1,100 @@
-"""The result of a diagnosis along one coordinate, as a document and in words: the same for every system."""
+"""The result of the diagnosis of one ring, as a document and in words."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
-from mazeplan.diagnosis.coordinate.evidence import Evidence
-from mazeplan.diagnosis.coordinate.search import Finding
-from mazeplan.diagnosis.effect_entry import Entry, lacking, why_not_planned
+import numpy as np
+
+from mazeplan.core.maths.angles import wrap
+from mazeplan.diagnosis.effect_entry import Entry, lacking, why_not_planned, with_plan
+from mazeplan.diagnosis.evidence import Evidence
+from mazeplan.diagnosis.ring.camera import Circle
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood
+from mazeplan.diagnosis.ring.remainder import Remainder
+from mazeplan.diagnosis.ring.scores import LABELS, RingScore, rounded
+from mazeplan.diagnosis.ring.search import Finding
+from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
 
 LISTED = 6  # maximum number of amplitudes that a sentence lists one by one
-KEYS = (  # of the document, in this order
-    "verdict", "sentence", "effects", "fitted", "ambiguous_with", "separate_by", "unknown", "before", "after",
-    "noise_floor", "held_out", "held_out_rows", "remainder", "tilt", "notes", "test",
-)  # fmt: skip
-
-
-class Score(ABC):
-    """Errors of a model on some rows.
-
-    digits: decimal places in the document"""
-
-    digits: ClassVar[int]
-    floor: float  # noise floor of the error by which a reader judges, NaN if unknown
-
-    @property
-    @abstractmethod
-    def labels(self) -> dict[str, str]:
-        """Words with the unit for each error, by its name."""
-
-    @property
-    @abstractmethod
-    def axes(self) -> tuple[str, str]:
-        """Words with the unit for position and speed."""
-
-    @abstractmethod
-    def nothing_found(self) -> str:
-        """The sentence of a record in which no effect was found."""
-
-    @abstractmethod
-    def both(self, after: Any) -> str:
-        """These errors and those after the effects were found, in words."""
-
-    def change(self, after: Any) -> str:
-        """As `both`, and what follows from these errors."""
-        return self.both(after)
-
-    def document(self) -> dict[str, float | None]:
-        """The errors, rounded; None if not finite."""
-        return {name: rounded(getattr(self, name), self.digits) for name in self.labels}
-
-
-def rounded(value: float, digits: int = 5) -> float | None:
-    """A number of a document; None if not finite."""
-    return round(value, digits) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diagnosis(ABC):
-    """What was found.
+class RingDiagnosis:
+    """What was found in one ring.
 
     verdict: nothing_missing, effect_found, ambiguous or unknown_effect
     effects: entries of the document
-    description: words for a term without a name, empty if none was found
     before, after: scores on the held-out rows, without and with what was found
     share: held-out share of the record
+    held: which rows are held out, in words
     evidence: residuals before and after
     notes: anything odd about the record and the fits
+    circle: the ring as the camera sees it, None if it was not fitted
+    stage: fits of both axes, None without commands
+    tilt_source: where the plate's motion comes from, in words
+    apart: an experiment for each group of effects that this record cannot tell apart
+    remainder: what a Gaussian process learns of the residual
     test: scores before and after on a further record"""
 
     verdict: str
     effects: tuple[Entry, ...]
     finding: Finding
-    description: str
-    before: Score
-    after: Score
+    before: RingScore
+    after: RingScore
     share: float
+    held: str
     evidence: tuple[Evidence, Evidence]
     notes: tuple[str, ...]
-    test: tuple[Score, Score] | None = None
+    circle: Circle | None
+    stage: Stage | None
+    tilt_source: str
+    apart: tuple[dict[str, str], ...]
+    remainder: Remainder | None = None
+    test: tuple[RingScore, RingScore] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the numbers should know."""
-        return self.notes
+        said = [f"Scores are of {self.held}, which search and fits did not see.", f"Tilt: {self.tilt_source}."]
+        if self.remainder is not None:
+            learned = "nRMSE of theta_dd with what is left learned by a Gaussian process, without a name"
+            said.append(f"{learned}: {self.remainder.nrmse:.4f}.")
+        return (*said, *self.notes)
 
     def document(self) -> dict[str, Any]:
         """The JSON document."""
         unknown = None
         if self.finding.unknown is not None:
             depends = list(self.finding.unknown.candidate.depends_on)
-            unknown = {"depends_on": depends, "description": self.description}
+            unknown = {"depends_on": depends, "description": self._description()}
         out = {
-            "verdict": self.verdict, "sentence": self.sentence(), "effects": list(self.effects),
-            "ambiguous_with": [list(group) for group in self.finding.alike], "unknown": unknown,
-            "before": self.before.document(), "after": self.after.document(),
-            "noise_floor": rounded(self.after.floor), "held_out": round(self.share, 3), "notes": list(self.notes),
+            "verdict": self.verdict, "sentence": self.sentence(), "effects": list(map(with_plan, self.effects)),
+            "ambiguous_with": [list(group) for group in self.finding.alike], "separate_by": list(self.apart),
+            "unknown": unknown, "before": self.before.document(), "after": self.after.document(),
+            "noise_floor": rounded(self.after.floor), "held_out": round(self.share, 3), "held_out_rows": self.held,
         }  # fmt: skip
+        if self.remainder is not None:
+            out["remainder"] = self.remainder.document()
+        out |= {"tilt": self.tilt_source, "notes": list(self.notes)}
         if self.test is not None:
             out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))
-        out |= self.own_document()
-        return {key: out[key] for key in KEYS if key in out}
-
-    @abstractmethod
-    def own_document(self) -> dict[str, Any]:
-        """Further keys of the document."""
+        return out
 
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
         """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
-        scores, trials = self.after, [t for t in self.finding.ranked if math.isfinite(t.gain)]
         return {
-            "title": title, "notes": [*self.remarks, *notes], "labels": dict(scores.labels),
-            "axes": list(scores.axes),
+            "title": title, "notes": [*self.remarks, *notes], "labels": LABELS,
+            "axes": ["theta, rad", "theta_dot, rad/s"],
             "candidates": [
                 {"name": t.candidate.name, "gain": round(t.gain, 2), "named": t.candidate.named,
                  "placebo": t.candidate.placebo}
-                for t in trials
+                for t in self.finding.ranked if math.isfinite(t.gain)
             ],
             **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
         }  # fmt: skip
@@ -130,7 +104,18 @@ class Diagnosis(ABC):
         if self.verdict == "nothing_missing":
             return self.before.nothing_found()
         names, change = ", ".join(map(effect_words, self.effects)), self.before.change(self.after)
-        return lacking(self.verdict, names, self.description, self.finding.alike, change)
+        return lacking(self.verdict, names, self._description(), self.finding.alike, change)
+
+    def _description(self) -> str:
+        """What the term without a name looks like, in words; empty if none was found."""
+        trial = self.finding.unknown
+        if trial is None:
+            return ""
+        if trial.candidate.name == "oscillation":
+            values = trial.fit.values["oscillation"]
+            size = math.hypot(values["cos"], values["sin"])
+            return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} rad/s^2"
+        return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
 
 
 def effect_words(effect: Entry) -> str:
@@ -153,21 +138,6 @@ def _size(parameter: dict[str, Any]) -> str:
     return f"{parameter['value']:.4g}" + (f" +- {error:.2g}" if known else "") + (f" {unit}" if unit != "1" else "")
 
 
-def describe_unknown(finding: Finding, unit: str = "rad/s^2", times: float = 1.0) -> str:
-    """What a term without a name looks like, in words.
-
-    unit: of a force
-    times: force over acceleration"""
-    trial = finding.unknown
-    if trial is None:
-        return ""
-    if trial.candidate.name == "oscillation":
-        values = trial.fit.values["oscillation"]
-        size = times * math.hypot(values["cos"], values["sin"])
-        return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} {unit}"
-    return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
-
-
 def verdict_of(finding: Finding, effects: Sequence[Entry], library: Sequence[Effect]) -> str:
     """The verdict in one word.
 
@@ -180,3 +150,10 @@ def verdict_of(finding: Finding, effects: Sequence[Entry], library: Sequence[Eff
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
     return "effect_found" if effects else "nothing_missing"
+
+
+def evidence_of(likelihood: Likelihood, found: Fit) -> Evidence:
+    """The residual of a fit on all rows of its record, the held-out rows included."""
+    residual, states = likelihood.everywhere(found.values, found.q)
+    time = np.asarray(likelihood.system.dt * np.arange(len(states)), dtype=np.float64)
+    return Evidence(np.asarray(residual / max(found.noise, 1e-300)), wrap(states[:, 0]), states[:, 1].copy(), time)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.coordinate.kalman import Moves, innovations
-from mazeplan.diagnosis.coordinate.system import System, Values
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.ring.kalman import Moves, innovations
+from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.physics.effect import Effect, Parameter
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -35,8 +35,7 @@ class Fit:
 
     minus2: -2 log L of the rows of the fit
     noise: standard deviation of one measurement, rad
-    q: process noise, 1/s^3
-    count: number of free parameters"""
+    q: process noise, 1/s^3"""
 
     candidates: tuple[Effect, ...]
     values: Values
@@ -44,24 +43,22 @@ class Fit:
     noise: float
     q: float
     stderr: Values
-    count: int
 
 
 class Likelihood:
-    """-2 log L of a system on some of its rows.
+    """-2 log L of a record in a ring on some of its rows.
 
     noisy: whether it depends on the process noise
     repeats: number of residuals that count as one independent residual"""
 
     noisy, repeats = True, 1.0
 
-    def __init__(self, system: System, library: Sequence[Effect], rows: np.ndarray) -> None:
+    def __init__(self, system: RingSystem, library: Sequence[Effect], rows: np.ndarray) -> None:
         """rows: True (N,) for rows that count"""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
         self._stop = int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0
         self._nu, self._S, self._states = np.full(n, np.nan), np.ones(n), np.empty((n, 5))
-        self._counted = rows
         self._passes: dict[tuple[str, float], tuple[Array, float, np.ndarray]] = {}
 
     def add(self, candidate: Effect) -> None:
@@ -69,14 +66,12 @@ class Likelihood:
         self._passes.clear()
         self.library = [c for c in self.library if c.name != candidate.name] + [candidate]
 
-    def knowing(self, more: Sequence[Effect]) -> Likelihood:
-        """This likelihood with further candidates."""
-        wide = copy(self)
-        wide.library, wide._passes = [*self.library, *more], {}
-        return wide
+    def whitened(self, values: Values, q: float) -> Array:
+        """Whitened innovations (n,): each is divided by the square root of its variance S."""
+        return self._pass(values, q)[0]
 
-    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
-        """Whitened innovations (n,), sum of log S, and n. Each innovation is divided by the square root of its S."""
+    def _pass(self, values: Values, q: float) -> tuple[Array, float, np.ndarray]:
+        """Whitened innovations (n,), sum of log S, and True (N,) for the rows that they are of."""
         key = repr(values), q
         if key not in self._passes:
             while len(self._passes) >= PASSES:
@@ -86,8 +81,7 @@ class Likelihood:
             keep = self.rows & np.isfinite(self._nu)
             S = self._S[keep]
             self._passes[key] = self._nu[keep] / np.sqrt(S), float(np.sum(np.log(S))), keep
-        e, logs, self._counted = self._passes[key]
-        return e, logs, len(e)
+        return self._passes[key]
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
         """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step)."""
@@ -101,7 +95,7 @@ class Likelihood:
         for j, (effect, name, step) in enumerate(steps):
             if effect == "camera_offset":  # it moves the measured positions; the filter has no derivatives by these
                 moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
-                J[:, j] = (self.whitened(moved, q)[0] - e) / step
+                J[:, j] = (self.whitened(moved, q) - e) / step
         return e, J
 
     def everywhere(self, values: Values, q: float) -> tuple[Array, Array]:
@@ -112,18 +106,14 @@ class Likelihood:
         innovations(problem, p, q, n, nu, S, states, NONE, NOTHING)
         return nu / np.sqrt(S), states
 
-    def filtered(self, values: Values, q: float) -> Array:
-        """Filtered states (N, 5) of all rows, as `kalman.innovations` leaves them."""
-        return self.everywhere(values, q)[1]
-
     def minus2(self, values: Values, q: float) -> float:
         """-2 log L with the variance of a measurement eliminated; inf where it is not finite."""
-        e, logs, n = self.whitened(values, q)
+        e, logs, counted = self._pass(values, q)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            out = n * math.log(max(float(np.mean(e * e)), 1e-300)) + logs if n else math.inf
+            out = len(e) * math.log(max(float(np.mean(e * e)), 1e-300)) + logs if len(e) else math.inf
         if not math.isfinite(out):
             return math.inf
-        return out + self.prior(values) + self.system.volume(values, self._counted)
+        return out + self.prior(values) + self.system.volume(values, counted)
 
     def prior(self, values: Values) -> float:
         """Penalty in -2 log L for values that differ from their defaults, by the priors."""
@@ -174,9 +164,7 @@ def _parabola(at: Callable[[float], float], x: float, low: float, high: float) -
     return min((at(new), new), best)[1]
 
 
-def fit(
-    likelihood: Likelihood, free: Sequence[Effect], start: Values, q: float | None = None, rounds: int = ROUNDS
-) -> Fit:
+def fit(likelihood: Likelihood, free: Sequence[Effect], start: Values, q: float | None = None) -> Fit:
     """The likeliest values of the free effects. Values and process noise are fitted in turn until neither changes."""
     names = [(c.name, name, spec) for c in free for name, spec in c.parameters.items()]
     x = np.array([start[c][name] for c, name, _ in names])
@@ -189,7 +177,7 @@ def fit(
 
     q = best_q(likelihood, values_of(x), q)
     J, minus2 = np.zeros((1, 0)), likelihood.minus2(values_of(x), q)
-    for _ in range(rounds if len(x) else 0):
+    for _ in range(ROUNDS if len(x) else 0):
         before = minus2
         x, J, minus2 = _gauss_newton(likelihood, values_of, x, q, names)
         new = best_q(likelihood, values_of(x), q)
@@ -199,14 +187,10 @@ def fit(
             minus2, q = better, new
         if settled and before - minus2 < STEADY:
             break
-    e, _, _ = likelihood.whitened(values_of(x), q)
-    variance = float(np.mean(e * e))
-    found = (
-        values_of(_sigma(J, likelihood.repeats * variance, np.array([spec.prior for *_, spec in names])))
-        if len(x)
-        else {}
-    )
-    return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
+    e = likelihood.whitened(values_of(x), q)
+    variance, prior = float(np.mean(e * e)), np.array([spec.prior for *_, spec in names])
+    stderr = values_of(_sigma(J, likelihood.repeats * variance, prior)) if len(x) else {}
+    return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, stderr)
 
 
 def fit_without(likelihood: Likelihood, found: Fit, effect: Effect) -> Fit:

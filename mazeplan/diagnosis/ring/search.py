@@ -13,12 +13,13 @@ reported as unknown if it explains far more than the best named effect. Placebos
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, fit, fit_without, start_of
-from mazeplan.diagnosis.coordinate.screening import ACCEPT, CandidateTrial, price, promising, swinging, try_one
-from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.core.progress import Words
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood, fit, fit_without, start_of
+from mazeplan.diagnosis.ring.screening import ACCEPT, CandidateTrial, price, promising, swinging, try_one
 from mazeplan.physics.effect import Effect
 
 KEEP = 10.0  # minimum gain of -2 log L by an effect beside the others, after its price
@@ -26,7 +27,7 @@ ALIKE = 15.0  # of -2 log L: two candidates whose gains differ by less cannot be
 NEAR = 0.1  # share of the best gain; candidates this near to the best are compared with the stage fitted as well
 AHEAD = 1.15  # minimum gain of a term without a name, over that of the best named candidate, to look at the term
 MOST = 5  # maximum number of effects
-SEEN = 0.7  # share of the record that search and fits see
+MANY = 10  # in a record of a real rig, where many act at once
 SHARE = 0.05  # minimum gain of a term without a name, over that of the named effects: these are not exact either
 
 
@@ -34,14 +35,13 @@ SHARE = 0.05  # minimum gain of a term without a name, over that of the named ef
 class Finding:
     """The result of a search.
 
-    base, final: fits without and with the effects that were found
+    final: the fit with the effects that were found
     ranked: trials of the first round, the best first
     alike: groups of names that the record cannot tell apart
     unknown: the accepted term without a name
     worth: gain of -2 log L by each effect, minus its price
     plainer: the fit before some effects got more parameters (`windows.refined`)"""
 
-    base: Fit
     final: Fit
     ranked: tuple[CandidateTrial, ...]
     alike: tuple[tuple[str, ...], ...]
@@ -58,44 +58,34 @@ def still_alike(groups: Sequence[tuple[str, ...]], found: Container[str]) -> tup
     return tuple(group for group in kept if len(group) > 1)
 
 
-def search(
-    likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None], *, free: Sequence[Effect] = (),
-    nuisance: Sequence[Effect] = (), most: int = MOST, start: Values | None = None,
-) -> Finding:  # fmt: skip
-    """Find what the declared model lacks.
-
-    tell: reports progress
-    free: effects that exist and are part of every fit
-    along: errors of the stage, which are fitted as well before a decision
-    most: maximum number of effects to add
-    start: start values of `free`, if known"""
-    return _Search(likelihood, library, tell, free, nuisance).run(most, start or {})
-
-
-class _Search:
-    """One search.
+class Search:
+    """A search for what the declared model lacks.
 
     Rounds hold the stage fixed, which saves most of the time. Before a candidate is accepted, the stage is fitted as
     well, because the ball feels errors of the stage that the tilt sensor does not see."""
 
     def __init__(
-        self, likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None],
-        free: Sequence[Effect], nuisance: Sequence[Effect],
+        self, likelihood: Likelihood, library: Sequence[Effect], tell: Words,
+        free: Sequence[Effect] = (), nuisance: Sequence[Effect] = (),
     ) -> None:  # fmt: skip
+        """tell: reports progress
+        free: effects that exist and are part of every fit
+        nuisance: errors of the stage, which are fitted as well before a decision"""
         self._likelihood, self._library, self._tell = likelihood, list(library), tell
         self._free, self._nuisance = list(free), list(nuisance)
         self._declared = likelihood.system.declared
         self._loose: dict[int, tuple[Fit, Fit]] = {}  # id of a fit -> the fit itself, and the fit with the stage
         self._instead: dict[str, str] = {}  # name of an effect -> name of the one that took its place
 
-    def run(self, most: int, known: Values) -> Finding:
-        """Add effects until no further one is accepted. most: maximum number of effects"""
-        start = {c.name: start_of(c) for c in self._free} | known
+    def run(self, known: Values | None = None) -> Finding:
+        """Add effects until no further one is accepted. known: start values of effects that exist, if known"""
+        most = (MOST if self._likelihood.noisy else MANY) + len(self._free)
+        start = {c.name: start_of(c) for c in self._free} | (known or {})
         current = base = fit(self._likelihood, self._free, start)
         ranked: tuple[CandidateTrial, ...] = ()
         alike: list[tuple[str, ...]] = []
         unknown: CandidateTrial | None = None
-        while len(current.candidates) < most + len(self._free):
+        while len(current.candidates) < most:
             trials = self._trials(current)
             ranked = ranked or tuple(trials)
             named, unknown, group = self._choice(current, trials, base.minus2 - current.minus2)
@@ -110,7 +100,7 @@ class _Search:
             self._tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
         current, worth = self._drop(self._exchange(current))
         alike = [self._renamed(group) for group in alike]
-        return Finding(base, self._with_stage(current), ranked, still_alike(alike, current.values), unknown, worth)
+        return Finding(self._with_stage(current), ranked, still_alike(alike, current.values), unknown, worth)
 
     def _taken(self, trial: CandidateTrial) -> Fit:
         """The fit with an accepted candidate, which leaves the library."""

@@ -1,11 +1,11 @@
-"""Extended Kalman filter for position and speed along one coordinate, compiled. Its innovations are the residual.
+"""Extended Kalman filter for angle and speed of a ball in a ring, compiled. Its innovations are the residual.
 
     x_dd = sum of terms(x, v, t, w; p) - dry friction,    y_k = x(t_k) + noise,    white noise in x_dd
 
-w are the inputs at the nodes of the integration. The filter calls terms through their addresses. So a term of a user
-needs no new compilation of the filter. Each sample is integrated by Runge-Kutta 4 in SUBSTEPS steps. Dry friction uses
-time stepping (Moreau): the speed loses the impulse of friction in each step, and becomes zero if the impulse is large
-enough. A body that passes the angle of an opening loses a share of its speed.
+The position x is an angle, rad. w are the inputs at the nodes of the integration. The filter calls terms through their
+addresses. So a term of a user needs no new compilation of the filter. Each sample is integrated by Runge-Kutta 4 in
+SUBSTEPS steps. Dry friction uses time stepping (Moreau): the speed loses the impulse of friction in each step, and
+becomes zero if the impulse is large enough. A ball that passes the angle of an opening loses a share of its speed.
 
 Covariances are in units of the variance R of one measurement. q (1/s^3) is the intensity of the process noise in these
 units. With R eliminated, R^ = mean(n_k^2 / S_k),
@@ -22,7 +22,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from mazeplan.core.maths.compiled import pointer_to, shifted
 from mazeplan.core.records import Array, IntArray
@@ -33,8 +33,7 @@ NODES = 2 * SUBSTEPS + 1
 DIFFUSE = 1e7  # variance of the speed at the beginning of a stretch, in R / s^2
 SETTLING = 8  # innovations at the beginning of a stretch that do not count
 STEP = 1e-6  # of the numeric derivatives of terms
-
-addresses = types.int64[::1]
+TURN = 2.0 * math.pi  # rad
 
 
 class Moves(NamedTuple):
@@ -65,7 +64,6 @@ class Problem(NamedTuple):
     w: inputs (N, NODES, W) from each sample to the next
     terms: addresses (T,) of the terms
     place: index (T,) in p at which the parameters of each term begin
-    turn: distance after which the position repeats; 0: never
     holds: address and place (H, 2) of each dry friction
     openings: address of the angle, address of the loss, and place (G, 3) of each opening
     opening_offsets: angle (G,) that is added to that of each opening, rad"""
@@ -78,10 +76,9 @@ class Problem(NamedTuple):
     w: Array
     terms: IntArray
     place: IntArray
-    turn: float
-    holds: IntArray = np.empty((0, 2), dtype=np.int64)
-    openings: IntArray = np.empty((0, 3), dtype=np.int64)
-    opening_offsets: Array = np.empty(0)
+    holds: IntArray
+    openings: IntArray
+    opening_offsets: Array
 
 
 class _Core(NamedTuple):
@@ -137,8 +134,7 @@ def _sum_terms(core, p, x, v, t, w):
 @njit(cache=True, error_model="numpy")
 def _passed(a, before, after):
     """Whether the angle a, or a whole turn of it, lies between two positions."""
-    turn = 2.0 * math.pi
-    return math.floor((before - a) / turn) != math.floor((after - a) / turn)
+    return math.floor((before - a) / TURN) != math.floor((after - a) / TURN)
 
 
 @njit(cache=True, error_model="numpy")
@@ -165,7 +161,7 @@ def _opening_angle(core, p, j, x, v, w):
 
 @njit(cache=True, error_model="numpy")
 def _advance(core, p, k, x, v):
-    """(position, speed, whether dry friction holds the body at rest) one sample after sample k."""
+    """(position, speed, whether dry friction holds the ball at rest) one sample after sample k."""
     h, held = core.dt / SUBSTEPS, False
     for i in range(SUBSTEPS):
         t = core.t[k] + i * h
@@ -182,20 +178,20 @@ def _advance(core, p, k, x, v):
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
-        for j in range(core.n_openings):
-            angle = _opening_angle(core, p, j, before, v, w1)
-            if _passed(angle, before, x):  # the rest of the step is slower, too
-                at = angle + _whole_turns(angle, max(before, x))
-                kept = 1.0 - _opening(core, p, j, 1, before, v, w1)
-                x, v = at + kept * (x - at), v * kept
+        x, v = _slowed(core, p, before, x, v, w1)
     return x, v, held
 
 
 @njit(cache=True, error_model="numpy")
-def _whole_turns(a, x):
-    """Whole turns (rad) to add to the angle a, so that it is the last such angle below x."""
-    turn = 2.0 * math.pi
-    return turn * math.floor((x - a) / turn)
+def _slowed(core, p, before, x, v, w):
+    """(position, speed) at the end of a step from the position `before`, after the losses at openings on the way."""
+    for j in range(core.n_openings):
+        angle = _opening_angle(core, p, j, before, v, w)
+        if _passed(angle, before, x):  # the rest of the step is slower, too
+            at = angle + TURN * math.floor((max(before, x) - angle) / TURN)
+            kept = 1.0 - _opening(core, p, j, 1, before, v, w)
+            x, v = at + kept * (x - at), v * kept
+    return x, v
 
 
 @njit(cache=True, error_model="numpy")
@@ -290,8 +286,7 @@ def innovations(problem, p, q, stop, nu, S, states, moves, J):
             if problem.seen[k]:
                 s = p00 + 1.0
                 gap = problem.y[k] - x
-                if problem.turn > 0.0:  # the number of turns in a gap is unknown
-                    gap -= problem.turn * math.floor(gap / problem.turn + 0.5)
+                gap -= TURN * math.floor(gap / TURN + 0.5)  # the number of turns in a gap is unknown
                 g0, g1 = p00 / s, p01 / s
                 x, v = x + g0 * gap, v + g1 * gap
                 p11 -= g1 * p01
@@ -330,13 +325,14 @@ def roll_out(problem, p, states, starts, steps):
 
 
 @njit(cache=True, error_model="numpy")
-def accelerations(problem, p, x, v, out):
-    """Accelerations (N,) in the states (x, v) at the samples, into out."""
-    core, at = _core(problem), pointer_to(p, 0)
+def accelerations(problem, p, x, v):
+    """Accelerations (N,) in the states (x, v) at the samples."""
+    core, at, out = _core(problem), pointer_to(p, 0), np.empty(len(x))
     for k in range(len(x)):
         out[k] = _sum_terms(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
         if v[k] != 0.0:
             out[k] -= math.copysign(_resistance(core, at, x[k], v[k], problem.t[k], _at(core, k, 0)), v[k])
+    return out
 
 
 @njit(cache=True, error_model="numpy")
@@ -351,28 +347,23 @@ def _midpoint_step(core, p, k, x, v):
             most = h * _resistance(core, p, middle, free, core.t[k], w)
             new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
         x += 0.5 * h * (v + new)
-        v = new
-        for j in range(core.n_openings):
-            angle = _opening_angle(core, p, j, before, v, w)
-            if _passed(angle, before, x):
-                at = angle + _whole_turns(angle, max(before, x))
-                kept = 1.0 - _opening(core, p, j, 1, before, v, w)
-                x, v = at + kept * (x - at), v * kept
+        x, v = _slowed(core, p, before, x, new, w)
     return x, v
 
 
 @njit(cache=True, error_model="numpy")
-def midpoint_roll_outs(problem, p, starts, out):
-    """Roll-outs from measured samples `starts` (W,), as positions into out (W, steps + 1).
+def midpoint_roll_outs(problem, p, starts, steps):
+    """Positions (W, steps + 1) of roll-outs from measured samples `starts` (W,).
 
     The start speed is the last difference of measured positions, corrected by half a sample of acceleration."""
     core, at = _core(problem), pointer_to(p, 0)
-    for j in range(len(starts)):
-        k = starts[j]
+    out = np.empty((len(starts), steps + 1))
+    for j, k in enumerate(starts):
         x = problem.y[k]
         v = (x - problem.y[k - 1]) / problem.dt
         v += 0.5 * problem.dt * _sum_terms(core, at, x, v, problem.t[k], _at(core, k, 0))
         out[j, 0] = x
-        for i in range(out.shape[1] - 1):
+        for i in range(steps):
             x, v = _midpoint_step(core, at, k + i, x, v)
             out[j, i + 1] = x
+    return out

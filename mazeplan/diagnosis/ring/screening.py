@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, fit, forecast
-from mazeplan.diagnosis.coordinate.kalman import accelerations
-from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.ring.fit import Fit, Likelihood, fit, forecast
+from mazeplan.diagnosis.ring.kalman import accelerations
 from mazeplan.physics.effect import OPENING, Effect, Parameter
 from mazeplan.physics.effects.nameless import oscillation
 
@@ -19,7 +20,8 @@ SURE = 3.0  # minimum change, in standard errors
 NAMED, NAMELESS = 6, 2  # candidates that get a full fit in each round
 MORE = 7  # named candidates that get a full fit in a record of a real rig, where many effects act at once
 ANGLES = 90  # tried angles of an opening
-SWING = 1.25  # smallest amplitude of a force that swings with time, in the system's `weakest`
+WEAKEST = 0.08  # rad/s^2; minimum root mean square of a term without a smallest size
+SWING = 1.25 * WEAKEST  # smallest amplitude of a force that swings with time
 PEAK = 18.0  # minimum peak of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
 
@@ -30,7 +32,7 @@ class CandidateTrial:
     fit: of the candidate and the accepted effects
     gain: fall of -2 log L minus the price of the candidate's parameters
     raw: fall of -2 log L
-    strength: root mean square acceleration over the system's `weakest`, for a term without a smallest size"""
+    strength: root mean square acceleration over WEAKEST, for a term without a smallest size"""
 
     candidate: Effect
     fit: Fit
@@ -60,7 +62,7 @@ def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -
     for c in library:
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
         starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first_guesses()
-        if is_opening(c) and len(starts) > 1:
+        if c.acts == OPENING and "angle" in c.parameters and len(starts) > 1:
             starts = [_gate_start(likelihood, current, c, starts[0][-1])]
         if len(starts) > 1:  # compare the start values without a fit, with both signs of the last parameter
             low = list(c.parameters.values())[-1].low
@@ -87,7 +89,8 @@ def _gate_start(likelihood: Likelihood, current: Fit, c: Effect, loss: float) ->
     angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
     openings = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
     closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(openings, angles, strict=True)}
-    wide = likelihood.knowing(openings)
+    wide = copy(likelihood)
+    wide.library = [*likelihood.library, *openings]
     steps = [(g.name, "loss", c.parameters["loss"].step) for g in openings]
     e, J = wide.jacobian({**current.values, **closed}, current.q, steps)
     slopes = J.T @ e  # negative where a loss lowers the squared residuals
@@ -110,30 +113,24 @@ def try_one(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, fl
 
 
 def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
-    """Root mean square of the change that a fit makes on its rows, in multiples of the system's `weakest`."""
-    states, parts = likelihood.filtered(found.values, found.q), []
-    for values in (found.values, current.values):
-        problem, p = likelihood.system.build(likelihood.library, values)
-        out = np.empty(len(states))
-        accelerations(problem, p, states[:, 0].copy(), states[:, 1].copy(), out)
-        parts.append(out)
-    return float(np.sqrt(np.mean((parts[0] - parts[1])[likelihood.rows] ** 2)) / likelihood.system.weakest)
+    """Root mean square of the change that a fit makes on its rows, in multiples of WEAKEST."""
+    _, states = likelihood.everywhere(found.values, found.q)
+    after, before = (
+        accelerations(*likelihood.system.build(likelihood.library, values), states[:, 0].copy(), states[:, 1].copy())
+        for values in (found.values, current.values)
+    )
+    return float(np.sqrt(np.mean((after - before)[likelihood.rows] ** 2)) / WEAKEST)
 
 
 def swinging(likelihood: Likelihood, current: Fit) -> CandidateTrial:
     """A force that swings with time, at the highest peak in the spectrum of the whitened residual."""
-    e, *_ = likelihood.whitened(current.values, current.q)
+    e = likelihood.whitened(current.values, current.q)
     power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
     frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
     k = int(np.argmax(power[1:])) + 1
-    c = oscillation(Parameter("rad/s^2", 0.0, -50.0, 50.0, SWING * likelihood.system.weakest, 1e-3))
+    c = oscillation(Parameter("rad/s^2", 0.0, -50.0, 50.0, SWING, 1e-3))
     if power[k] < PEAK:
         return CandidateTrial(c, current, -math.inf, 0.0)
     start = {**current.values, c.name: {"frequency": float(frequency[k]), "cos": 0.05, "sin": 0.05}}
     likelihood.add(c)
     return try_one(likelihood, current, c, start[c.name])
-
-
-def is_opening(effect: Effect) -> bool:
-    """Whether the effect takes speed at an unknown angle."""
-    return effect.acts == OPENING and "angle" in effect.parameters

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 
 BINS = 24
 FEWEST = 12  # minimum number of samples in a bin that is shown
@@ -44,25 +43,13 @@ class Evidence:
         parts = [(x[bins == i], e[bins == i]) for i in range(max(len(edges) - 1, 0))]
         parts = [(at, left) for at, left in parts if len(left) >= FEWEST]
         return {
-            "at": [number(at.mean()) for at, _ in parts],
-            "mean": [number(left.mean()) for _, left in parts],
-            "stderr": [number(left.std() / np.sqrt(len(left))) for _, left in parts],
+            "at": [_number(at.mean()) for at, _ in parts],
+            "mean": [_number(left.mean()) for _, left in parts],
+            "stderr": [_number(left.std() / np.sqrt(len(left))) for _, left in parts],
         }
 
 
-def evidence_of(likelihood: Likelihood, found: Fit) -> Evidence:
-    """The residual of a fit on all rows of its record, the held-out rows included."""
-    system = likelihood.system
-    residual, states = likelihood.everywhere(found.values, found.q)
-    position = states[:, 0]
-    problem, _ = system.build(likelihood.library, found.values)
-    if problem.turn > 0.0:
-        position = (position + 0.5 * problem.turn) % problem.turn - 0.5 * problem.turn
-    time = np.asarray(system.dt * np.arange(len(states)), dtype=np.float64)
-    return Evidence(np.asarray(residual / max(found.noise, 1e-300)), position, states[:, 1].copy(), time)
-
-
-def number(value: float) -> float | None:
+def _number(value: float) -> float | None:
     """Five digits of a value; None if not finite."""
     value = float(value)
     return float(f"{value:.5g}") if math.isfinite(value) else None

@@ -1,1 +1,0 @@
-"""Search for missing effects of anything that moves along one coordinate: filter, fit, forward selection."""
