@@ -166,7 +166,7 @@ def run_tour(
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
     theta = setup.maze.clear_angle(plan.rings[0], float(rng.uniform(-math.pi, math.pi)))
     header = _header(setup.maze, plan, setup.rig_name) | {
-        "rings": list(plan.rings), "model": setup.model_name or "nominal", "start_ring": plan.rings[0],
+        "rings": list(plan.rings), "model": setup.named_model, "start_ring": plan.rings[0],
         "drives": True,
     }  # fmt: skip
     try:

@@ -107,6 +107,11 @@ class Setup:
         )
 
     @property
+    def named_model(self) -> str:
+        """The model's name for a log: its kind if it has no name."""
+        return self.model_name or ("nominal" if self.model.kind == "p" else self.model.kind)
+
+    @property
     def driving_model(self) -> RigModel:
         """The model with the delays of the rig."""
         return self.model if self.latency is None else self.model.late_by(self.latency)
@@ -187,7 +192,7 @@ def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "rig": setup.rig_name,
         "map": dump_map(setup.maze),
         "map_name": setup.maze.name,
-        "model": setup.model_name or ("nominal" if setup.model.kind == "p" else setup.model.kind),
+        "model": setup.named_model,
         "behavior": setup.behavior,
         "behavior_modules": list(setup.behavior_modules),
         "start_ring": job.start,
