@@ -48,7 +48,8 @@ class SampleCheck:
         self._last: float | None = None
         self._steps: list[float] = []  # s, between samples since the last check of the rate
         self._off = False  # whether the rate differs from the rig's
-        self._same: list[Observation] = []  # the last samples, if the ball is at one position in all of them
+        self._still: Observation | None = None  # the first sample with the ball where it is now
+        self._low, self._high = (math.inf, math.inf), (-math.inf, -math.inf)  # tilts since then, rad
         self.found: set[str] = set()
         self._since: dict[str, int] = {}  # number of samples in a row, by doubt
         self.doubts: list[Doubt] = []
@@ -87,13 +88,14 @@ class SampleCheck:
 
     def _frozen(self, observation: Observation) -> bool:
         """Whether the ball is at the same position for FROZEN_S, bit by bit, while the plate turns."""
-        if self._same and (observation.x, observation.y) != (self._same[0].x, self._same[0].y):
-            self._same.clear()
-        self._same.append(observation)
-        if not observation.seen or observation.t - self._same[0].t < FROZEN_S:
+        first, tilt = self._still, (observation.beta, observation.gamma)
+        if first is None or (observation.x, observation.y) != (first.x, first.y):
+            self._still, self._low, self._high = observation, tilt, tilt
             return False
-        tilts = [[getattr(one, axis) for one in self._same] for axis in ("beta", "gamma")]
-        return any(max(tilt) - min(tilt) > TURNED for tilt in tilts)
+        self._low = min(self._low[0], tilt[0]), min(self._low[1], tilt[1])
+        self._high = max(self._high[0], tilt[0]), max(self._high[1], tilt[1])
+        turned = any(high - low > TURNED for low, high in zip(self._low, self._high, strict=True))
+        return observation.seen and observation.t - first.t >= FROZEN_S and turned
 
     @staticmethod
     def _numbers(observation: Observation) -> None:

@@ -152,7 +152,8 @@ def search_rig(
     places = camera_starts(body, (was.start or was.model).view, maze)
     start = was.start or was.model
     # the likelihood is rough: from much noise, a fit of the noise may not come down to little
-    fits = [fit_body(body, begin, always, POLISH, ENOUGH) for begin in (noisy(start), start)]
+    begins = [noisy(start), *([start] if start.wander.plane < MIN_PROCESS_NOISE else [])]
+    fits = [fit_body(body, begin, always, POLISH, ENOUGH) for begin in begins]
     first = min(fits, key=lambda fit: fit.minus2)
     part, refused, chosen = alternate(body, round(CHOOSING_S / body.pictures.dt)), set[Candidate](), list[_Chosen]()
     tried = dict[Candidate, Tried]()

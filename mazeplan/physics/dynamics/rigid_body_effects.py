@@ -65,9 +65,8 @@ def _check(effect: Effect) -> None:
         raise ValueError(f"got {effect.name}, which a ball with a body has by itself; expected {', '.join(BESIDES)}")
     if effect.formula is None:
         raise ValueError(f"got {effect.name} without a formula, expected one with a formula")
-    if effect.named and getattr(effect.formula, "__module__", "").startswith(
-        OURS
-    ):  # known to be right; sympy is slow to import
+    module = getattr(effect.formula, "__module__", "")
+    if effect.named and module.startswith(OURS):  # tests look at these; sympy is slow to import
         return
     made = effect.formula(state(), symbols_of(effect.parameters, ""))
     parts = list(made.values()) if isinstance(made, Mapping) else [made]
