@@ -77,7 +77,6 @@ class VideoSource:
         if not got and not self._file:
             raise RigError(f"camera {shown(self.source)} stopped sending pictures; {_advice(self.source)}")
         # wall clock: a camera has no other, and the rig's clock begins from it
-        # the host's clock: a camera gives no time of its own, and `clocks` compares with the board's
         return None if image is None or not got else CameraFrame(image, time.monotonic())
 
     def close(self) -> None:
