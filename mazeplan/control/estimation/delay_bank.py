@@ -86,13 +86,11 @@ class DelayBank:
 
     def update(self, observation: Observation) -> State:
         """Take in one sample. Returns the state at the moment when a command sent now will act."""
-        doubts, states = self._plate.update(observation), list[State]()
+        doubts, used = self._plate.update(observation), self.current
         for estimator in self._bank:
             estimator.follow(observation, doubts)
             estimator.correct(observation)
-            states.append(estimator.finish(observation, estimator.predicted(observation.t)))
-        moving = self.filtered is not None and math.hypot(self.filtered.vx, self.filtered.vy) > MOVING
-        if observation.seen and moving:
+        if observation.seen and float(np.hypot(*used.ball()[2:4])) > MOVING:
             innovations = np.minimum([estimator.innovation for estimator in self._bank], MOST)
             self._scores = MEMORY * self._scores + innovations**2
             self._samples = MEMORY * self._samples + 1.0
@@ -100,7 +98,8 @@ class DelayBank:
             ratio = (self._scores[self._best] + LEAST) / (self._scores[best] + LEAST)
             if 2.0 * self._samples * math.log(ratio) > CLEARLY:  # two coordinates a sample
                 self._best = best
-        return states[self._best]
+                self.current.take_over(used)
+        return self.current.finish(observation, self.current.predicted(observation.t))
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """See `Estimator.ahead`."""

@@ -165,6 +165,10 @@ class Estimator:
         self.filtered = _as_state(self._measured_at, measured, self._measured_ring, believed, lost)
         return _as_state(self._acts_at, z, self._ring, observation.seen, lost)
 
+    def take_over(self, other: Estimator) -> None:
+        """Continue for an estimator of the same ball that was in use until now: the ball is in the same ring."""
+        self._ring, self._measured_ring = other._ring, other._measured_ring
+
     def moment(self, observation: Observation) -> float:
         """When the picture of a sample was taken, s."""
         return observation.t - self._model.camera_delay
@@ -193,8 +197,11 @@ class Estimator:
     # -- ball -----------------------------------------------------------------------------------------------------
 
     def _tilt_history(self) -> tuple[Array, Array]:
-        history = np.array([*self._plate.tilts, *((t, plate[0][0], plate[1][0]) for t, plate in self._coming)])
-        return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
+        times, tilts = self._plate.history
+        if not self._coming:
+            return times, tilts
+        angles = [(plate[0][0], plate[1][0]) for _, plate in self._coming]
+        return np.append(times, [t for t, _ in self._coming]), np.concatenate([tilts, angles])
 
     def advance(self, z: Array, start: float, end: float) -> None:
         """Advance the ball in z from start to end, in the past, under the filtered tilt."""
@@ -206,8 +213,9 @@ class Estimator:
         """Advance ball and plate in z from start to end, in the future, under the commands given so far."""
         if end <= start:
             return
-        queue = np.array([c for c in self._plate.commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
-        times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
+        times, commands = self._plate.queue
+        if not len(times):
+            times, commands = np.array([start]), np.zeros((1, 2))
         predict(z, start, end, times, commands, *self._planar.arrays())
 
     def _predict_to(self, moment: float) -> None:

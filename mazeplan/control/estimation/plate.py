@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -122,6 +122,7 @@ class PlateFilter:
         self.before = self.means
         self.tilts: deque[tuple[float, float, float]] = deque()
         self.commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])
+        self._history = self._queue = (np.empty(0), np.empty((0, 2)))
 
     @property
     def means(self) -> list[Array]:
@@ -133,6 +134,17 @@ class PlateFilter:
         self.commands.append((t + self.stage.dead_time, command.u_beta, command.u_gamma))
         while len(self.commands) > 2 and self.commands[1][0] < t - HISTORY_S:
             self.commands.popleft()
+        self._queue = _split([c for c in self.commands if math.isfinite(c[0])])
+
+    @property
+    def history(self) -> tuple[Array, Array]:
+        """Times (N,) and filtered tilts (N, 2) of the last HISTORY_S."""
+        return self._history
+
+    @property
+    def queue(self) -> tuple[Array, Array]:
+        """Times (N,) from which commands act, and the commands (N, 2)."""
+        return self._queue
 
     def update(self, observation: Observation) -> set[str]:
         """Filter both axes to the time of a sample. Returns words of `records.Doubt` for what was left out."""
@@ -158,6 +170,7 @@ class PlateFilter:
         self.tilts.append((t, float(beta[0]), float(gamma[0])))
         while self.tilts[0][0] < t - HISTORY_S:
             self.tilts.popleft()
+        self._history = _split(self.tilts)
         return doubts
 
     def until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
@@ -185,3 +198,9 @@ class PlateFilter:
                 break
         pieces.reverse()
         return pieces
+
+
+def _split(rows: Iterable[tuple[float, float, float]]) -> tuple[Array, Array]:
+    """Times (N,) and values (N, 2) of rows of three numbers."""
+    table = np.array([*rows]).reshape(-1, 3)
+    return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
