@@ -51,7 +51,7 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of
+from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of, warm_up
 from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder, weak_reporter
@@ -167,14 +167,10 @@ class Run:
         return context, tree
 
     def _warm_up(self) -> None:
-        """Compile and load everything before the rig moves."""
-        self._balls.warm_up()
-        for planner in self._steering.planners.values():
-            planner.warm_up()
-        if self._steering.rollout is not None:
-            self._steering.rollout.warm_up()
-        if self._keeper is not None:
-            self._keeper.warm_up()
+        """Compile and load everything before the rig moves: the first time, on two cores."""
+        steering = self._steering
+        others = [part for part in (self._balls, steering.rollout, self._keeper) if part is not None]
+        warm_up(list(steering.planners.values()), others)
         self._stopwatch.pop_cuts()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from mazeplan.core.side_by_side import side_by_side
+from mazeplan.core.side_by_side import beside, side_by_side
 
 THREADS = """
 import threading
-from mazeplan.core.side_by_side import side_by_side
+from mazeplan.core.side_by_side import beside, side_by_side
 meet = threading.Barrier(3)
 print(sum(side_by_side(lambda _: meet.wait(20.0) >= 0, range(3))))
 """
@@ -29,3 +31,25 @@ def test_an_error_is_passed_on():
 def test_omp_num_threads_says_how_many_at_once(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     assert subprocess.check_output([sys.executable, "-c", THREADS], text=True) == "3\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a second process needs fork")
+def test_work_beside_runs_in_a_process_of_its_own_and_is_waited_for(tmp_path: Path):
+    program = f"""
+import os, pathlib
+from mazeplan.core import side_by_side
+side_by_side._cores = lambda: 2
+kept = pathlib.Path({str(tmp_path / "kept")!r})
+with side_by_side.beside(lambda: kept.write_text(str(os.getpid()))):
+    own = os.getpid()
+print(int(kept.read_text()) != own)
+"""
+    assert subprocess.check_output([sys.executable, "-W", "error", "-c", program], text=True) == "True\n"
+
+
+def test_work_beside_is_left_out_on_one_core(monkeypatch):
+    monkeypatch.setattr("mazeplan.core.side_by_side._cores", lambda: 1)
+    done: list[int] = []
+    with beside(lambda: done.append(1)):
+        pass
+    assert done == []
