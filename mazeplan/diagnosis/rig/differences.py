@@ -27,10 +27,10 @@ from mazeplan.diagnosis.rig.search import (
     SearchResult,
     Tried,
     alternate,
-    noisy,
     search_rig,
     smallest_reportable,
     surely_differs,
+    with_likeliest_noise,
     zero_effect,
 )
 from mazeplan.learning.rigid_body_entries import PARAMETERS
@@ -99,9 +99,9 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     known = {term.name: term for term in was.model.terms if not idle(term)}
     terms = [known.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not idle(term)]
     terms += [term for name, term in known.items() if name not in {t.name for t in now.terms}]
-    start = noisy(was.model._replace(terms=tuple(terms)))
-    found = with_values(start, {name: value_of(now, name) for name in sizes})
     part = alternate(then)
+    start = with_likeliest_noise(part, was.model._replace(terms=tuple(terms)))
+    found = with_values(start, {name: value_of(now, name) for name in sizes})
     # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
     there, here = part.innovations(start).minus2, part.innovations(found).minus2
     missed = here < there

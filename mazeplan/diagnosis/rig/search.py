@@ -43,7 +43,8 @@ STEPS = 8  # maximum number of steps of a fit that compares candidates
 POLISH = 20  # maximum number of steps of a fit whose numbers are kept
 ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
 MOST_FOUND = 4  # maximum number of effects
-MIN_PROCESS_NOISE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
+MIN_PROCESS_NOISE = 1e-6  # m^2/s^3, minimum unexplained noise at the start of a search
+NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD, PART = 6000, 4000  # pictures; those of a part of a long record
@@ -151,10 +152,7 @@ def search_rig(
     always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
     start = was.start or was.model
-    # the likelihood is rough: from much noise, a fit of the noise may not come down to little
-    begins = [noisy(start), *([start] if start.wander.plane < MIN_PROCESS_NOISE else [])]
-    fits = [fit_body(body, begin, always, POLISH, ENOUGH) for begin in begins]
-    first = min(fits, key=lambda fit: fit.minus2)
+    first = fit_body(body, with_likeliest_noise(body, start), always, POLISH, ENOUGH)
     part, refused, chosen = alternate(body, round(CHOOSING_S / body.pictures.dt)), set[Candidate](), list[_Chosen]()
     tried = dict[Candidate, Tried]()
     best, least = (
@@ -189,11 +187,11 @@ def search_rig(
 
 @dataclass(frozen=True)
 class _Chosen:
-    """A found candidate, its gain of -2 log L, and those that gained nearly as much."""
+    """A found candidate, its gain of -2 log L, and those that gained nearly as much, with the model of each."""
 
     candidate: Candidate
     gain: float
-    rivals: tuple[Candidate, ...]
+    rivals: Mapping[Candidate, BodyModel]
 
 
 def _remaining_candidates(
@@ -218,12 +216,31 @@ def _refit_on_whole_record(
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
+        best, chosen = _rival_alone(body, best, was, always, chosen, first)
         weak = [c for c in chosen if c.gain < NO_RETEST_FACTOR * NEEDED or not _still_differs(best, was, c)]
         best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
     if not chosen:
         return SearchResult((), (), (), first, first)
-    found, gains, rivals = zip(*((c.candidate, c.gain, c.rivals) for c in chosen), strict=True)
+    found, gains, rivals = zip(*((c.candidate, c.gain, tuple(c.rivals)) for c in chosen), strict=True)
     return SearchResult(found, gains, rivals, best, first)
+
+
+def _rival_alone(
+    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen], first: BodyFit
+) -> tuple[BodyFit, list[_Chosen]]:
+    """One cause in place of several: a rival of the first finding, if all findings together gain too little over it."""
+    base, found = best.model, {name for c in chosen for name in c.candidate.free}
+    beside = {name: best.value(name) for name in _free((), [c.candidate for c in chosen]) if name not in found}
+    for c in chosen:
+        base = _without(base, was, c.candidate)
+    for rival, model in chosen[0].rivals.items() if len(chosen) > 1 else ():
+        terms = tuple(term for term in model.terms if not idle(term))
+        own = {name: value_of(model, name) for name in rival.free}
+        start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
+        alone = _polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
+        if alone.minus2 - best.minus2 < NEEDED:
+            return alone, [_Chosen(rival, first.minus2 - alone.minus2, {})]
+    return best, chosen
 
 
 def _still_differs(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
@@ -243,7 +260,7 @@ def _pruned(
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
         chosen = (
-            [*rest[:-1], replace(rest[-1], rivals=())] if rest else []
+            [*rest[:-1], replace(rest[-1], rivals={})] if rest else []
         )  # its rivals stood beside the dropped finding
     return best, chosen
 
@@ -293,7 +310,7 @@ def _best(
     close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
     told.update({c: Tried(c, gained[c], BEATEN) for c in sure})
-    rivals = tuple(c for c in close if c is not chosen and chosen.effect not in c.simpler)
+    rivals = {c: fits[c].model for c in close if c is not chosen and chosen.effect not in c.simpler}
     return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
 
 
@@ -336,9 +353,15 @@ def _fit_start(
     return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
 
 
-def noisy(model: BodyModel) -> BodyModel:
-    """The model with enough unexplained noise for a search: with almost no noise, the likelihood is flat."""
-    return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, MIN_PROCESS_NOISE)))
+def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
+    """The model with the unexplained noise, of a coarse grid, at which the record is likeliest.
+
+    Derivatives do not see that more noise would bring back pictures that the filter left out, or that the likelihood
+    falls again behind a rough place."""
+    plane = max(model.wander.plane, MIN_PROCESS_NOISE)
+    tried = [model._replace(wander=model.wander._replace(plane=plane * factor)) for factor in NOISE_FACTORS]
+    minus2 = [one.minus2 for one in side_by_side(body.innovations, tried)]
+    return tried[int(np.argmin(minus2))]
 
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
@@ -373,6 +396,7 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
     numbers = [name for name in free if name not in NOISE and "." not in name]
     for _ in range(MAX_RESCALES if numbers else 0):
         there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
+        there.append(with_likeliest_noise(body, fit.model))
         minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
         least = int(np.argmin(minus2))
         if minus2[least] > fit.minus2 - ENOUGH:
