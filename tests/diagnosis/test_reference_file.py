@@ -11,6 +11,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.fitting import Reference
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.reference_file import (
     KEPT,
@@ -20,7 +21,6 @@ from mazeplan.diagnosis.rig.reference_file import (
     load_reference,
     save_reference,
 )
-from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel, load_model, model_names, save_model
 from mazeplan.maze.mapfile import load_map

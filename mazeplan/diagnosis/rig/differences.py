@@ -15,23 +15,18 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.diagnosis.rig.candidates import Candidate
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS, Reference, with_likeliest_noise, zero_effect
 from mazeplan.diagnosis.rig.search import (
-    ENOUGH,
     MOST_FOUND,
     NEEDED,
-    NOISE,
     STDERR_SCALE,
-    STEPS,
     SURE,
-    Reference,
     SearchResult,
     Tried,
     alternate,
     search_rig,
     smallest_reportable,
     surely_differs,
-    with_likeliest_noise,
-    zero_effect,
 )
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.maze.geometry import Maze

@@ -18,10 +18,11 @@ from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fi
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.side_by_side import side_by_side
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, Reference
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
-from mazeplan.diagnosis.rig.search import ENOUGH, HALF_GAIN_SHARE, NEEDED, NOISE, Reference, alternate
+from mazeplan.diagnosis.rig.search import HALF_GAIN_SHARE, NEEDED, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel

@@ -31,10 +31,10 @@ from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.table import Table
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
+from mazeplan.diagnosis.rig.fitting import Reference
 from mazeplan.diagnosis.rig.imbalance import BALANCED
 from mazeplan.diagnosis.rig.record import filter_on_stage
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
-from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
 from mazeplan.learning.rigid_body_entries import ABSENT, PARAMETERS, determined, stamp

@@ -11,7 +11,8 @@ from mazeplan.control.estimation.rigid_body_parameters import FRICTION, number_o
 from mazeplan.core.constants import GRAVITY
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry
 from mazeplan.diagnosis.rig.candidates import Candidate
-from mazeplan.diagnosis.rig.search import STDERR_SCALE, Reference, known_value
+from mazeplan.diagnosis.rig.fitting import Reference
+from mazeplan.diagnosis.rig.search import STDERR_SCALE, known_value
 from mazeplan.learning.rigid_body_entries import INERTIA, SAME
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects.local_forces import FAMILY

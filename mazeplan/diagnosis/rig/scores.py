@@ -13,7 +13,8 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel,
 from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.rig.search import ENOUGH, NOISE, STEPS, SearchResult
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS
+from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 

@@ -14,23 +14,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
-from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.camera import camera_starts
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
+from mazeplan.diagnosis.rig.fitting import (
+    ENOUGH,
+    NOISE,
+    POLISH,
+    STEPS,
+    Reference,
+    fit_start,
+    fitted,
+    polished,
+    with_likeliest_noise,
+    without_finding,
+)
 from mazeplan.diagnosis.rig.places import started_terms
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
-from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects.local_forces import FAMILY, table_swing
 
-NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
 RIVAL_SHARE = 0.92  # a candidate with this share of the best gain explains the record as well: a rival
@@ -39,12 +49,7 @@ SURE = 3.5  # minimum change, in standard errors of both records, each multiplie
 STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
 MIN_SCORE_SHARE = 0.12  # a candidate with less than this share of the best score is not fitted
 MOST_FITTED = 3  # maximum number of candidates that are fitted in a round, apart from simpler ones
-STEPS = 8  # maximum number of steps of a fit that compares candidates
-POLISH = 20  # maximum number of steps of a fit whose numbers are kept
-ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
 MOST_FOUND = 4  # maximum number of effects
-MIN_PROCESS_NOISE = 1e-6  # m^2/s^3, minimum unexplained noise at the start of a search
-NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
 PART_S = 15.0  # length of a stretch, s
 SHORT_RECORD, PART = 6000, 4000  # pictures; those of a part of a long record
@@ -55,28 +60,8 @@ HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
 WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
-# a rescale moves all numbers away from the reference by one of these factors
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
-RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
-MAX_RESCALES = 3
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The ball as it was when the model was right.
-
-    model: its numbers
-    stderr: standard errors of its numbers, if known
-    open: unknown numbers, which are part of every fit
-    start: model at which fits start; None: `model`
-    misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
-
-    model: BodyModel
-    stderr: dict[str, float] = field(default_factory=dict)
-    open: tuple[str, ...] = ()
-    start: BodyModel | None = None
-    misfit: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -170,7 +155,7 @@ def search_rig(
         if new is None:
             break
         tell(f"size of difference {len(chosen) + 1}")
-        with_it = _polished(part, model, was, (*free, *new.candidate.fitted))
+        with_it = polished(part, model, was, (*free, *new.candidate.fitted))
         new = replace(new, gain=best.minus2 - with_it.minus2)
         share = WALLS_SHARE if set(new.candidate.free) <= WALLS else BESIDE_SHARE
         needed = max([least, *(share * c.gain for c in chosen)])
@@ -232,12 +217,12 @@ def _rival_alone(
     base, found = best.model, {name for c in chosen for name in c.candidate.free}
     beside = {name: best.value(name) for name in _free((), [c.candidate for c in chosen]) if name not in found}
     for c in chosen:
-        base = _without(base, was, c.candidate)
+        base = without_finding(base, was, c.candidate)
     for rival, model in chosen[0].rivals.items() if len(chosen) > 1 else ():
         terms = tuple(term for term in model.terms if not idle(term))
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
-        alone = _polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
+        alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
         if alone.minus2 - best.minus2 < NEEDED:
             return alone, [_Chosen(rival, first.minus2 - alone.minus2, {})]
     return best, chosen
@@ -255,7 +240,7 @@ def _pruned(
     for c in doubted:
         rest = [other for other in chosen if other is not c]
         free = _free(always, [other.candidate for other in rest])
-        without = fit_body(body, _without(best.model, was, c.candidate), free, STEPS, ENOUGH)
+        without = fit_body(body, without_finding(best.model, was, c.candidate), free, STEPS, ENOUGH)
         if _still_differs(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
@@ -287,18 +272,18 @@ def _best(
 
     base: the likeliest model with the earlier findings
     minus2: -2 log L of the base"""
-    begins = {c: _fit_start(part, base, c, places) for c in left}
+    begins = {c: fit_start(part, base, c, places) for c in left}
     scores = _scores(part, base, free, left)
     scores = {c: max(scores[c], minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
     ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
     tried = [c for c in ranked[:MOST_FITTED] if scores[c] > MIN_SCORE_SHARE * scores[ranked[0]]]
     simpler = {name for c in tried for name in c.simpler}
     tried += [c for c in left if c.effect in simpler and c not in tried]
-    fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
+    fits = {c: fitted(part, begins[c][1], free, c) for c in tried}
     most = max((minus2 - fit.minus2 for fit in fits.values()), default=0.0)
     hopeful = [c for c, fit in fits.items() if minus2 - fit.minus2 > HOPEFUL_SHARE * most]
     if len(hopeful) > 1:  # a fit that got stuck decides nothing
-        fits |= {c: _polished(part, fits[c].model, was, (*free, *c.fitted)) for c in hopeful}
+        fits |= {c: polished(part, fits[c].model, was, (*free, *c.fitted)) for c in hopeful}
     gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
     for c in left:
         gain = gained.get(c, max(scores[c] + PRICE * len(c.free), 0.0))
@@ -316,52 +301,6 @@ def _best(
 
 def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*always, *(name for c in found for name in c.fitted))))
-
-
-def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
-    """The model with a candidate's numbers as in the reference."""
-    before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
-    gone = {name.partition(".")[0] for name in c.free if "." in name}
-    return before._replace(terms=tuple(
-        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, zero_effect(term))
-        if term.name in gone else term for term in before.terms
-    ))  # fmt: skip
-
-
-def zero_effect(term: Term) -> tuple[float, ...]:
-    """The numbers of a term with its places, and with sizes that have no effect."""
-    pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
-    return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
-
-
-def _fit_start(
-    body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
-) -> tuple[float, BodyModel]:
-    """-2 log L and the model at which the fit of a candidate starts: a likelier model than the base, which is further
-    off; otherwise inf and the base."""
-    tried = [dict(places[c.effect])] if c.effect in places else []
-    for step in c.far:
-        moved = {name: value_of(base, name) + change for name, change in zip(c.free, step, strict=False)}
-        numbers = {name: number_of(base, name) for name in moved}
-        low = {
-            name: max(number.low, body.soonest if name == "delay" else -math.inf) for name, number in numbers.items()
-        }
-        tried.append({name: min(max(at, low[name]), numbers[name].high) for name, at in moved.items()})
-    models = [with_values(base, values) for values in tried]
-    scored = [(one.minus2, i) for i, one in enumerate(side_by_side(body.innovations, models))]
-    least, i = min(scored, default=(math.inf, 0))
-    return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
-
-
-def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
-    """The model with the unexplained noise, of a coarse grid, at which the record is likeliest.
-
-    Derivatives do not see that more noise would bring back pictures that the filter left out, or that the likelihood
-    falls again behind a rough place."""
-    plane = max(model.wander.plane, MIN_PROCESS_NOISE)
-    tried = [model._replace(wander=model.wander._replace(plane=plane * factor)) for factor in NOISE_FACTORS]
-    minus2 = [one.minus2 for one in side_by_side(body.innovations, tried)]
-    return tried[int(np.argmin(minus2))]
 
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
@@ -387,37 +326,3 @@ def _scores(
         slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
         out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
     return out
-
-
-def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
-    """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
-    reference, or nearer to it."""
-    fit = fit_body(body, model, free, POLISH, ENOUGH)
-    numbers = [name for name in free if name not in NOISE and "." not in name]
-    for _ in range(MAX_RESCALES if numbers else 0):
-        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
-        there.append(with_likeliest_noise(body, fit.model))
-        minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
-        least = int(np.argmin(minus2))
-        if minus2[least] > fit.minus2 - ENOUGH:
-            break
-        fit = fit_body(body, there[least], free, POLISH, ENOUGH)
-    return fit
-
-
-def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
-    """The model with its numbers `factor` times as far from the reference, within their bounds."""
-    values = {}
-    for name in names:
-        number, old = number_of(model, name), value_of(was, name)
-        values[name] = min(max(old + factor * (value_of(model, name) - old), number.low), number.high)
-    return with_values(model, values)
-
-
-def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
-    """The likeliest numbers of a candidate, fitted together with the numbers in `free`."""
-    used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
-    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
-    if c.fitted_first:
-        model = fit_body(body, model, (*free, *c.fitted_first), STEPS, ENOUGH).model
-    return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)

@@ -14,10 +14,10 @@ from mazeplan.control.estimation.rigid_body_fit import BodyFit
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.effect_entry import effect_entry, values_of
+from mazeplan.diagnosis.rig.fitting import Reference
 from mazeplan.diagnosis.rig.record import seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.result import RigVerdict
-from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
 from mazeplan.learning.modelfile import RigModel

@@ -25,20 +25,14 @@ from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
 from mazeplan.diagnosis.rig.differences import search_against
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, POLISH
 from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.registry import registry_entry
 from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import (
-    ENOUGH,
-    NEEDED,
-    NOISE,
-    POLISH,
-    SearchResult,
-    surely_differs,
-)
+from mazeplan.diagnosis.rig.search import NEEDED, SearchResult, surely_differs
 from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, settled_on, stage_effects
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,

@@ -1,0 +1,124 @@
+"""Fits of a ball's numbers for a search: from likely beginnings, and again where small steps may have got stuck."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.core.side_by_side import side_by_side
+from mazeplan.diagnosis.rig.candidates import Candidate
+from mazeplan.physics.dynamics.rigid_body_effects import idle
+from mazeplan.physics.effect import Term
+
+NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
+STEPS = 8  # maximum number of steps of a fit that compares candidates
+POLISH = 20  # maximum number of steps of a fit whose numbers are kept
+ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
+MIN_PROCESS_NOISE = 1e-6  # m^2/s^3, minimum unexplained noise at the start of a search
+NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))  # of the grid of noises
+# a rescale moves all numbers away from the reference by one of these factors
+RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
+MAX_RESCALES = 3
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The ball as it was when the model was right.
+
+    model: its numbers
+    stderr: standard errors of its numbers, if known
+    open: unknown numbers, which are part of every fit
+    start: model at which fits start; None: `model`
+    misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
+
+    model: BodyModel
+    stderr: dict[str, float] = field(default_factory=dict)
+    open: tuple[str, ...] = ()
+    start: BodyModel | None = None
+    misfit: float = 1.0
+
+
+def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
+    """The model with the unexplained noise, of a coarse grid, at which the record is likeliest.
+
+    Derivatives do not see that more noise would bring back pictures that the filter left out, or that the likelihood
+    falls again behind a rough place."""
+    plane = max(model.wander.plane, MIN_PROCESS_NOISE)
+    tried = [model._replace(wander=model.wander._replace(plane=plane * factor)) for factor in NOISE_FACTORS]
+    minus2 = [one.minus2 for one in side_by_side(body.innovations, tried)]
+    return tried[int(np.argmin(minus2))]
+
+
+def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
+    """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
+    reference, or nearer to it."""
+    fit = fit_body(body, model, free, POLISH, ENOUGH)
+    numbers = [name for name in free if name not in NOISE and "." not in name]
+    for _ in range(MAX_RESCALES if numbers else 0):
+        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
+        there.append(with_likeliest_noise(body, fit.model))
+        minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
+        least = int(np.argmin(minus2))
+        if minus2[least] > fit.minus2 - ENOUGH:
+            break
+        fit = fit_body(body, there[least], free, POLISH, ENOUGH)
+    return fit
+
+
+def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
+    """The model with its numbers `factor` times as far from the reference, within their bounds."""
+    values = {}
+    for name in names:
+        number, old = number_of(model, name), value_of(was, name)
+        values[name] = min(max(old + factor * (value_of(model, name) - old), number.low), number.high)
+    return with_values(model, values)
+
+
+def fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
+    """The likeliest numbers of a candidate, fitted together with the numbers in `free`."""
+    used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
+    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
+    if c.fitted_first:
+        model = fit_body(body, model, (*free, *c.fitted_first), STEPS, ENOUGH).model
+    return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)
+
+
+def fit_start(
+    body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
+) -> tuple[float, BodyModel]:
+    """-2 log L and the model at which the fit of a candidate starts: a likelier model than the base, which is further
+    off; otherwise inf and the base."""
+    tried = [dict(places[c.effect])] if c.effect in places else []
+    for step in c.far:
+        moved = {name: value_of(base, name) + change for name, change in zip(c.free, step, strict=False)}
+        numbers = {name: number_of(base, name) for name in moved}
+        low = {
+            name: max(number.low, body.soonest if name == "delay" else -math.inf) for name, number in numbers.items()
+        }
+        tried.append({name: min(max(at, low[name]), numbers[name].high) for name, at in moved.items()})
+    models = [with_values(base, values) for values in tried]
+    scored = [(one.minus2, i) for i, one in enumerate(side_by_side(body.innovations, models))]
+    least, i = min(scored, default=(math.inf, 0))
+    return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
+
+
+def without_finding(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
+    """The model with a candidate's numbers as in the reference."""
+    before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
+    gone = {name.partition(".")[0] for name in c.free if "." in name}
+    return before._replace(terms=tuple(
+        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, zero_effect(term))
+        if term.name in gone else term for term in before.terms
+    ))  # fmt: skip
+
+
+def zero_effect(term: Term) -> tuple[float, ...]:
+    """The numbers of a term with its places, and with sizes that have no effect."""
+    pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
+    return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
