@@ -201,7 +201,7 @@ def _refit_on_whole_record(
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
-        best, chosen = _rival_alone(body, best, was, always, chosen, first)
+        best, chosen = _or_a_rival(body, best, was, always, chosen, first)
         weak = [c for c in chosen if c.gain < NO_RETEST_FACTOR * NEEDED or not _still_differs(best, was, c)]
         best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
     if not chosen:
@@ -210,21 +210,26 @@ def _refit_on_whole_record(
     return SearchResult(found, gains, rivals, best, first)
 
 
-def _rival_alone(
+def _or_a_rival(
     body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen], first: BodyFit
 ) -> tuple[BodyFit, list[_Chosen]]:
-    """One cause in place of several: a rival of the first finding, if all findings together gain too little over it."""
+    """The findings, or a rival of the first one that explains the whole record better alone.
+
+    Each further finding has to gain NEEDED over the rival, too: one cause rather than several."""
     base, found = best.model, {name for c in chosen for name in c.candidate.free}
     beside = {name: best.value(name) for name in _free((), [c.candidate for c in chosen]) if name not in found}
     for c in chosen:
         base = without_finding(base, was, c.candidate)
-    for rival, model in chosen[0].rivals.items() if len(chosen) > 1 else ():
+    for rival, model in chosen[0].rivals.items():
         terms = tuple(term for term in model.terms if not idle(term))
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
         alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
-        if alone.minus2 - best.minus2 < NEEDED:
-            return alone, [_Chosen(rival, first.minus2 - alone.minus2, {})]
+        worth = NEEDED * (len(chosen) - 1) - PRICE * (len(rival.free) - len(chosen[0].candidate.free))
+        if alone.minus2 - best.minus2 < worth:
+            gain = first.minus2 - alone.minus2
+            close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
+            return alone, [_Chosen(rival, gain, {chosen[0].candidate: best.model} if close else {})]
     return best, chosen
 
 
