@@ -14,8 +14,8 @@ from mazeplan.control.estimation.rigid_body_parameters import value_of
 from mazeplan.core.errors import TableError
 from mazeplan.diagnosis.rig.camera import FEWEST, check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
+from mazeplan.diagnosis.rig.fitting import fit_start
 from mazeplan.diagnosis.rig.scores import AHEAD, LOST, HeldOut
-from mazeplan.diagnosis.rig.search import _fit_start
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
@@ -80,7 +80,7 @@ def test_a_fit_of_a_lean_may_start_far_off_in_any_direction(lean):
             return SimpleNamespace(minus2=1e4 * float(np.hypot(*(at - lean))))
 
     (candidate,) = [c for c in CANDIDATES if c.effect == "tilt_offset"]
-    minus2, model = _fit_start(Body(), BodyModel(), candidate, {})
+    minus2, model = fit_start(Body(), BodyModel(), candidate, {})
     start = np.array([value_of(model, "tilt_beta"), value_of(model, "tilt_gamma")])
     assert np.hypot(*(start - lean)) < 0.5 * np.hypot(*lean)
     assert minus2 == pytest.approx(1e4 * np.hypot(*(start - lean)))

@@ -1,0 +1,59 @@
+"""Where a search begins, and which of two explanations it keeps. The filter is replaced by a known likelihood."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_fit import BodyFit
+from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.diagnosis.rig import search
+from mazeplan.diagnosis.rig.candidates import Candidate
+from mazeplan.diagnosis.rig.fitting import Reference, with_likeliest_noise
+
+INERTIA, GAIN = Candidate("rolling_inertia", ("inertia",)), Candidate("tilt_gain", ("gain_beta", "gain_gamma"))
+LEAN, FRICTION = Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")), Candidate("dry_friction", ("rolling",))
+
+
+@pytest.mark.parametrize("likeliest", [1e-6, 1e-3])
+def test_a_search_begins_at_the_likeliest_noise(likeliest: float):
+    """However far it is from the noise of the reference."""
+
+    class Body:
+        def innovations(self, model: BodyModel) -> Any:
+            return SimpleNamespace(minus2=100.0 * abs(math.log(model.wander.plane / likeliest)))
+
+    body: Any = Body()
+    found = with_likeliest_noise(body, with_values(BodyModel(), {"plane": 2e-5}))
+    assert likeliest / 2.0 < found.wander.plane < 2.0 * likeliest
+
+
+def fit(minus2: float) -> BodyFit:
+    """A fit of which only the likelihood counts."""
+    none: Any = None
+    return BodyFit(BodyModel(), {}, (), none, minus2, none)
+
+
+def kept(monkeypatch: pytest.MonkeyPatch, found: list[Candidate], gain: float, of_rival: float) -> list[str]:
+    """Names of what a search keeps that found these candidates, with this gain; the first one has the rival GAIN."""
+    monkeypatch.setattr(search, "polished", lambda *_: fit(-of_rival))
+    rivals = [{GAIN: BodyModel()}, *({} for _ in found[1:])]
+    chosen = [search._Chosen(c, gain, other) for c, other in zip(found, rivals, strict=True)]
+    body: Any = None
+    _, left = search._or_a_rival(body, fit(-gain), Reference(BodyModel()), (), chosen, fit(0.0))
+    return [c.candidate.effect for c in left]
+
+
+def test_one_cause_takes_the_place_of_several_that_explain_no_more(monkeypatch: pytest.MonkeyPatch):
+    assert kept(monkeypatch, [INERTIA, LEAN, FRICTION], 3700.0, of_rival=3650.0) == ["tilt_gain"]
+    several = ["rolling_inertia", "tilt_offset", "dry_friction"]
+    assert kept(monkeypatch, [INERTIA, LEAN, FRICTION], 3700.0, of_rival=3300.0) == several
+
+
+def test_the_whole_record_decides_between_rivals(monkeypatch: pytest.MonkeyPatch):
+    assert kept(monkeypatch, [INERTIA], 2900.0, of_rival=3700.0) == ["tilt_gain"]
+    assert kept(monkeypatch, [INERTIA], 2900.0, of_rival=2905.0) == ["rolling_inertia"]  # it has one number more
