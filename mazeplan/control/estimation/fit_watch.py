@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.control.estimation.plate import PlateFilter
 from mazeplan.control.estimation.stage_watch import OFF, StageWatch
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.rig_model import RigModel
@@ -48,22 +49,22 @@ class BallWatch:
     def __init__(self, maze: Maze, model: RigModel, rate_hz: float) -> None:
         late = model.camera_delay if model.delay_known else max(USUAL_LATE, -model.stage.dead_time)
         planar = replace(model, camera_delay=late, camera_delay_stderr=0.0, body=None)
-        self._bank = [Estimator(maze, planar, rate_hz=rate_hz) for _ in WAYS]
+        self._plate = PlateFilter(planar, EstimatorOptions().plate)  # one for all: they differ in the pictures
+        self._bank = [Estimator(maze, planar, rate_hz=rate_hz, plate=self._plate) for _ in WAYS]
         self._squares, self._count = np.zeros(len(WAYS)), 0
 
     def sent(self, command: Command, t: float) -> None:
         """Note the command of a tick."""
-        for estimator in self._bank:
-            estimator.sent(command, t)
+        self._plate.sent(command, t)
 
     def update(self, observation: Observation) -> None:
         """Take in a sample."""
-        x, y = observation.x, observation.y
+        x, y, doubts = observation.x, observation.y, self._plate.update(observation)
         for estimator, place in zip(self._bank, WAYS.values(), strict=True):
             seen = (None, None) if x is None or y is None else place(x, y)
-            estimator.update(replace(observation, x=seen[0], y=seen[1], others=()))
-        state = self._bank[0].filtered
-        if observation.seen and state is not None and math.hypot(state.vx, state.vy) > MOVING:
+            estimator.follow(observation, doubts)
+            estimator.correct(replace(observation, x=seen[0], y=seen[1], others=()))
+        if observation.seen and math.hypot(*self._bank[0].ball()[2:4]) > MOVING:
             self._squares += np.minimum([estimator.innovation for estimator in self._bank], MOST) ** 2
             self._count += 1
 
