@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
+from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
@@ -49,10 +49,11 @@ class StageWatch:
 
     def __init__(self, stage: StageModel, rate_hz: float) -> None:
         self._dt = 1.0 / rate_hz
-        self._axes = [(stage.beta, stage.gamma), *((axis, axis) for axis in _bank())]
+        bank = _bank()
+        self._axes = [(stage.beta, stage.gamma), *((axis, axis) for axis in bank)]
         count = math.ceil(MEMORY_S / self._dt)
-        responses = [[_impulse(axis, count, self._dt) for axis in pair] for pair in self._axes]
-        self._impulses = np.ascontiguousarray(np.array(responses).transpose(1, 0, 2))  # (2, C, L)
+        own, tried = (_impulse(axis, count, self._dt) for axis in self._axes[0]), _impulses(count, self._dt)
+        self._impulses = np.stack([np.vstack([response, tried]) for response in own])  # (2, C, L)
         self._offset = np.array([stage.beta.offset, stage.gamma.offset])
         self._u: deque[tuple[float, float]] = deque([(0.0, 0.0)] * count, maxlen=count)  # newest first
         self._yp, self._pp = np.zeros((len(self._axes), 2, 2)), np.zeros((len(self._axes), 2, 2))
@@ -141,15 +142,12 @@ class StageWatch:
         it leaves, rad."""
         y, sent = np.array(self._measured), np.array(self._commands)
         u = np.vstack([[0.0, 0.0], sent[1:], sent[-1:]])  # level at first; then what was sent after each sample
-        own = self._axes[0]
-        best: tuple[StageModel, float] = StageModel(*own), math.inf
-        half = 0.5 * self._dt  # samples show a dead time only to a sample
-        for base, rate in product((own, tuple(map(_prompt, own)), tuple(_prompt(axis, half) for axis in own)), RATES):
-            axes = [replace(axis, rate_limit=math.radians(rate)) for axis in base]
-            p = np.column_stack([simulate_axis(axis, u[:, i], self._dt)[1:] for i, axis in enumerate(axes)])
-            rest = float(np.sqrt(np.nanmean((y - p) ** 2)))
+        good, best = np.isfinite(y[:, 0]), (StageModel(*self._axes[0]), math.inf)
+        for pair in _limits(*self._axes[0], 0.5 * self._dt):  # samples show a dead time only to a sample
+            off = [y[good, i] - simulate_axis(axis, u[:, i], self._dt)[1:][good] for i, axis in enumerate(pair)]
+            rest = math.sqrt(sum(float(one @ one) for one in off) / (2.0 * np.count_nonzero(good)))
             if rest < best[1]:
-                best = StageModel(*axes), rest
+                best = StageModel(*pair), rest
         return best
 
     def _mixed_up(self) -> str:
@@ -180,14 +178,28 @@ class StageWatch:
         return words, StageModel(beta, gamma)
 
 
-def _bank() -> Iterator[StageAxis]:
+@cache
+def _bank() -> tuple[StageAxis, ...]:
     """The stages that are tried."""
-    for late in LATE:
-        yield StageAxis.prompt(dead_time=late)
-        for pole in FIRST:
-            yield StageAxis(1.0, pole, 1.0, late, order=1)
-        for frequency, damping in product(SECOND, DAMPINGS):
-            yield StageAxis(1.0, frequency, damping, late)
+    kinds = [
+        StageAxis.prompt(), *(StageAxis(1.0, pole, 1.0, order=1) for pole in FIRST),
+        *(StageAxis(1.0, frequency, damping) for frequency, damping in product(SECOND, DAMPINGS)),
+    ]  # fmt: skip
+    return tuple(replace(axis, dead_time=late) for late in LATE for axis in kinds)
+
+
+@cache
+def _impulses(count: int, dt: float) -> Array:
+    """`_impulse` of the stages that are tried, (C, count)."""
+    return np.array([_impulse(axis, count, dt) for axis in _bank()])
+
+
+@lru_cache(maxsize=8)
+def _limits(beta: StageAxis, gamma: StageAxis, half: float) -> tuple[tuple[StageAxis, StageAxis], ...]:
+    """Both axes as they are, or as they would follow at once, with each limited rate. half: half a sample, s"""
+    bases = ((beta, gamma), (_prompt(beta), _prompt(gamma)), (_prompt(beta, half), _prompt(gamma, half)))
+    limits = [math.radians(rate) for rate in RATES]
+    return tuple((replace(a, rate_limit=r), replace(b, rate_limit=r)) for a, b in bases for r in limits)
 
 
 def _prompt(axis: StageAxis, earlier: float = 0.0) -> StageAxis:
