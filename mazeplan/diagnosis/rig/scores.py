@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
 from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import number_of
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS
@@ -103,9 +103,14 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
 
 
 def _by_rows(body: BodyFilter, searched: SearchResult, rows: np.ndarray) -> BodyModel:
-    """The model with what was found, fitted to some pictures."""
-    names: Sequence[str] = [*NOISE, *(name for c in searched.found for name in c.fitted)]
-    return fit_body(body.part(rows), searched.fit.model, names, STEPS, ENOUGH).model
+    """The model with what was found, fitted to some pictures. Numbers that these do not show stay as they are: a ball
+    that met one end of a sector only says nothing of the other."""
+    part, model = body.part(rows), searched.fit.model
+    names = tuple(dict.fromkeys([*NOISE, *(name for c in searched.found for name in c.fitted)]))
+    fit = fit_body(part, model, names, STEPS, ENOUGH)
+    numbers = {name: number_of(model, name) for name in names}
+    shown = tuple(name for name, number in numbers.items() if fit.stderr[name] < number.high - number.low)
+    return fit.model if shown == names else fit_body(part, model, shown, STEPS, ENOUGH).model
 
 
 def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, maze: Maze) -> HeldOut:
