@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -25,6 +26,8 @@ NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))  # of the grid of noises
 # a rescale moves all numbers away from the reference by one of these factors
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
 MAX_RESCALES = 3
+MOVABLE = ("centre", "half", "x", "y", "width")  # places on the plate
+MOVES = (1.0, 3.0, 9.0)  # by which a place moves, in its steps
 
 
 @dataclass(frozen=True)
@@ -57,18 +60,37 @@ def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
 
 def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
     """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
-    reference, or nearer to it."""
+    reference, or nearer to it, other noise, and other places."""
     fit = fit_body(body, model, free, POLISH, ENOUGH)
     numbers = [name for name in free if name not in NOISE and "." not in name]
-    for _ in range(MAX_RESCALES if numbers else 0):
-        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
-        there.append(with_likeliest_noise(body, fit.model))
+    for _ in range(MAX_RESCALES if len(free) > len(NOISE) else 0):
+        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS if numbers]
+        there += [with_likeliest_noise(body, fit.model), *_moved(fit.model, free)]
         minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
         least = int(np.argmin(minus2))
         if minus2[least] > fit.minus2 - ENOUGH:
             break
         fit = fit_body(body, there[least], free, POLISH, ENOUGH)
     return fit
+
+
+def _moved(model: BodyModel, free: Sequence[str]) -> Iterator[BodyModel]:
+    """The model with each free place moved, of a sector also with one end moved; and with other sizes of an effect."""
+    for term in model.terms:
+        sizes = [f"{term.name}.{key}" for key in term.effect.parameters if key not in term.effect.places]
+        sizes = [name for name in sizes if name in free]
+        for factor in RESCALE_FACTORS if sizes else ():
+            yield with_values(model, {name: factor * value_of(model, name) for name in sizes})
+        places = [place for place in term.effect.places if place in MOVABLE and f"{term.name}.{place}" in free]
+        ways = [{place: sign} for place in places for sign in (1.0, -1.0)]
+        if "half" in places and "centre" in places:
+            ways += [{"centre": a, "half": b} for a in (1.0, -1.0) for b in (1.0, -1.0)]
+        for way, size in product(ways, MOVES):
+            numbers = {f"{term.name}.{place}": sign * size for place, sign in way.items()}
+            kinds = {name: number_of(model, name) for name in numbers}
+            to = {name: value_of(model, name) + by * kinds[name].step for name, by in numbers.items()}
+            if all(kinds[name].low <= at <= kinds[name].high for name, at in to.items()):
+                yield with_values(model, to)
 
 
 def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
