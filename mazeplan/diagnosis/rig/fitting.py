@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -25,9 +25,10 @@ MIN_PROCESS_NOISE = 1e-6  # m^2/s^3, minimum unexplained noise at the start of a
 NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))  # of the grid of noises
 # a rescale moves all numbers away from the reference by one of these factors
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
-MAX_RESCALES = 3
+MAX_AGAIN = 3
+ROUGH = 20.0  # of -2 log L; jumps between near points (`rigid_body_fit`)
 MOVABLE = ("centre", "half", "x", "y", "width")  # places on the plate
-MOVES = (1.0, 3.0, 9.0)  # by which a place moves, in its steps
+MOVES = (2.0, 8.0)  # by which a place moves, in its steps
 
 
 @dataclass(frozen=True)
@@ -52,25 +53,44 @@ def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
 
     Derivatives do not see that more noise would bring back pictures that the filter left out, or that the likelihood
     falls again behind a rough place."""
-    plane = max(model.wander.plane, MIN_PROCESS_NOISE)
-    tried = [model._replace(wander=model.wander._replace(plane=plane * factor)) for factor in NOISE_FACTORS]
+    tried = _noisier(model, NOISE_FACTORS)
     minus2 = [one.minus2 for one in side_by_side(body.innovations, tried)]
     return tried[int(np.argmin(minus2))]
 
 
+def _noisier(model: BodyModel, factors: Sequence[float]) -> list[BodyModel]:
+    plane = max(model.wander.plane, MIN_PROCESS_NOISE)
+    return [model._replace(wander=model.wander._replace(plane=plane * factor)) for factor in factors]
+
+
 def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
     """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
-    reference, or nearer to it, other noise, and other places."""
-    fit = fit_body(body, model, free, POLISH, ENOUGH)
+    reference, or nearer to it, and other noise."""
     numbers = [name for name in free if name not in NOISE and "." not in name]
-    for _ in range(MAX_RESCALES if len(free) > len(NOISE) else 0):
-        there = [_rescaled(fit.model, was.model, numbers, factor) for factor in RESCALE_FACTORS if numbers]
-        there += [with_likeliest_noise(body, fit.model), *_moved(fit.model, free)]
+
+    def others(model: BodyModel) -> list[BodyModel]:
+        rescaled = [_rescaled(model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
+        return [*rescaled, *_noisier(model, (0.1, 0.3, 3.0, 10.0))]
+
+    return _fitted_again(body, model, free, others if numbers else lambda _: [])
+
+
+def placed(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> BodyFit:
+    """The likeliest numbers; for effects at a place, other places and sizes are tried, too."""
+    return _fitted_again(body, model, free, lambda model: [*_moved(model, free)])
+
+
+def _fitted_again(
+    body: BodyFilter, model: BodyModel, free: Sequence[str], others: Callable[[BodyModel], list[BodyModel]]
+) -> BodyFit:
+    """A fit, and again from the likeliest of `others` of its result, as long as that is clearly likelier."""
+    fit = fit_body(body, model, free, POLISH, ENOUGH)
+    for _ in range(MAX_AGAIN):
+        there = others(fit.model)
         minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
-        least = int(np.argmin(minus2))
-        if minus2[least] > fit.minus2 - ENOUGH:
+        if not there or min(minus2) > fit.minus2 - ROUGH:
             break
-        fit = fit_body(body, there[least], free, POLISH, ENOUGH)
+        fit = fit_body(body, there[int(np.argmin(minus2))], free, POLISH, ENOUGH)
     return fit
 
 

@@ -31,6 +31,7 @@ from mazeplan.diagnosis.rig.fitting import (
     Reference,
     fit_start,
     fitted,
+    placed,
     polished,
     with_likeliest_noise,
     without_finding,
@@ -197,7 +198,7 @@ def _refit_on_whole_record(
     if not chosen:
         return SearchResult((), (), (), first, first)
     if part is not body:
-        best = polished(body, best.model, was, _free(always, [c.candidate for c in chosen]))
+        best = placed(body, best.model, _free(always, [c.candidate for c in chosen]))
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
