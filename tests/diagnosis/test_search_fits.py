@@ -10,10 +10,12 @@ import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit
-from mazeplan.control.estimation.rigid_body_parameters import with_values
-from mazeplan.diagnosis.rig import search
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.diagnosis.rig import fitting, search
 from mazeplan.diagnosis.rig.candidates import Candidate
-from mazeplan.diagnosis.rig.fitting import Reference, with_likeliest_noise
+from mazeplan.diagnosis.rig.fitting import Reference, placed, with_likeliest_noise
+from mazeplan.physics.effect import Term
+from mazeplan.physics.effects.local_forces import floor_dirt
 
 INERTIA, GAIN = Candidate("rolling_inertia", ("inertia",)), Candidate("tilt_gain", ("gain_beta", "gain_gamma"))
 LEAN, FRICTION = Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")), Candidate("dry_friction", ("rolling",))
@@ -57,3 +59,24 @@ def test_one_cause_takes_the_place_of_several_that_explain_no_more(monkeypatch: 
 def test_the_whole_record_decides_between_rivals(monkeypatch: pytest.MonkeyPatch):
     assert kept(monkeypatch, [INERTIA], 2900.0, of_rival=3700.0) == ["tilt_gain"]
     assert kept(monkeypatch, [INERTIA], 2900.0, of_rival=2905.0) == ["rolling_inertia"]  # it has one number more
+
+
+def test_a_sector_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch):
+    """A fit that stays where it began does not have the last word."""
+    term = Term(floor_dirt, tuple(p.default for p in floor_dirt.parameters.values()))
+    names = ("floor_dirt.centre", "floor_dirt.half", "floor_dirt.coefficient")
+    model = with_values(BodyModel()._replace(terms=(term,)), dict(zip(names, (1.8, 0.7, 0.4), strict=True)))
+    truth = dict(zip(names, (1.6, 0.5, 0.5), strict=True))
+
+    class Body:
+        def innovations(self, model: BodyModel) -> Any:
+            return SimpleNamespace(minus2=1e3 * sum(abs(value_of(model, name) - truth[name]) for name in names))
+
+    def stays(body: Any, model: BodyModel, *_: Any) -> BodyFit:
+        none: Any = None
+        return BodyFit(model, {}, (), none, body.innovations(model).minus2, none)
+
+    monkeypatch.setattr(fitting, "fit_body", stays)
+    body: Any = Body()
+    found = placed(body, model, names)
+    assert found.minus2 < 0.25 * body.innovations(model).minus2
