@@ -25,7 +25,7 @@ MIN_PROCESS_NOISE = 1e-6  # m^2/s^3, minimum unexplained noise at the start of a
 NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))  # of the grid of noises
 # a rescale moves all numbers away from the reference by one of these factors
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
-MAX_AGAIN = 3
+MAX_AGAIN = 3  # maximum number of further fits
 ROUGH = 20.0  # of -2 log L; jumps between near points (`rigid_body_fit`)
 MOVABLE = ("centre", "half", "x", "y", "width")  # places on the plate
 MOVES = (2.0, 8.0)  # by which a place moves, in its steps
