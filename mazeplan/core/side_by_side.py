@@ -45,7 +45,7 @@ def beside(work: Callable[[], None]) -> Iterator[None]:
         try:
             work()
         finally:
-            os._exit(0)
+            os._exit(0)  # an error shows again where the caller does the same work
     try:
         yield
     finally:

@@ -109,7 +109,8 @@ class PlateFilter:
 
     before:   `means` before the last sample
     tilts:    filtered (t, beta, gamma) of the last HISTORY_S
-    commands: (t from which a command acts, its two values, rad)"""
+    commands: (t from which a command acts, its two values, rad)
+    history, queue: `tilts` and `commands` as arrays: times (N,), values (N, 2)"""
 
     def __init__(self, model: RigModel, noise: PlateNoise) -> None:
         self.stage, self._sensor = model.true_stage, model.tilt_sensor
@@ -122,7 +123,7 @@ class PlateFilter:
         self.before = self.means
         self.tilts: deque[tuple[float, float, float]] = deque()
         self.commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])
-        self._history = self._queue = (np.empty(0), np.empty((0, 2)))
+        self.history = self.queue = (np.empty(0), np.empty((0, 2)))
 
     @property
     def means(self) -> list[Array]:
@@ -134,17 +135,7 @@ class PlateFilter:
         self.commands.append((t + self.stage.dead_time, command.u_beta, command.u_gamma))
         while len(self.commands) > 2 and self.commands[1][0] < t - HISTORY_S:
             self.commands.popleft()
-        self._queue = _split([c for c in self.commands if math.isfinite(c[0])])
-
-    @property
-    def history(self) -> tuple[Array, Array]:
-        """Times (N,) and filtered tilts (N, 2) of the last HISTORY_S."""
-        return self._history
-
-    @property
-    def queue(self) -> tuple[Array, Array]:
-        """Times (N,) from which commands act, and the commands (N, 2)."""
-        return self._queue
+        self.queue = _split([c for c in self.commands if math.isfinite(c[0])])
 
     def update(self, observation: Observation) -> set[str]:
         """Filter both axes to the time of a sample. Returns words of `records.Doubt` for what was left out."""
@@ -170,7 +161,7 @@ class PlateFilter:
         self.tilts.append((t, float(beta[0]), float(gamma[0])))
         while self.tilts[0][0] < t - HISTORY_S:
             self.tilts.popleft()
-        self._history = _split(self.tilts)
+        self.history = _split(self.tilts)
         return doubts
 
     def until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
