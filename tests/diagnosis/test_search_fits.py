@@ -64,9 +64,9 @@ def test_the_whole_record_decides_between_rivals(monkeypatch: pytest.MonkeyPatch
 def test_a_sector_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch):
     """A fit that stays where it began does not have the last word."""
     term = Term(floor_dirt, tuple(p.default for p in floor_dirt.parameters.values()))
-    names = ("floor_dirt.centre", "floor_dirt.half", "floor_dirt.coefficient")
-    model = with_values(BodyModel()._replace(terms=(term,)), dict(zip(names, (1.8, 0.7, 0.4), strict=True)))
-    truth = dict(zip(names, (1.6, 0.5, 0.5), strict=True))
+    names = ("floor_dirt.start", "floor_dirt.end", "floor_dirt.coefficient")
+    model = with_values(BodyModel()._replace(terms=(term,)), dict(zip(names, (1.1, 2.5, 0.4), strict=True)))
+    truth = dict(zip(names, (1.05, 2.1, 0.5), strict=True))
 
     class Body:
         def innovations(self, model: BodyModel) -> Any:

@@ -58,7 +58,7 @@ def test_a_bump_pulls_most_at_one_width_from_its_middle():
 
 @pytest.mark.parametrize(("centre", "inner", "share"), [(0.0, 0.03, 1.0), (2.0, 0.03, 0.0), (0.0, 0.07, 0.0)])
 def test_dirt_slows_in_its_sector_of_its_ring_alone(centre, inner, share):
-    _, lost = gained(floor_dirt(centre=centre, half=0.5, inner=inner, outer=inner + 0.04, coefficient=0.3))
+    _, lost = gained(floor_dirt(start=centre - 0.5, end=centre + 0.5, inner=inner, outer=inner + 0.04, coefficient=0.3))
     assert lost == pytest.approx(-share * H * 0.3, rel=1e-3, abs=1e-6)
 
 

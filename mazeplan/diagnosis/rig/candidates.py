@@ -94,7 +94,7 @@ CANDIDATES = (
         simpler=LEANS,
     ),
     Candidate(
-        "local_friction", ("floor_dirt.coefficient", "floor_dirt.centre", "floor_dirt.half"),
+        "local_friction", ("floor_dirt.coefficient", "floor_dirt.start", "floor_dirt.end"),
         ("floor_dirt.coefficient",), simpler=FRICTIONS,
     ),
     Candidate("gate_loss", ("floor_kerb.size", "floor_kerb.centre"), ("floor_kerb.size",)),

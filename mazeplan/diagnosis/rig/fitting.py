@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_parameters import Number, number_of, value_of, with_values
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.physics.dynamics.rigid_body_effects import idle
@@ -27,8 +27,9 @@ NOISE_FACTORS = tuple(3.0**k for k in range(-3, 9))  # of the grid of noises
 RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
 MAX_AGAIN = 3  # maximum number of further fits
 ROUGH = 20.0  # of -2 log L; jumps between near points (`rigid_body_fit`)
-MOVABLE = ("centre", "half", "x", "y", "width")  # places on the plate
-MOVES = (2.0, 8.0)  # by which a place moves, in its steps
+MOVABLE = ("centre", "start", "end", "x", "y", "width")  # places on the plate
+UNKNOWN = 10.0  # standard error of a place that a record does not determine, over its range
+MOVES = tuple(range(1, 9))  # by which a place moves, in its steps
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,16 @@ def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[
 
 
 def placed(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> BodyFit:
-    """The likeliest numbers; for effects at a place, other places and sizes are tried, too."""
-    return _fitted_again(body, model, free, lambda model: [*_moved(model, free)])
+    """The likeliest numbers; for effects at a place, other places and sizes are tried, too.
+
+    If a record is nearly as likely with a place far off, it does not determine the place."""
+    fit = _fitted_again(body, model, free, lambda model: [*_moved(model, free)])
+    unknown = {
+        name: UNKNOWN * (number.high - number.low)
+        for name, number in _movable(fit.model, free)
+        if any(body.innovations(far).minus2 < fit.minus2 + ROUGH for far in _away(fit.model, name, MOVES[-1]))
+    }
+    return replace(fit, stderr={**fit.stderr, **unknown})
 
 
 def _fitted_again(
@@ -95,22 +104,28 @@ def _fitted_again(
 
 
 def _moved(model: BodyModel, free: Sequence[str]) -> Iterator[BodyModel]:
-    """The model with each free place moved, of a sector also with one end moved; and with other sizes of an effect."""
+    """The model with each free place moved, and with other sizes of an effect."""
     for term in model.terms:
         sizes = [f"{term.name}.{key}" for key in term.effect.parameters if key not in term.effect.places]
         sizes = [name for name in sizes if name in free]
         for factor in RESCALE_FACTORS if sizes else ():
             yield with_values(model, {name: factor * value_of(model, name) for name in sizes})
-        places = [place for place in term.effect.places if place in MOVABLE and f"{term.name}.{place}" in free]
-        ways = [{place: sign} for place in places for sign in (1.0, -1.0)]
-        if "half" in places and "centre" in places:
-            ways += [{"centre": a, "half": b} for a in (1.0, -1.0) for b in (1.0, -1.0)]
-        for way, size in product(ways, MOVES):
-            numbers = {f"{term.name}.{place}": sign * size for place, sign in way.items()}
-            kinds = {name: number_of(model, name) for name in numbers}
-            to = {name: value_of(model, name) + by * kinds[name].step for name, by in numbers.items()}
-            if all(kinds[name].low <= at <= kinds[name].high for name, at in to.items()):
-                yield with_values(model, to)
+    for (name, _), steps in product(_movable(model, free), MOVES):
+        yield from _away(model, name, steps)
+
+
+def _movable(model: BodyModel, free: Sequence[str]) -> list[tuple[str, Number]]:
+    """The free places of effects on the plate."""
+    names = [f"{term.name}.{place}" for term in model.terms for place in term.effect.places if place in MOVABLE]
+    return [(name, number_of(model, name)) for name in names if name in free]
+
+
+def _away(model: BodyModel, name: str, steps: float) -> Iterator[BodyModel]:
+    """The model with a number that is larger or smaller by so many of its steps, within its bounds."""
+    number = number_of(model, name)
+    for to in (value_of(model, name) + sign * steps * number.step for sign in (1.0, -1.0)):
+        if number.low <= to <= number.high:
+            yield with_values(model, {name: to})
 
 
 def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:

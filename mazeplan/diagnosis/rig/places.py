@@ -48,6 +48,7 @@ def started_terms(
     swings: frequency of a rocking table, Hz, if it was found before"""
     implied, place = _implied_acceleration(filtered), filtered.state[:, :2]
     x, y, width = _bump_place(place, implied, maze)
+    centre, half, inner, outer = _slowing_sector(filtered, implied, maze, HALVES)
     t = (body.pictures.t if body.pictures.clock is None else body.pictures.clock) - delay
     radial = place / np.maximum(np.hypot(*place.T), 1e-3)[:, None]
     along = radial[:, 0] * implied[:, 1] - radial[:, 1] * implied[:, 0]
@@ -55,7 +56,7 @@ def started_terms(
     return (
         Term(floor_warp, (0.0, 0.0, 0.0)),
         Term(floor_bump, (x, y, 0.0, width)),
-        Term(floor_dirt, (*_slowing_sector(filtered, implied, maze, HALVES), 0.0)),
+        Term(floor_dirt, (centre - half, centre + half, inner, outer, 0.0)),
         Term(floor_kerb, _kerb(filtered, implied, maze)),
         Term(floor_ripple, (_waves(place, along), 0.0, 0.0)),
         Term(table_swing, (_frequency(t, implied), 0.0, 0.0, 0.0, 0.0)),

@@ -67,9 +67,10 @@ def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Value
         share, least = MODEL_ERROR.get(name, (0.0, 0.0))
         value = value_of(fit.model, name)
         sigma = math.hypot(STDERR_SCALE * was.misfit * fit.stderr[name], share * value, least)
-        up = min(value + sigma, number_of(fit.model, name).high)
-        there = _numbers(c, with_values(fit.model, {name: up}), was, radius)
-        out = {key: math.hypot(out[key], there[key] - at[key]) for key in at}
+        step = min(sigma, number_of(fit.model, name).high - value)
+        there = _numbers(c, with_values(fit.model, {name: value + step}), was, radius)
+        scale = sigma / step if step > 0.0 else 0.0  # the step ends at the bound
+        out = {key: math.hypot(out[key], scale * (there[key] - at[key])) for key in at}
     return out
 
 
@@ -101,8 +102,8 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         centre, size = of("floor_kerb", "centre", "size")
         return {"angle": centre, "loss": 1.0 - math.exp(-size)}
     if c.effect == "local_friction":
-        centre, half, size = of("floor_dirt", "centre", "half", "coefficient")
-        return {"start": centre - half, "end": centre + half, "coefficient": size / radius}
+        start, end, size = of("floor_dirt", "start", "end", "coefficient")
+        return {"start": start, "end": end, "coefficient": size / radius}
     if c.effect == "table_rocking":
         frequency, bs, bc, gs, gc = of("table_swing", "frequency", "bs", "bc", "gs", "gc")
         phase = math.atan2(bc, bs) if math.hypot(bs, bc) > math.hypot(gs, gc) else math.atan2(gc, gs)

@@ -272,7 +272,9 @@ def _change(effect: Entry) -> str:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
         if key in places:
-            parts.append(f"{_called(effect['name'], key)} {factor * number['value']:.3g} {unit}".rstrip())
+            at = f"{factor * number['value']:.3g} {unit}".rstrip()
+            at = at if number.get("determined", True) else f"not determined ({at} fits)"
+            parts.append(f"{_called(effect['name'], key)} {at}")
             continue
         digits = _digits(factor * error, factor * number["value"])
         was = f"{factor * old:.{digits}f}" if old else "0"

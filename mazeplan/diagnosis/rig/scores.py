@@ -19,6 +19,8 @@ from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 
 EVERY = 7  # pictures between the starts of roll-outs
+STRETCH_S = 30.0  # s; the halves are every other stretch, so that both show what depends on the place
+SHOWN = 3.0  # a half shows a number if its standard error is at most so many times that of the whole record
 FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
 LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
 
@@ -93,7 +95,8 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
     if not searched.found:
         rings = errors_by_ring(body, plain, starts, alone, maze)
         return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone, rings)
-    after, second = np.empty_like(before), np.arange(n) >= n // 2
+    after, rows = np.empty_like(before), min(round(STRETCH_S / body.pictures.dt), -(-n // 2))
+    second = np.arange(n) // rows % 2 == 1
     for rows in (second, ~second):
         model = _by_rows(body, searched, ~rows)
         gain[rows] = (minus2_by_picture(plain) - minus2_by_picture(body.run(model)))[rows]
@@ -103,14 +106,13 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
 
 
 def _by_rows(body: BodyFilter, searched: SearchResult, rows: np.ndarray) -> BodyModel:
-    """The model with what was found, fitted to some pictures. Numbers that these do not show stay as they are: a ball
+    """The model with what was found, fitted to some pictures. Numbers that these hardly show stay as they are: a ball
     that met one end of a sector only says nothing of the other."""
-    part, model = body.part(rows), searched.fit.model
+    part, whole = body.part(rows), searched.fit
     names = tuple(dict.fromkeys([*NOISE, *(name for c in searched.found for name in c.fitted)]))
-    fit = fit_body(part, model, names, STEPS, ENOUGH)
-    numbers = {name: number_of(model, name) for name in names}
-    shown = tuple(name for name, number in numbers.items() if fit.stderr[name] < number.high - number.low)
-    return fit.model if shown == names else fit_body(part, model, shown, STEPS, ENOUGH).model
+    here = fit_body(part, whole.model, names, steps=0).stderr
+    shown = [n for n in names if here[n] < SHOWN * whole.stderr[n] < number_of(whole.model, n).high]
+    return fit_body(part, whole.model, shown, STEPS, ENOUGH).model
 
 
 def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, maze: Maze) -> HeldOut:

@@ -4,7 +4,7 @@ They are formulas in the plane, so one set of numbers holds for all rings:
 
     floor_warp      the floor has the height z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
     floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of `width`
-    floor_dirt      dry friction in a sector of a ring: radii `inner` to `outer`, `half` rad on both sides of `centre`
+    floor_dirt      dry friction in a sector of a ring: radii `inner` to `outer`, from the angle `start` to `end`
     floor_kerb      a ball that passes an angle of a ring loses a share 1 - exp(-size) of its speed
     floor_ripple    a force along the rings with n = `waves` waves per turn: c cos(n theta) + s sin(n theta), m/s^2
     table_swing     the table tilts by bs sin wt + bc cos wt (beta), gs sin wt + gc cos wt (gamma); w = 2 pi `frequency`
@@ -22,6 +22,7 @@ Four more show a change without a named cause:
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Parameter
@@ -36,7 +37,7 @@ SWING = Parameter("rad", 0.0, -0.1, 0.1, smallest=0.001, step=5e-4)
 FREQUENCY = Parameter("Hz", 0.0, 0.0, 15.0, step=1e-4)
 ANGLE = Parameter("rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, step=2e-2)
 RADIUS = Parameter("m", 0.0, 0.0, 1.0, step=1e-3, fixed=True)
-SOFT = 0.03  # rad, over which dirt begins and ends
+SOFT = 0.005  # rad, over which dirt begins and ends
 KERB = 0.05  # rad, width of a kerb
 BORDER = 1e-3  # m along the radius, over which dirt and kerb begin and end
 
@@ -58,7 +59,8 @@ def _bump(s: Any, p: Any) -> dict[str, Any]:
 
 
 def _dirt(s: Any, p: Any) -> Any:
-    along = 1 + tanh((p.half - size(wrap(s.theta - p.centre))) / (2 * SOFT))
+    away = size(wrap(s.theta - (p.start + p.end) / 2))
+    along = 1 + tanh(((p.end - p.start) / 2 - away) / (2 * SOFT))
     return p.coefficient / s.radius * along * _across(s, p) / 2
 
 
@@ -90,10 +92,10 @@ floor_bump = Effect(
 floor_dirt = Effect(
     "floor_dirt",
     {
-        "centre": ANGLE, "half": Parameter("rad", 0.3, 0.02, math.pi, step=2e-2), "inner": RADIUS, "outer": RADIUS,
+        "start": ANGLE, "end": replace(ANGLE, default=0.6), "inner": RADIUS, "outer": RADIUS,
         "coefficient": Parameter("m/s^2", 0.0, 0.0, 5.0, smallest=0.02, step=1e-2),
     },
-    DRY, _dirt, places=("centre", "half", "inner", "outer"), text="dry friction in a sector of a ring",
+    DRY, _dirt, places=("start", "end", "inner", "outer"), text="dry friction in a sector of a ring",
 )  # fmt: skip
 floor_kerb = Effect(
     "floor_kerb",
