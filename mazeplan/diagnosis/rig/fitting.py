@@ -28,6 +28,7 @@ RESCALE_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5)
 MAX_AGAIN = 3  # maximum number of further fits
 ROUGH = 20.0  # of -2 log L; jumps between near points (`rigid_body_fit`)
 MOVABLE = ("centre", "start", "end", "x", "y", "width")  # places on the plate
+NEAR_S = 2.0  # s before and after
 UNKNOWN = 10.0  # standard error of a place that a record does not determine, over its range
 MOVES = tuple(range(1, 9))  # by which a place moves, in its steps
 
@@ -73,31 +74,48 @@ def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[
         rescaled = [_rescaled(model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
         return [*rescaled, *_noisier(model, (0.1, 0.3, 3.0, 10.0))]
 
-    return _fitted_again(body, model, free, others if numbers else lambda _: [])
+    return _fitted_again(body, model, free, others if numbers else lambda _: [], body)
 
 
 def placed(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> BodyFit:
     """The likeliest numbers; for effects at a place, other places and sizes are tried, too.
 
     If a record is nearly as likely with a place far off, it does not determine the place."""
-    fit = _fitted_again(body, model, free, lambda model: [*_moved(model, free)])
+    near = _at_effects(body, model)
+    fit = _fitted_again(body, model, free, lambda model: [*_moved(model, free)], near)
+    least = near.innovations(fit.model).minus2
     unknown = {
         name: UNKNOWN * (number.high - number.low)
         for name, number in _movable(fit.model, free)
-        if any(body.innovations(far).minus2 < fit.minus2 + ROUGH for far in _away(fit.model, name, MOVES[-1]))
+        if any(near.innovations(far).minus2 < least + ROUGH for far in _away(fit.model, name, MOVES[-1]))
     }
     return replace(fit, stderr={**fit.stderr, **unknown})
 
 
+def _at_effects(body: BodyFilter, model: BodyModel) -> BodyFilter:
+    """The part of a record in which an effect in one ring acts, and NEAR_S around it; all of it without one."""
+    r, rows = np.hypot(*body.pictures.y.T), np.zeros(len(body.pictures), dtype=bool)
+    for term in (term for term in model.terms if not idle(term)):
+        numbers = dict(zip(term.effect.parameters, term.numbers, strict=True))
+        if "outer" not in numbers:
+            return body
+        rows |= (r > numbers["inner"]) & (r < numbers["outer"])
+    around = np.ones(2 * round(NEAR_S / body.pictures.dt) + 1)
+    return body.part(np.convolve(rows, around, "same") > 0.0) if rows.any() else body
+
+
 def _fitted_again(
-    body: BodyFilter, model: BodyModel, free: Sequence[str], others: Callable[[BodyModel], list[BodyModel]]
-) -> BodyFit:
-    """A fit, and again from the likeliest of `others` of its result, as long as that is clearly likelier."""
+    body: BodyFilter, model: BodyModel, free: Sequence[str], others: Callable[[BodyModel], list[BodyModel]],
+    part: BodyFilter,
+) -> BodyFit:  # fmt: skip
+    """A fit, and again from the likeliest of `others` of its result, as long as that is clearly likelier.
+
+    part: of the record, on which `others` differ"""
     fit = fit_body(body, model, free, POLISH, ENOUGH)
     for _ in range(MAX_AGAIN):
         there = others(fit.model)
-        minus2 = [one.minus2 for one in side_by_side(body.innovations, there)]
-        if not there or min(minus2) > fit.minus2 - ROUGH:
+        minus2 = [one.minus2 for one in side_by_side(part.innovations, there)]
+        if not there or min(minus2) > part.innovations(fit.model).minus2 - ROUGH:
             break
         fit = fit_body(body, there[int(np.argmin(minus2))], free, POLISH, ENOUGH)
     return fit
