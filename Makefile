@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
 # pip would need half a minute for bytecode: it is written in the background, beside what comes next
-BYTECODE := ($(BIN)/python -m compileall -q $(VENV)/lib > /dev/null 2>&1 &)
+BYTECODE := (nice -n 19 $(BIN)/python -m compileall -q $(VENV)/lib > /dev/null 2>&1 &)
 JOBS ?= 2
 ARGS ?=
 
