@@ -15,6 +15,7 @@ from mazeplan.control.estimation.rigid_body_parameters import value_of, with_val
 from mazeplan.diagnosis.rig import fitting, search
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.fitting import Reference, placed, with_likeliest_noise
+from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.local_forces import floor_dirt
 
@@ -72,7 +73,7 @@ def test_a_sector_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch, 
     no_ball_in_its_ring = np.zeros((9, 2))  # so all pictures count
 
     class Body:
-        pictures = BallPictures(np.arange(9) * 0.03, 0.03, no_ball_in_its_ring, np.arange(9) == 0)
+        pictures = BallPictures(np.linspace(0.0, 0.24, 9), 0.03, no_ball_in_its_ring, np.arange(9) == 0)
 
         def innovations(self, model: BodyModel) -> Any:
             return SimpleNamespace(minus2=1e3 * sum(abs(value_of(model, name) - at) for name, at in truth.items()))
@@ -86,3 +87,18 @@ def test_a_sector_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch, 
     found = placed(body, model, names)
     assert found.minus2 < 0.25 * body.innovations(model).minus2
     assert set(found.stderr) == (set() if shown else {"floor_dirt.start"})
+
+
+@pytest.mark.parametrize(
+    ("gains", "likelier"),
+    [
+        ([0, 606, 141, 71, 71, 46, 45, 37, -3, 0, 0, 0, 0, 0], True),  # an effect at one place: few blocks show it
+        ([0, 900, 30, 20, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0], False),  # one block only
+        ([0, 606, 141, 71, 71, -46, -45, -37, 5, -30, 0, 0, 0, 0], False),  # others get worse
+        ([12, 9, 11, 14, 8, 10, 12, 9, 11, 10, 12, 8, 9, 10], True),
+    ],
+)
+def test_findings_have_to_make_held_out_blocks_likelier(gains: list[float], likelier: bool):
+    none = np.empty((0, 0))
+    held = HeldOut(np.empty(0, dtype=int), none, none, np.array(gains, dtype=np.float64), none)
+    assert held.likelier is likelier

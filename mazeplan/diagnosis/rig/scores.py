@@ -14,7 +14,7 @@ from mazeplan.control.estimation.rigid_body_parameters import number_of
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS
-from mazeplan.diagnosis.rig.search import SearchResult
+from mazeplan.diagnosis.rig.search import NEEDED, SearchResult
 from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 
@@ -22,6 +22,8 @@ EVERY = 7  # pictures between the starts of roll-outs
 STRETCH_S = 30.0  # s; the halves are every other stretch, so that both show what depends on the place
 SHOWN = 3.0  # a half shows a number if its standard error is at most so many times that of the whole record
 FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
+BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
+LOSS = 0.1  # maximum loss of blocks, over the gain of the others
 LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
 
 
@@ -75,6 +77,15 @@ class HeldOut:
             return math.inf
         spread = max(float(self.gain.std(ddof=1)) / math.sqrt(len(self.gain)), 1e-12)
         return float(self.gain.mean()) / spread
+
+    @property
+    def likelier(self) -> bool:
+        """Whether blocks are likelier with what was found, beyond doubt: by BETTER standard errors, or by NEEDED in all
+        blocks but the best one together, with hardly a loss. An effect at one place acts in a few blocks only, which
+        differ from all others, so that standard errors are wide."""
+        rest = np.sort(self.gain)[:-1]
+        gained, lost = float(rest[rest > 0.0].sum()), float(-rest[rest < 0.0].sum())
+        return self.z_score > BETTER or (gained - lost > NEEDED and lost < LOSS * gained)
 
     def errors(self, which: str) -> dict[str, float]:
         """Mean absolute errors of roll-outs for the JSON document, rad. which: before or after"""

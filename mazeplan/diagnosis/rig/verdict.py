@@ -48,7 +48,6 @@ from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import PACKAGED
 
-BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
@@ -89,7 +88,7 @@ def verdict_on(
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
     old = measured if sensor is not None else _as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
-    found = searched.found if held.z_score > BETTER and held.ball_effects_not_worse else ()
+    found = searched.found if held.likelier and held.ball_effects_not_worse else ()
     radii = _radii(maze, searched.fit.filtered)
     staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
