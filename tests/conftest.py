@@ -13,7 +13,7 @@ from in_real_time import judge, try_again
 TESTS = Path(__file__).resolve().parent
 WHOLE = (TESTS, TESTS / "testing", TESTS / "run")  # folders whose tests drive the whole program, tick by tick
 LONG = (  # a quarter of a minute or more in one test
-    "test_pages.py", "diagnosis/test_walls.py", "rigs/sim/test_simulated.py", "diagnosis/test_drawn_sizes.py",
+    "test_pages.py", "diagnosis/test_walls.py", "rigs/sim/test_simulated.py",
     "run/test_improve.py",
 )  # fmt: skip
 # Typer builds all commands anew for each call, which takes longer than most calls of a test
