@@ -43,3 +43,10 @@ def test_without_evidence_it_is_said_where_to_get_it():
     done = section()
     assert not kept(done.parts, PagePicture)
     assert any(part.code == "mazeplan diagnose LOG -o FOLDER" for part in kept(done.parts, Note))
+
+
+def test_a_number_that_is_not_determined_is_no_number():
+    document = diagnosis()
+    document["effects"][0]["parameters"]["coefficient"] |= {"stderr": 250.0, "determined": False}
+    effects = kept(section(document=document).parts, PageTable)[0]
+    assert effects.rows[0][3] == "not determined"

@@ -91,7 +91,8 @@ def _effects(effects: list[dict[str, Any]]) -> PageTable:
             old = number(effect.get("known_before", {}).get(key))
             error = number(p.get("stderr"))
             before = words.measured(old + 0.0, None, p["unit"]) if math.isfinite(old) else words.MISSING
-            now = words.measured(p["value"], error, p["unit"])
+            known = p.get("determined", True)
+            now = words.measured(p["value"], error, p["unit"]) if known else "not determined"
             rows.append([first[0], words.parameter(name, key), before, now, first[1], f"{name}.{key}"])
             first = ["", ""]
     head = ("effect", "parameter", "before", "in this record ± standard error", "used by plans", "name")
