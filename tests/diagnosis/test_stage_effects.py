@@ -84,26 +84,30 @@ def test_the_old_stage_moves_the_plate_unless_the_record_surely_differs():
     assert slower.beta.natural_frequency == pytest.approx(12.0)
 
 
-def coarse_record(seed, pole, dead):
+def coarse_record(seed, pole, dead, coupling=0.0):
     """A minute of a servo of first order, whose angle is measured in tenths of a degree."""
     u, step = jumps(seed, 1800), math.radians(0.1)
     axis = StageAxis(1.0, pole, 1.0, dead, order=1)
-    tilts = [step * np.round(simulate_axis(axis, u[:, i], DT) / step) for i in (0, 1)]
+    moved = [simulate_axis(axis, u[:, i] + coupling * u[:, 1 - i], DT) for i in (0, 1)]
+    tilts = [step * np.round(tilt / step) for tilt in moved]
     begins = np.arange(1800) == 0
     record: Any = SimpleNamespace(u=u, beta=tilts[0], gamma=tilts[1], dt=DT, begins=begins)
     return record
 
 
 @pytest.mark.parametrize(
-    ("pole", "dead", "names"),
-    [(35.0, 0.04, []), (12.0, 0.04, ["servo_lag"]), (20.0, 0.04, ["servo_lag"]), (35.0, 0.08, ["command_delay"])],
-)
-def test_the_motion_tells_what_numbers_that_stand_in_for_each_other_hide(pole, dead, names):
+    ("pole", "dead", "coupling", "names"),
+    [
+        (35.0, 0.04, 0.0, []), (12.0, 0.04, 0.0, ["servo_lag"]), (20.0, 0.04, 0.0, ["servo_lag"]),
+        (35.0, 0.08, 0.0, ["command_delay"]), (35.0, 0.04, 0.15, ["axis_coupling"]),
+    ],
+)  # fmt: skip
+def test_the_motion_tells_what_numbers_that_stand_in_for_each_other_hide(pole, dead, coupling, names):
     rows = np.ones(1800, dtype=bool)
     was = fit_stage(coarse_record(1, 35.0, 0.04), rows)  # of second order: its frequency and damping are uncertain
     assert was is not None
     known = Known.of_model(RigModel(StageModel(*was.axes), {1: BallModel(())}, kind="pi"))
-    record = coarse_record(2, pole, dead)
+    record = coarse_record(2, pole, dead, coupling)
     stage = settled_on(fit_stage(record, rows), record, known)
     assert [effect["name"] for effect in stage_effects(stage, known)] == names
 

@@ -132,7 +132,8 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
                 fit.axis, **{key: getattr(old, key) for key in ("natural_frequency", "damping", "dead_time")}
             )
             only = ("gain", "offset", *(name for name in names if name != "damping" or near.order == 2))
-            out.append(fit_axis(u[:, i], angles[i], record.dt, record.begins.astype(float), near, only=only))
+            reaching = u[:, i] + fit.axis.coupling * u[:, 1 - i]
+            out.append(fit_axis(reaching, angles[i], record.dt, record.begins.astype(float), near, only=only))
         return out
 
     def unexplained(fits: list[StageFit]) -> bool:
