@@ -24,6 +24,7 @@ SHOWN = 3.0  # a half shows a number if its standard error is at most so many ti
 FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 LOSS = 0.1  # maximum loss of blocks, over the gain of the others
+PARTS = 20  # of a record, whose roll-outs give the scatter of a difference
 LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
 
 
@@ -64,8 +65,13 @@ class HeldOut:
 
     @property
     def better(self) -> bool:
-        """Whether roll-outs with all effects, also of the stage, are at least as accurate as without."""
-        return self._mean_error(self.after) <= self._mean_error(self.before)
+        """Whether roll-outs with all effects, also of the stage, are at least as accurate as without, within the
+        standard error of the difference."""
+        more = (self.after - self.before)[self.ahead - 1]
+        more = more[np.isfinite(more)]
+        parts = [part.mean() for part in np.array_split(more, PARTS) if len(part)]
+        spread = float(np.std(parts, ddof=1)) / math.sqrt(len(parts)) if len(parts) > 1 else 0.0
+        return float(np.mean(more)) <= spread
 
     def _mean_error(self, errors: Array) -> float:
         return float(np.nanmean(errors[self.ahead - 1]))
