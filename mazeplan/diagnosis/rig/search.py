@@ -45,7 +45,6 @@ from mazeplan.physics.effects.local_forces import FAMILY, table_swing
 NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
 RIVAL_SHARE = 0.92  # a candidate with this share of the best gain explains the record as well: a rival
-ALIKE = 50.0  # of -2 log L; so much of a part of the record decides nothing between two candidates
 HOPEFUL_SHARE = 0.7  # candidates with this share of the best gain are fitted until nothing more is gained
 SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
 STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
@@ -222,20 +221,17 @@ def _or_a_rival(
     beside = {name: best.value(name) for name in _free((), [c.candidate for c in chosen]) if name not in found}
     for c in chosen:
         base = without_finding(base, was, c.candidate)
-    kept = dict[Candidate, BodyModel]()
     for rival, model in chosen[0].rivals.items():
         terms = tuple(term for term in model.terms if not idle(term))
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
         alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
         worth = NEEDED * (len(chosen) - 1) - PRICE * (len(rival.free) - len(chosen[0].candidate.free))
-        gain = first.minus2 - alone.minus2
         if alone.minus2 - best.minus2 < worth:
+            gain = first.minus2 - alone.minus2
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
             return alone, [_Chosen(rival, gain, {chosen[0].candidate: best.model} if close else {})]
-        if len(chosen) > 1 or gain > RIVAL_SHARE * chosen[0].gain:
-            kept[rival] = model
-    return best, [replace(chosen[0], rivals=kept), *chosen[1:]]
+    return best, chosen
 
 
 def _still_differs(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
@@ -305,8 +301,7 @@ def _best(
     close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
     told.update({c: Tried(c, gained[c], BEATEN) for c in sure})
-    near = [c for c in sure if c in close or gained[c] > max(gained[one] for one in sure) - ALIKE]
-    rivals = {c: fits[c].model for c in near if c is not chosen and chosen.effect not in c.simpler}
+    rivals = {c: fits[c].model for c in close if c is not chosen and chosen.effect not in c.simpler}
     return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
 
 
