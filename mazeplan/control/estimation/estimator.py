@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import PlateFilter, PlateNoise
+from mazeplan.control.estimation.plate import PlateFilter, PlateNoise, shaken
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import LEVEL, Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
@@ -225,8 +225,7 @@ class Estimator:
             return
         self.advance(self._z, self._measured_at, moment)
         transition = np.array([[1.0, dt], [0.0, 1.0]])
-        q = self._options.acceleration_sigma**2
-        spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
+        spread = shaken(dt, self._options.acceleration_sigma)
         self._covariance = transition @ self._covariance @ transition.T + spread
         self._measured_at = moment
 
@@ -270,7 +269,7 @@ class Estimator:
         z, gain = self._z, self._covariance[:, 0] / self._variance()
         z[:2] += gain[0] * innovation
         z[2:4] += gain[1] * innovation
-        self._covariance = self._covariance - np.outer(gain, self._covariance[0])
+        self._covariance = self._covariance - gain[:, None] * self._covariance[0]
         p = self._planar
         contact(z, p.scalars[0], p.rings, p.walls, p.gaps, 0.0)
 
@@ -290,5 +289,5 @@ class Estimator:
 
 
 def _as_state(t: float, z: Array, ring: int, seen: bool, lost: bool) -> State:
-    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = (float(v) for v in z[:SPIN])
+    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = z[:SPIN].tolist()
     return State(t, x, y, vx, vy, beta, beta_dot, gamma, gamma_dot, ring, seen, lost)

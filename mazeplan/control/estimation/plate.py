@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -50,8 +51,7 @@ class AxisFilter:
         """Advance by dt, s, with `command` acting all the time."""
         transition = self.axis.transition(dt)
         self.mean = servo_step(self.axis, self.mean, command, dt)
-        q = self.noise.acceleration**2
-        spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
+        spread = shaken(dt, self.noise.acceleration)
         self.covariance = transition @ self.covariance @ transition.T + spread
 
     def update(self, angle: float) -> None:
@@ -59,7 +59,7 @@ class AxisFilter:
         innovation_variance = self.covariance[0, 0] + self.noise.sensor**2
         gain = self.covariance[:, 0] / innovation_variance
         self.mean = self.mean + gain * (angle - self.mean[0])
-        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+        self.covariance = self.covariance - gain[:, None] * self.covariance[0]
 
 
 @dataclass
@@ -86,6 +86,12 @@ class TiltCheck:
         self._rejected.clear()
         self.last = angle
         return True
+
+
+@lru_cache(1024)
+def shaken(dt: float, acceleration: float) -> Array:
+    """Covariance (2, 2) of place and rate after dt s of a constant acceleration of this standard deviation."""
+    return np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * acceleration**2
 
 
 def servo_step(axis: StageAxis, state: Array, command: float, dt: float) -> Array:

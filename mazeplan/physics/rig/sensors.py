@@ -46,7 +46,7 @@ class Camera:
 
     def true(self, x: float, y: float) -> tuple[float, float]:
         """True position, m, of a ball that is measured at (x, y)."""
-        if self == Camera():
+        if self == PLAIN:
             return x, y
         x, y = self._without_lens(x, y)
         c, s = math.cos(self.angle) / self.scale, math.sin(self.angle) / self.scale
@@ -71,6 +71,9 @@ class Camera:
             over = 1.0 + self.distortion * (px * px + py * py)
             px, py = x / over, y / over
         return px + self.distortion_x, py + self.distortion_y
+
+
+PLAIN = Camera()  # measures places as they are
 
 
 @dataclass(frozen=True)
