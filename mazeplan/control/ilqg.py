@@ -28,6 +28,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import typeof
 
 from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
@@ -161,7 +162,7 @@ class Planner:
             final=address_of(cost.final, workspace.FINAL),
             final_derivatives=address_of(cost.final_derivatives, workspace.FINAL_DERIVATIVES),
         )
-        self._rules = workspace.Rules(*(getattr(self.options, name) for name in workspace.Rules._fields))
+        self._rules = rules_of(self.options)
 
     def solve(
         self,
@@ -258,3 +259,17 @@ class Planner:
     def warm_up(self, s0: Array, cost_parameters: Array) -> None:
         """Compile or load everything before the first solve."""
         self.solve(s0, cost_parameters)
+
+
+def compile_solver() -> None:
+    """Compile the solver for plans of a ring (6 states), apart from dynamics and cost; runs nothing."""
+    w = workspace.make_workspace(1, 6, np.zeros(2), np.zeros(2))
+    f, rules, p = workspace.Functions(0, 0, 0, 0, 0), rules_of(IlqgOptions()), np.zeros(1)
+    core.begin.compile(tuple(map(typeof, (w, f, p, p, w.states, 0.0))))
+    core.iterate.compile(tuple(map(typeof, (w, f, p, p, rules))))
+    core.finish.compile(tuple(map(typeof, (w, f, p, rules))))
+
+
+def rules_of(options: IlqgOptions) -> workspace.Rules:
+    """The options that an iteration needs."""
+    return workspace.Rules(*(getattr(options, name) for name in workspace.Rules._fields))

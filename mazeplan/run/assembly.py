@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
-from typing import Protocol
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 
 from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters, running
 from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.ilqg import IlqgOptions, compile_solver
+from mazeplan.control.ilqg_workspace import RUNNING
 from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
+from mazeplan.core.maths.compiled import address_of
 from mazeplan.core.records import State
 from mazeplan.core.side_by_side import beside
 from mazeplan.learning.modelfile import RigModel
@@ -23,25 +24,12 @@ from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 
-class Compiled(Protocol):
-    """A part of a run that can be compiled beforehand."""
-
-    def warm_up(self) -> None:
-        """Compile everything before the rig moves."""
-        ...
-
-
-def warm_up(planners: Sequence[Compiled], others: Sequence[Compiled]) -> None:
-    """Compile all parts. The first time, the planners take as long as the others: both at once, on two cores."""
-
-    def the_others() -> None:
-        for part in others:
-            part.warm_up()
-
-    with beside(the_others) if running.stats.cache_misses else nullcontext():
-        for planner in planners:
-            planner.warm_up()
-    the_others()
+@contextmanager
+def solver_beside() -> Iterator[None]:
+    """The first time, compile the planners' solver on a second core while the body compiles everything else."""
+    address_of(running, RUNNING)  # its cache tells whether anything was compiled before
+    with beside(compile_solver) if running.stats.cache_misses else nullcontext():
+        yield
 
 
 def plate_of(maze: Maze, model: RigModel) -> Plate:

@@ -42,6 +42,7 @@ from mazeplan.run.judge import PARTS, Judgement, judge
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
 LATER = (0.024, 0.032, 0.040, 0.048)  # s, for an axis whose rate is limited: small motions have less lag
+FAR = 200.0  # of -2 log L, beyond the best; an axis that is this bad at the middle delay is not tried at others
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
@@ -118,12 +119,17 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
         return stage, None
     first = filter_on_stage(table, maze, stage)
     ball = fit_body(alternate(first, PART // 2), BodyModel(), enough=ENOUGH).model
-    total, best = stage.lag + ball.view.delay, (math.inf, stage, ball)
+    total, best, least = stage.lag + ball.view.delay, (math.inf, stage, ball), math.inf
     for axis in finer_axes():
-        part = alternate(filter_on_stage(table, maze, StageModel(axis, axis)))
+        part = alternate(filter_on_stage(table, maze, StageModel(axis, axis), first))
         shifts = SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER)
         delays = [max(total - axis.lag + shift, 0.0) for shift in shifts]
         seen = [ball._replace(view=ball.view._replace(delay=delay)) for delay in delays]
+        if math.isinf(axis.rate_limit):  # else the delay may be far from the middle one
+            middle = part.innovations(seen[SHIFTS.index(0.0)]).minus2
+            if middle > least + FAR:
+                continue
+            least = min(least, middle)
         found = zip(side_by_side(part.innovations, seen), seen, strict=True)
         best = min(best, *((one.minus2, StageModel(axis, axis), by) for one, by in found), key=itemgetter(0))
     axis = best[1].beta

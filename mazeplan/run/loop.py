@@ -51,7 +51,7 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of, warm_up
+from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of, solver_beside
 from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder, weak_reporter
@@ -93,7 +93,14 @@ class Run:
         self._fit = FitWatch(setup.maze, model, rig.rate_hz)
         self._stopwatch = watch or Live()
         self._slew = slew
-        self._prepare_control()
+        with solver_beside():
+            self._prepare_control()
+            for part in (self._balls, self._steering.rollout, self._keeper):
+                if part is not None:
+                    part.warm_up()
+        for planner in self._steering.planners.values():
+            planner.warm_up()
+        self._stopwatch.pop_cuts()
         self._memory = OpeningMemory()
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._misfits: list[Misfit] = []
@@ -101,7 +108,6 @@ class Run:
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
-        self._warm_up()
 
     def _prepare_control(self) -> None:
         """Everything that steers by the model: planners, roll-outs, and the options of the leaves."""
@@ -165,13 +171,6 @@ class Run:
         if setup.watch is not None:
             setup.watch(tree, context)
         return context, tree
-
-    def _warm_up(self) -> None:
-        """Compile and load everything before the rig moves: the first time, on two cores."""
-        steering = self._steering
-        others = [part for part in (self._balls, steering.rollout, self._keeper) if part is not None]
-        warm_up(list(steering.planners.values()), others)
-        self._stopwatch.pop_cuts()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin a new tree towards another ring, from where the ball is. It does not use the openings `closed`.

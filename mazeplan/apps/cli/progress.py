@@ -163,11 +163,11 @@ def report_compiling() -> None:
     from numba.core import event
 
     class Listener(event.Listener):
-        depth, timer, reported = 0, None, False
+        depth, timer, reported, process = 0, None, False, os.getpid()
 
         def on_start(self, event: Any) -> None:
             self.depth += 1
-            if self.depth == 1 and not self.reported:
+            if self.depth == 1 and not self.reported and os.getpid() == self.process:
                 self.timer = threading.Timer(COMPILING_S, self.report)
                 self.timer.daemon = True
                 self.timer.start()
@@ -176,6 +176,8 @@ def report_compiling() -> None:
             self.depth -= 1
             if self.depth == 0 and self.timer is not None:
                 self.timer.cancel()
+                self.timer.join()  # a process with a second thread compiles on one core alone
+                self.timer = None
 
         def report(self) -> None:
             self.reported = True

@@ -8,6 +8,7 @@ rate) of this free motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -46,6 +47,7 @@ def with_true_starts(
     return PlateMotion(plate.start, plate.step, motion)
 
 
+@lru_cache(2)
 def _free(axis: StageAxis, step: float, count: int) -> Array:
     """Free motion (count, 3, 2) of an axis: angle, rate, acceleration, for a start at angle 1 and for one at rate 1."""
     M, now = axis.transition(step), np.eye(2)

@@ -339,7 +339,7 @@ class BodyFilter:
         n = len(pictures)
         self._rows: tuple[object, Array] = None, np.empty((0, ROW))  # replaced, not changed: other threads may read it
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
-        self._t, self._edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls) if edge is None else edge
+        self._t, self.edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls) if edge is None else edge
         self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
@@ -349,7 +349,7 @@ class BodyFilter:
         begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
         clock = None if p.clock is None else p.clock[rows]
         seen = replace(p, t=p.t[rows], y=p.y[rows], begins=p.begins[rows] | begun, clock=clock)
-        return BodyFilter(seen, self.plate, self.walls, self.soonest, self._edge[rows])
+        return BodyFilter(seen, self.plate, self.walls, self.soonest, self.edge[rows])
 
     def rows(self, tilting: Tilting, delay: float) -> Array:
         """Rows (N substeps, ROW) of `physics.dynamics.plate` between the pictures.
@@ -372,7 +372,7 @@ class BodyFilter:
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures that show the time before their stretch
         found = _run(
             Ball(*map(float, model.ball)), self.walls, effects_of(model.terms), kf, self._y, self._begins,
-            self._edge, rows, self.pictures.dt, self.substeps, late, nu, S, state, cov,
+            self.edge, rows, self.pictures.dt, self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 

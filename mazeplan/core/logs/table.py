@@ -15,6 +15,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ class Table:
         """Number of the uninterrupted stretch of each row; 0 everywhere if the table has no such column."""
         return self.columns.get("segment", np.zeros(len(self)))
 
-    @property
+    @cached_property
     def dt(self) -> float:
         """Time from row to row within a segment, s: mean of the steps near the median, so that rounded times do no
         harm."""

@@ -84,9 +84,11 @@ def body_filter(table: Table, maze: Maze, kind: StageModel = USUAL) -> tuple[Bod
     return filter_of(table, record, maze, moves), stage
 
 
-def filter_on_stage(table: Table, maze: Maze, stage: StageModel) -> BodyFilter:
-    """The filter for a record with x and y and commands, with a stage that is known. Raises TableError."""
-    return filter_of(table, whole_record(table), maze, stage)
+def filter_on_stage(table: Table, maze: Maze, stage: StageModel, like: BodyFilter | None = None) -> BodyFilter:
+    """The filter for a record with x and y and commands, with a stage that is known. Raises TableError.
+
+    like: a filter of the same pictures, which saves time"""
+    return filter_of(table, whole_record(table), maze, stage, like)
 
 
 def whole_record(table: Table) -> RingRecord:
@@ -102,8 +104,13 @@ def whole_record(table: Table) -> RingRecord:
     return record
 
 
-def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | None) -> BodyFilter:
-    """The filter of a record. stage: moves the plate by the commands; None: the measured tilt moves the plate"""
+def filter_of(
+    table: Table, record: RingRecord, maze: Maze, stage: StageModel | None, like: BodyFilter | None = None
+) -> BodyFilter:
+    """The filter of a record.
+
+    stage: moves the plate by the commands; None: the measured tilt moves the plate
+    like: a filter of the same pictures, which saves time"""
     by_commands = None if stage is None else commanded(record, stage)
     tilt = by_commands or from_sensor(record)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
@@ -116,7 +123,7 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
     pictures = BallPictures(record.t, record.dt, y, record.begins, clock if ordered else None)
     # no picture was taken before its ball was there, up to a sample: the dead time is not known better
     dead = math.inf if stage is None else max(stage.beta.dead_time, stage.gamma.dead_time) + record.dt
-    return BodyFilter(pictures, plate, pack_walls(maze), soonest=-dead)
+    return BodyFilter(pictures, plate, pack_walls(maze), soonest=-dead, edge=None if like is None else like.edge)
 
 
 def seconds_of(body: BodyFilter) -> float:
