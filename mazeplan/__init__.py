@@ -7,6 +7,7 @@ when first used, so that `import mazeplan` stays cheap.
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from mazeplan.run.navigate import navigate
 
 __version__ = "0.1.0"
+os.environ.setdefault("NUMBA_OPT", "2")  # 3 takes a third longer to compile, and what it makes is not faster
 
 _COMMANDS = ("collect", "compare", "diagnose", "evaluate", "improve", "learn")
 _HOMES = {

@@ -12,13 +12,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mazeplan.core.maths.compiled import KERNEL
+
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _clip(x, low, high):
     return min(max(x, low), high)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def box_qp(h00, h01, h11, g0, g1, low0, high0, low1, high1):
     """Minimise the objective in the box. Returns (x0, x1, free0, free1, ok).
 

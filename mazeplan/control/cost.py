@@ -36,6 +36,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.maths.compiled import CALLEE, KERNEL
 from mazeplan.core.records import Array
 
 _THETA, _SPEED, _ARRIVAL, _LEAN, _RATE, _CONTROL, _SCALE, _A_THETA, _A_SPEED, _A_LEAN = range(10)
@@ -122,13 +123,13 @@ class CostParameters(PenaltyShapes, StepWeights):
         return np.array([*weights, goal_theta, goal_theta_dot, lean])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def lean_of(theta, beta, gamma):
     """Outward acceleration over g at angle theta."""
     return math.sin(beta) * math.cos(theta) - math.sin(gamma) * math.cos(beta) * math.sin(theta)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def penalty(e, a, quadratic):
     """(phi, phi', phi'') of an error e with width a."""
     if quadratic > 0.0:
@@ -137,19 +138,19 @@ def penalty(e, a, quadratic):
     return e * e / (root + a), e / root, a * a / (root * root * root)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _theta_weight(e, q):
     """Factor of the angle's weight: below 1 behind a goal that the ball passes at speed."""
     return q[_PAST] if e * q[_GOAL_SPEED] > 0.0 else 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _arrival(e, q):
     """Additional weight of the speed near a goal that the ball passes at speed."""
     return 0.0 if q[_GOAL_SPEED] == 0.0 else q[_ARRIVAL] * math.exp(-0.5 * e * e / (q[_ZONE] * q[_ZONE]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _state_cost(s, q, theta, speed, lean):
     """Cost of the three errors with the given weights."""
     quadratic = q[_QUADRATIC]
@@ -161,7 +162,7 @@ def _state_cost(s, q, theta, speed, lean):
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _state_derivatives(s, q, theta, speed, lean, lx, lxx):
     """Gradient (6,) and Gauss-Newton Hessian (6, 6) of `_state_cost`."""
     quadratic = q[_QUADRATIC]
@@ -196,14 +197,14 @@ def _state_derivatives(s, q, theta, speed, lean, lx, lxx):
         lxx[2, 4] = lxx[4, 2] = dd * by_beta * by_gamma
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def running(k, s, u, q):
     """Cost of step k (the same for every k)."""
     cost = _state_cost(s, q, q[_THETA], q[_SPEED], q[_LEAN]) + 0.5 * q[_RATE] * (s[3] * s[3] + s[5] * s[5])
     return cost + q[_CONTROL] * (math.cosh(u[0] / q[_SCALE]) + math.cosh(u[1] / q[_SCALE]) - 2.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
     """Gradients (6,), (2,) and Hessians (6, 6), (2, 2) of `running`, which has no mixed term of state and control."""
     _state_derivatives(s, q, q[_THETA], q[_SPEED], q[_LEAN], lx, lxx)
@@ -216,13 +217,13 @@ def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
         luu[i, i] = weight / (scale * scale) * math.cosh(u[i] / scale)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def final(s, q):
     """Cost of the last state."""
     return _state_cost(s, q, q[_F_THETA], q[_F_SPEED], q[_F_LEAN])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def final_derivatives(s, q, lx, lxx):
     """Gradient (6,) and Gauss-Newton Hessian (6, 6) of `final`."""
     _state_derivatives(s, q, q[_F_THETA], q[_F_SPEED], q[_F_LEAN], lx, lxx)

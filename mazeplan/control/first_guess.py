@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import copy_into
+from mazeplan.core.maths.compiled import KERNEL, copy_into
 from mazeplan.core.records import Array
 from mazeplan.physics.dynamics.ring_dynamics import step
 from mazeplan.physics.dynamics.ring_parameters import BETA_0, DRIVE, GAMMA_0
@@ -26,7 +26,7 @@ SHARE = 0.8  # share of the deceleration that the tilt limit gives
 LEAD = 0.1  # s; about the lag of the stage
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _follow(p, s, goal, goal_speed, lean, limit, out, controls):
     """Simulate the law from s (6,), which is overwritten, on packed effects p. Writes into controls (T, 2)."""
     for t in range(controls.shape[0]):

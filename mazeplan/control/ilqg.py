@@ -230,8 +230,16 @@ class Planner:
             if code == workspace.GO_ON and self._stalls(costs, rules):
                 code = workspace.CONVERGED
         if code != workspace.NOT_FINITE:
-            code = max(code, core.finish(w, self._f, q, rules))
+            code = max(code, self._finish(q, rules))
         return _REASONS.get(code, reason), done
+
+    def _finish(self, q: Array, rules: workspace.Rules) -> int:
+        """Compute the gains of the final plan, without the curvature M. Returns a code."""
+        numbers = self._w.numbers
+        if numbers[workspace.SECANT] == 0.0 and numbers[workspace.STALE] == 0.0:
+            return workspace.GO_ON  # no candidate since the last policy
+        numbers[workspace.SECANT] = 0.0
+        return core.policy(self._w, self._f, q, rules)
 
     def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:
         """Whether the last PATIENCE iterations gained almost nothing, with regularisation at most mu_min."""
@@ -267,7 +275,7 @@ def compile_solver() -> None:
     f, rules, p = workspace.Functions(0, 0, 0, 0, 0), rules_of(IlqgOptions()), np.zeros(1)
     core.begin.compile(tuple(map(typeof, (w, f, p, p, w.states, 0.0))))
     core.iterate.compile(tuple(map(typeof, (w, f, p, p, rules))))
-    core.finish.compile(tuple(map(typeof, (w, f, p, rules))))
+    core.policy.compile(tuple(map(typeof, (w, f, p, rules))))
 
 
 def rules_of(options: IlqgOptions) -> workspace.Rules:

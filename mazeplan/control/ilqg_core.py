@@ -23,7 +23,7 @@ from numba import njit
 
 from mazeplan.control import ilqg_workspace as ws
 from mazeplan.control.boxqp import box_qp
-from mazeplan.core.maths.compiled import caller, copy_into
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, caller, copy_into
 
 ILL_CONDITIONED = 0.03  # maximum cosine between r and s
 _linearise = caller(ws.LINEARISE)
@@ -31,7 +31,7 @@ _running, _running_derivatives = caller(ws.RUNNING), caller(ws.RUNNING_DERIVATIV
 _final, _final_derivatives = caller(ws.FINAL), caller(ws.FINAL_DERIVATIVES)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def roll_out(w, f, p, q, reference, alpha):
     """Cost of the candidate that the policy gives from states[0]; inf when it is not finite.
 
@@ -56,7 +56,7 @@ def roll_out(w, f, p, q, reference, alpha):
     return total if math.isfinite(total) else math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def begin(w, f, p, q, reference, mu):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
@@ -69,7 +69,7 @@ def begin(w, f, p, q, reference, mu):
     return ws.GO_ON if math.isfinite(cost) else ws.NOT_FINITE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _accept_candidate(w):
     """Make the candidate the plan."""
     copy_into(w.states.ravel(), w.new_states.ravel())
@@ -79,7 +79,7 @@ def _accept_candidate(w):
     w.numbers[ws.STALE] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def derivatives(w, f, q):
     """Derivatives of the cost along the plan."""
     T = w.controls.shape[0]
@@ -92,7 +92,7 @@ def derivatives(w, f, q):
     w.numbers[ws.STALE] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _secant(w):
     """Record how far the linearised candidate moved, and how much its A changed."""
     for t in range(w.A.shape[0]):
@@ -103,7 +103,7 @@ def _secant(w):
     w.numbers[ws.SECANT] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _learn_curvature(w, t):
     """Update the curvature M of the step from the last candidate."""
     n = w.V.shape[0]
@@ -135,7 +135,7 @@ def _learn_curvature(w, t):
             M[i, j] += s[i] * s[j] * rs / (ss * ss) if along else r[i] * r[j] / rs
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _expand(w, t):
     """Write Qx, Qxx, Qux of the step into the workspace; return Qu and Quu as (g0, g1, h00, h01, h11)."""
     n = w.V.shape[0]
@@ -178,7 +178,7 @@ def _expand(w, t):
     return g0, g1, h00, h01, h11
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _feedback(w, t, h00, h01, h11, free0, free1):
     """K of the step: -Quu^-1 Qux on the free rows, zero on the rows at a limit."""
     for j in range(w.V.shape[0]):
@@ -191,7 +191,7 @@ def _feedback(w, t, h00, h01, h11, free0, free1):
             w.K[t, 1, j] = -b / h11 if free1 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _value(w, t, g0, g1, h00, h01, h11):
     """V and VV before the step, from the policy of the step."""
     n = w.V.shape[0]
@@ -208,7 +208,7 @@ def _value(w, t, g0, g1, h00, h01, h11):
             w.VV[i, j] = w.VV[j, i] = 0.5 * (w.VV[i, j] + w.VV[j, i])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def backward(w, mu):
     """k and K along the plan, with mu added to the diagonal of Quu. Returns (code, slope, curvature, largest).
 
@@ -240,7 +240,7 @@ def backward(w, mu):
     return ws.GO_ON if math.isfinite(slope + curvature) else ws.NOT_FINITE, slope, curvature, largest
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _raise_mu(numbers, rules):
     """Raise the regularisation. Returns whether it is still at most mu_max."""
     numbers[ws.FACTOR] = max(rules.mu_factor, numbers[ws.FACTOR] * rules.mu_factor)
@@ -248,7 +248,7 @@ def _raise_mu(numbers, rules):
     return numbers[ws.MU] <= rules.mu_max
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _lower_mu(numbers, rules):
     """Lower the regularisation. Below mu_min it becomes zero."""
     numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, numbers[ws.FACTOR] / rules.mu_factor)
@@ -256,7 +256,7 @@ def _lower_mu(numbers, rules):
     numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def policy(w, f, q, rules):
     """Policy for the plan; raises the regularisation until a policy exists. Returns a code."""
     if w.numbers[ws.STALE] > 0.0:
@@ -268,16 +268,7 @@ def policy(w, f, q, rules):
     return code
 
 
-@njit(cache=True, error_model="numpy")
-def finish(w, f, q, rules):
-    """Compute the gains of the final plan, without the curvature M. Returns a code."""
-    if w.numbers[ws.SECANT] == 0.0 and w.numbers[ws.STALE] == 0.0:
-        return ws.GO_ON  # no candidate since the last policy
-    w.numbers[ws.SECANT] = 0.0
-    return policy(w, f, q, rules)
-
-
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _try(w, f, p, q, rules, alpha):
     """Roll out a candidate and accept it if its cost is low enough. Returns the reduction; NaN if refused."""
     n = w.numbers
@@ -294,7 +285,7 @@ def _try(w, f, p, q, rules, alpha):
     return reduction
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def iterate(w, f, p, q, rules):
     """One iteration: policy, then a line search; only a lower cost replaces the plan. Returns a code.
 

@@ -24,6 +24,7 @@ from numba import njit
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
@@ -143,7 +144,7 @@ def _around(state: State, place: float, speed: float, angle: float) -> Array:
     return starts
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _max_radius(starts, commands, steps, out, scalars, stage, rings, walls, gaps):
     """Largest distance of the ball from the centre, m, over all starts (N, 8), which are changed in place.
 
@@ -151,7 +152,7 @@ def _max_radius(starts, commands, steps, out, scalars, stage, rings, walls, gaps
     most = 0.0
     for j in range(starts.shape[0]):
         z = starts[j]
-        touching = False
+        touching = np.bool_(False)  # a constant would compile what it is passed to once more
         for i in range(commands.shape[0]):
             for _ in range(steps[i]):
                 stage_step(z, commands[i, 0], commands[i, 1], stage, SUBSTEP)

@@ -25,7 +25,7 @@ from mazeplan.control.tilt import Plate, room
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import check_numbers
-from mazeplan.core.maths.compiled import copy_into
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, copy_into
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
@@ -112,7 +112,7 @@ class OpeningRollout:
         self.improved_command(state, opening, opening.inner)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def law_command(z, gap, law, out):
     """`opening.opening_command` for a state z (8,), into out (2,). The look-ahead holds the present tilt."""
     c, s, sign = gap[0], gap[1], gap[2]
@@ -131,7 +131,7 @@ def law_command(z, gap, law, out):
     out[1] = min(max(base_gamma + share * (full_gamma - base_gamma), -limit), limit)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps):
     """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3]. span: horizon, s, steps per tick,
     and tick, s
@@ -141,7 +141,7 @@ def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps)
     horizon, steps, tick = span
     h = tick / steps
     command = u.copy()
-    touching = True
+    touching = np.bool_(True)
     r = math.hypot(z[0], z[1])
     for k in range(round(horizon / tick)):
         if k >= held:
@@ -157,7 +157,7 @@ def passing_time(z, u, held, gap, law, span, scalars, stage, rings, walls, gaps)
     return horizon + abs(r - gap[3]) / ASSUMED_SPEED
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _total(z, u, held, gap, law, starts, most, span, scalars, stage, rings, walls, gaps):
     """Sum of the passing times over the starts; stops early at `most`."""
     total = 0.0
@@ -174,7 +174,7 @@ def _total(z, u, held, gap, law, starts, most, span, scalars, stage, rings, wall
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _best(z, gap, law, tried, starts, margin, span, scalars, stage, rings, walls, gaps):
     """Index of the best command in `tried`; -1 if the law is to be used."""
     world = scalars, stage, rings, walls, gaps

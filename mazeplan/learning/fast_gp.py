@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.errors import ModelError
+from mazeplan.core.maths.compiled import CALLEE, KERNEL
 from mazeplan.core.maths.exponential import exp2_below
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.gaussian_process import GaussianProcess
@@ -159,7 +160,7 @@ def _loop(nine: bool) -> Any:
 _rows, _rows_without_cosines = _loop(True), _loop(False)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _some_rows(p, at, lo, hi, z, gradient):
     """Sum over the rows lo:hi of alpha c. Adds the sum of alpha c times the inputs to gradient (D,)."""
     base, size = at + HEAD, int(p[at + _COUNT])
@@ -168,7 +169,7 @@ def _some_rows(p, at, lo, hi, z, gradient):
     return _rows(p, base, size, lo, hi, z, gradient)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _place(p, at, s, z):
     """Write the scaled inputs of the state s into z (D,). Returns its bin."""
     st, ct = math.sin(s[0]), math.cos(s[0])
@@ -179,7 +180,7 @@ def _place(p, at, s, z):
     return min(int((math.atan2(st, ct) + math.pi) * (BINS / (2.0 * math.pi))), BINS - 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _sum(p, at, s, z, gradient):
     """Sum of alpha c over the rows that matter at s. Writes scaled inputs into z (D,), sums of rows into gradient."""
     if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # no bin, and the sums below assume finite numbers
@@ -194,14 +195,14 @@ def _sum(p, at, s, z, gradient):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _scratch(p, at):
     """Scratch space after the rows: for scaled inputs (D,), and for sums (D,)."""
     begin = at + HEAD + int(p[at + _COUNT]) * COLUMNS
     return p[begin : begin + D], p[begin + D : begin + 2 * D]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def mean_and_gradient(p, at, s, by_state):
     """Mean of g at the state s (6,); writes its derivatives by s into by_state (6,).
 
@@ -218,7 +219,7 @@ def mean_and_gradient(p, at, s, by_state):
     return a2 * total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _many(p, states, out, by_state):
     for i in range(len(states)):
         out[i] = mean_and_gradient(p, np.int64(0), states[i], by_state[i])

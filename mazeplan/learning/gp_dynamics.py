@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array
 from mazeplan.learning import fast_gp
 from mazeplan.learning.fast_gp import mean_and_gradient
@@ -23,7 +24,7 @@ def pack(parameters: RingParameters, part: GaussianProcess) -> Array:
     return np.concatenate([parameters.pack(), fast_gp.pack(part)])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def linearise(s, u, p, out, A, B):
     """The state one dt later, into out (6,), and its derivatives by s and u, into A (6, 6) and B (6, 2)."""
     by_state = np.empty(6)

@@ -25,6 +25,7 @@ from mazeplan.control.estimation.rigid_body_filter import (
     filter_core,
     predict_body,
 )
+from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
@@ -41,7 +42,7 @@ UNSURE = 3e-4  # m^2/s^3; minimum white acceleration: a run knows the tilt only 
 LONGEST = 0.5  # s; maximum prediction without a picture; after it the ball stays in place
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _predict_rows(ball, walls, effects, kf, rows, h, mean, P, room):
     """Predict mean (5,) and covariance P (5, 5) over all rows, with process noise; room (15, 5): scratch space."""
     core = body_core(ball, walls, effects)
@@ -49,7 +50,7 @@ def _predict_rows(ball, walls, effects, kf, rows, h, mean, P, room):
     add_process_noise(P, kf, h * len(rows), hit)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _correct_body(kf, mean, P, gain, a, b):
     """Correct mean and P by the innovation (a, b); gain (5, 2): scratch space."""
     correct(mean, P, gain, 1.0, a, b, P[0, 0] + kf.variance, P[1, 1] + kf.variance, P[0, 1])

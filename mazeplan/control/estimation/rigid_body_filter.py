@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.dynamics.plate import ROW, TIME_AT, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, begin_step, body_core, step
@@ -163,7 +163,7 @@ def filter_core(view: CameraView, wander: ProcessNoise) -> FilterCore:
     return FilterCore(view.offset_x, view.offset_y, *lens, *map(float, wander))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _cholesky(P, L):
     """Lower factor L (5, 5) of P (5, 5)."""
     for i in range(STATE):
@@ -174,7 +174,7 @@ def _cholesky(P, L):
             L[i, j] = math.sqrt(max(total, LEAST)) if i == j else total / L[j, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def predict_body(core, rows, first, count, h, mean, P, L, points):
     """Predict mean (5,) and P (5, 5) through `count` sub-steps from row `first` on; points (10, 5), L: scratch space.
 
@@ -209,7 +209,7 @@ def predict_body(core, rows, first, count, h, mean, P, L, points):
     return hits / POINTS
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def add_process_noise(P, kf, dt, hit, edge=0.0):
     """Add to P (5, 5) the white accelerations over dt s, and the noise of contacts that took `hit` m/s away.
 
@@ -225,7 +225,7 @@ def add_process_noise(P, kf, dt, hit, edge=0.0):
     P[4, 4] += (kf.spin + often) * dt + rough
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def correct(mean, P, gain, scale, a, b, xx, yy, xy):
     """Correct mean (5,) and P (5, 5) by innovations (a, b) with variances xx, yy and covariance xy.
 
@@ -246,7 +246,7 @@ def correct(mean, P, gain, scale, a, b, xx, yy, xy):
             P[j, i] = P[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def begin(mean, P, kf, a, b):
     """Start the filter at the place (a, b), which is in the plate's axes times the scale."""
     mean[:], P[:] = 0.0, 0.0
@@ -256,7 +256,7 @@ def begin(mean, P, kf, a, b):
     P[4, 4] = START_SPIN * START_SPIN
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _straightened(kf, u, v):
     """The place (u, v), counted from the camera's middle, without the distortion of the lens; and the magnification of
     the lens there (mean of the radial and the tangential one)."""

@@ -21,6 +21,10 @@ VECTOR = types.float64[::1]
 MATRIX = types.float64[:, ::1]
 POINTER = types.CPointer(types.float64)  # numbers in a row; indexed as an array, without length or bounds
 
+# arguments of njit. A wrapper for Python takes as long to compile as a small function; one for C is never used
+KERNEL = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+CALLEE = {**KERNEL, "no_cpython_wrapper": True}  # of functions that only compiled code calls
+
 
 def address_of(function: Any, signature: Any) -> int:
     """Address of a function made by `numba.njit`, compiled for the signature (or loaded from the cache).
@@ -86,7 +90,7 @@ pointer_to: Any = intrinsic(_pointer_to)
 shifted: Any = intrinsic(_shifted)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def copy_into(to, source):
     """Copy the numbers of one array (N,) into another. It compiles seconds faster than `to[:] = source`, which is ready
     for arrays that overlap or are broadcast."""

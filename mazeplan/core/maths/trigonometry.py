@@ -6,10 +6,12 @@ import math
 
 from numba import njit
 
+from mazeplan.core.maths.compiled import KERNEL
+
 SMALL = 0.5  # rad
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def sine_and_cosine(x):
     """(sin x, cos x); for |x| < SMALL by Taylor series, error about 1e-15, without a library call."""
     if not abs(x) < SMALL:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.maths.compiled import KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.formulas.compiled import call_term as _term
 
@@ -62,7 +62,7 @@ def _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold):
         hold[i] += max(_term(holds[j, 0], (x[i], x[c + i], t, pw, shifted(pp, holds[j, 2]))), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def simulate(problem, p, x0):
     """Coordinates and speeds (N, 2 C) of windows that start in states x0 (M, 2 C); NaN where no window is.
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.formulas.compiled import call_term as _term
 
@@ -99,7 +99,7 @@ class _Core(NamedTuple):
     dt: float
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _core(problem):
     """Pointers into a problem."""
     return _Core(
@@ -110,13 +110,13 @@ def _core(problem):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _at(core, k, i):
     """Pointer to w[k, i]."""
     return shifted(core.w, k * core.row + i * core.node)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _sum_range(core, p, first, end, x, v, t, w):
     """Sum of the terms from index `first` up to, but not including, `end`."""
     total = 0.0
@@ -125,19 +125,19 @@ def _sum_range(core, p, first, end, x, v, t, w):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _sum_terms(core, p, x, v, t, w):
     """Sum of all terms."""
     return _sum_range(core, p, 0, core.n_terms, x, v, t, w)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _passed(a, before, after):
     """Whether the angle a, or a whole turn of it, lies between two positions."""
     return math.floor((before - a) / TURN) != math.floor((after - a) / TURN)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _resistance(core, p, x, v, t, w):
     """Deceleration by dry friction of a motion in the direction of v, rad/s^2."""
     most = 0.0
@@ -146,20 +146,20 @@ def _resistance(core, p, x, v, t, w):
     return max(most, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _opening(core, p, j, which, x, v, w):
     """Angle (which 0) or loss (1) of opening j for a ball at x with speed v."""
     place = shifted(p, core.openings[3 * j + 2])
     return _term(core.openings[3 * j + which], (x, v, 0.0, w, place))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _opening_angle(core, p, j, x, v, w):
     """Angle of opening j for a ball at x with speed v."""
     return _opening(core, p, j, 0, x, v, w) + core.opening_offsets[j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _advance(core, p, k, x, v):
     """(position, speed, whether dry friction holds the ball at rest) one sample after sample k."""
     h, held = core.dt / SUBSTEPS, False
@@ -182,7 +182,7 @@ def _advance(core, p, k, x, v):
     return x, v, held
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _slowed(core, p, before, x, v, w):
     """(position, speed) at the end of a step from the position `before`, after the losses at openings on the way."""
     for j in range(core.n_openings):
@@ -194,7 +194,7 @@ def _slowed(core, p, before, x, v, w):
     return x, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _tangent(core, p, k, x, v, held):
     """Derivatives of `_advance` to second order in dt: x by x, x by v, v by x, v by v."""
     dt, t, w = core.dt, core.t[k] + 0.5 * core.dt, _at(core, k, SUBSTEPS)
@@ -207,13 +207,13 @@ def _tangent(core, p, k, x, v, held):
     return 1.0 + by_x * half, dt + by_v * half, by_x * dt, 1.0 + by_v * dt + by_x * half + by_v * by_v * half
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _mean(w, m, k, i):
     """Pointer to w[m, k, i] of an array (., N, 2, W)."""
     return pointer_to(w, ((m * w.shape[1] + k) * 2 + i) * w.shape[3])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _move(core, p, k, before, after, held, moves, d):
     """Add the direct derivatives by the parameters, over the step after sample k, to those of the state, d (J, 2).
 
@@ -256,7 +256,7 @@ def _move(core, p, k, before, after, held, moves, d):
             d[j, 0] += loss * (_opening_angle(core, pj, i, x, v0, w) - angle) / moves.step[j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def innovations(problem, p, q, stop, nu, S, states, moves, J):
     """Filter the first `stop` samples. The results go into these arrays:
 
@@ -302,7 +302,7 @@ def innovations(problem, p, q, stop, nu, S, states, moves, J):
         states[k, 0], states[k, 1], states[k, 2], states[k, 3], states[k, 4] = x, v, p00, p01, p11
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def roll_out(problem, p, states, starts, steps):
     """Roll-outs from the filtered states of the rows `starts` (W,), without measurements.
 
@@ -324,7 +324,7 @@ def roll_out(problem, p, states, starts, steps):
     return positions, variances
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def accelerations(problem, p, x, v):
     """Accelerations (N,) in the states (x, v) at the samples."""
     core, at, out = _core(problem), pointer_to(p, 0), np.empty(len(x))
@@ -335,7 +335,7 @@ def accelerations(problem, p, x, v):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _midpoint_step(core, p, k, x, v):
     """(position, speed) one sample after sample k, as `_advance`, but by the midpoint rule."""
     h = core.dt / SUBSTEPS
@@ -351,7 +351,7 @@ def _midpoint_step(core, p, k, x, v):
     return x, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def midpoint_roll_outs(problem, p, starts, steps):
     """Positions (W, steps + 1) of roll-outs from measured samples `starts` (W,).
 

@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.maths.compiled import KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
@@ -43,7 +43,7 @@ assert len(PLATE) == 8, "what is beside the plate begins at 8, see `_fill`"
 MOTION = ("tilt_gain", "sensor_delay", STAGE_ERRORS)  # effects that change the plate's motion as the ball feels it
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _fill(motions, errors, beside, gains, p, t, radii, plate, out):
     """Fill the inputs out (N, nodes, W) of the terms.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
+from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
@@ -57,7 +58,7 @@ class Tilt:
         return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _hermite(motion, start, h, times, out):
     """Interpolate the motion (M, 6), on a grid from `start` in steps h, at times (K,), into out (K, 6)."""
     for k in range(len(times)):

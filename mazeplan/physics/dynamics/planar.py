@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.constants import FREE_ROLLING
-from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Ring
 from mazeplan.physics.effect import OPENING, Term
@@ -140,7 +140,7 @@ def _free_factor(maze: Maze, model: RigNumbers) -> float:
     return FREE_ROLLING if abs(factor - FREE_ROLLING) < ROUNDED else factor
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def ring_index(r, rings):
     """Index of the ring whose floor, widened to the middle of its walls, holds radius r."""
     for i in range(rings.shape[0] - 1):
@@ -149,7 +149,7 @@ def ring_index(r, rings):
     return rings.shape[0] - 1
 
 
-@njit(cache=True)
+@njit(**CALLEE)
 def _push_out(z, px, py, reach, restitution):
     """Keep the ball's centre at least `reach` from the point (px, py): correct position and velocity."""
     dx, dy = z[0] - px, z[1] - py
@@ -165,7 +165,7 @@ def _push_out(z, px, py, reach, restitution):
     return True
 
 
-@njit(cache=True)
+@njit(**CALLEE)
 def _limit_radius(z, limit, outward, restitution):
     """Keep the centre at radius >= limit (outward) or <= limit: correct position and velocity."""
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
@@ -180,7 +180,7 @@ def _limit_radius(z, limit, outward, restitution):
     return True
 
 
-@njit(cache=True)
+@njit(**CALLEE)
 def _meet_gap(z, gap, low, high, radius, restitution):
     """Resolve contacts inside or in front of a gap (cos, sin, half width) of the wall from radius low to high."""
     c, s, half = gap[COS], gap[SIN], gap[HALF]
@@ -208,7 +208,7 @@ def _meet_gap(z, gap, low, high, radius, restitution):
     return hit
 
 
-@njit(cache=True)
+@njit(**CALLEE)
 def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
     """Resolve contacts with the flat sides of radial walls in the ball's ring. Inside openings, `_meet_gap` acts."""
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
@@ -233,7 +233,7 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
     return touched
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def contact(z, radius, rings, walls, gaps, restitution):
     """Resolve contacts with walls (in place); returns whether the ball touches a wall."""
     touched = _limit_radius(z, rings[0, OUTER] - radius, False, restitution)
@@ -258,7 +258,7 @@ def contact(z, radius, rings, walls, gaps, restitution):
     return touched
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def stage_step(z, u_beta, u_gamma, stage, h):
     """Advance both axes of the stage (angles z[4] and z[6], rates z[5] and z[7]) by h s with the commands held.
 
@@ -274,7 +274,7 @@ def stage_step(z, u_beta, u_gamma, stage, h):
         z[at + 1] = rate
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def evaluate_effects(z, ring, free, touching):
     """Evaluate the effects in the plane, into columns of `ring`; returns FELT, the first of these columns.
 
@@ -305,7 +305,7 @@ def evaluate_effects(z, ring, free, touching):
     return EFFECT_OUTPUTS
 
 
-@njit(cache=True)
+@njit(**CALLEE)
 def _pass_openings(z, ring, before):
     """Reduce the speed along the ring at openings that the ball passed since the angle `before`."""
     after = math.atan2(z[1], z[0])
@@ -323,7 +323,7 @@ def _pass_openings(z, ring, before):
             rate -= lost
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def ball_step(z, h, scalars, rings, walls, gaps, touching):
     """Advance the ball by h s under the tilt in z; returns whether it then touches a wall."""
     radius, free = scalars[0], scalars[1]
@@ -343,13 +343,13 @@ def ball_step(z, h, scalars, rings, walls, gaps, touching):
     return contact(z, radius, rings, walls, gaps, RESTITUTION)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def predict(z, t, until, times, commands, scalars, stage, rings, walls, gaps):
     """Advance z (in place) from t to `until`, with commands[i] held from times[i] on (times ascending).
 
     Shapes: times (N,), commands (N, 2). Before times[0] the first command is held."""
     i = 0
-    touching = False
+    touching = np.bool_(False)  # a constant would compile what it is passed to once more
     while i + 1 < times.shape[0] and times[i + 1] <= t + 1e-9:
         i += 1
     while t < until - 1e-9:
@@ -363,14 +363,14 @@ def predict(z, t, until, times, commands, scalars, stage, rings, walls, gaps):
             i += 1
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def predict_given_tilt(z, t, until, times, tilts, scalars, rings, walls, gaps):
     """Advance the ball in z (in place) from t to `until` under a known tilt history.
 
     times (N,) ascending, tilts (N, 2); linear between samples, held outside them."""
     n = times.shape[0]
     i = 0
-    touching = False
+    touching = np.bool_(False)  # a constant would compile what it is passed to once more
     while t < until - 1e-9:
         h = min(SUBSTEP, until - t)
         middle = t + 0.5 * h

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.compiled import CALLEE, KERNEL
 from mazeplan.core.records import Array
 
 # columns of a row, and its length ROW. A row begins with the inputs of formulas in their order (`symbols.PLATE`);
@@ -53,7 +54,7 @@ class Tilting(NamedTuple):
     tilt_gamma: float = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def motion_at(motion, start, step, t, out):
     """Interpolate motion (M, 6) at the time t into out[:6]: accelerations linearly, the rest by cubic Hermite splines.
 
@@ -63,7 +64,7 @@ def motion_at(motion, start, step, t, out):
     _between(motion, i, place - i, step, out)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _between(motion, i, s, step, out):
     """As `motion_at`, for a time s steps (0 to 1) after row i."""
     s2, r2 = s * s, (1.0 - s) * (1.0 - s)
@@ -76,7 +77,7 @@ def _between(motion, i, s, step, out):
         out[axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def plate_rows(plate, tilting, times, h, per, out):
     """Write rows for the `per` sub-steps of h s that follow each of the times (N,), s, into out (N per, ROW).
 
@@ -89,7 +90,7 @@ def plate_rows(plate, tilting, times, h, per, out):
             _fill(tilting, raw, t, out[k * per + j])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def history_rows(times, motion, tilting, start, h, out):
     """Write rows for the middles of M sub-steps of h s from `start` on into out (M, ROW).
 
@@ -104,7 +105,7 @@ def history_rows(times, motion, tilting, start, h, out):
         _fill(tilting, raw, t, out[k])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _fill(tilting, raw, t, row):
     """Fill a row from raw (6,), the stated motion of the plate at the time t."""
     for c in range(3):
@@ -115,7 +116,7 @@ def _fill(tilting, raw, t, row):
     _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _felt(row, beta, gamma):
     """Write gravity, Omega and Omega' (3 numbers each) into a row, for a true tilt and the rates in the row."""
     sb, cb, sc, cc = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)

@@ -36,7 +36,7 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.constants import GRAVITY
-from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array
 from mazeplan.physics.dynamics.plate import BALL_AT, FELT_AT, RADIUS_AT, STATED_AT, TIME_AT
 from mazeplan.physics.dynamics.walls import (
@@ -134,7 +134,7 @@ class BodyCore(NamedTuple):
     walls: WallCore
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def body_core(ball, walls, effects):
     """The inputs of a step from `Ball`, `Walls` and `Effects`; the caller keeps these three alive."""
     height = walls.radius if math.isnan(ball.height) else ball.height
@@ -147,7 +147,7 @@ def body_core(ball, walls, effects):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
     """Resolve the contact with a wall that the ball overlaps by `depth` m at the end of a step of h s.
 
@@ -171,7 +171,7 @@ def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
     return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, jump
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def meet_walls(core, h, x, y, vx, vy, w):
     """Resolve the contacts with all walls that the ball overlaps at the end of a step of h s.
 
@@ -198,7 +198,7 @@ def meet_walls(core, h, x, y, vx, vy, w):
     return x, y, vx, vy, w, hit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _effect_acceleration(core, row, x, y, vx, vy):
     """(ax, ay, drag) of the effects, m/s^2; row: pointer to a row of `plate`.
 
@@ -219,7 +219,7 @@ def _effect_acceleration(core, row, x, y, vx, vy):
     return ax - y * out[2], ay + x * out[2], r * (speed * out[3] + max(out[4], 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def accelerated(core, row, x, y, vx, vy, w):
     """(ax, ay, aw, n): acceleration without friction, and the floor's normal force per mass, m/s^2.
 
@@ -236,14 +236,14 @@ def accelerated(core, row, x, y, vx, vy, w):
     return core.factor * ax, core.factor * ay, -radius * qz - ox * vx - oy * vy, n
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def begin_step(core, row):
     """Compute once what the steps of all points with this row share."""
     if core.moment != 0:
         call_moment(core.moment, (row[TIME_AT], row, core.p, core.held))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def step(core, row, h, x, y, vx, vy, w):
     """The state h s later, and the change of speed by walls as in `meet_walls`.
 
@@ -266,7 +266,7 @@ def step(core, row, h, x, y, vx, vy, w):
     return meet_walls(core, h, x, y, ux, uy, w)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def advance(ball, walls, effects, rows, h, state, out):
     """Write the states after each of M steps of h s from `state` (5,) into out (M, 5).
 

@@ -29,7 +29,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.maths.trigonometry import sine_and_cosine
 from mazeplan.physics.dynamics import ring_parameters as at
 from mazeplan.physics.formulas.compiled import call_partials, call_plate, call_term, call_value
@@ -72,7 +72,7 @@ def _scratch(p, row):
     return pointer_to(p, int(p[at.SCRATCH]) + row)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _plate(p, s, u, node):
     """Write the plate's motion at a node into the scratch space; returns a pointer to the motion."""
     b, c = _axes(p)
@@ -84,7 +84,7 @@ def _plate(p, s, u, node):
     return w
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _node(p, s, u, node, function):
     """Evaluate the coefficients of a node; returns a pointer to them.
 
@@ -121,14 +121,14 @@ def _partials(p, plate, start, theta, theta_d, stage):
     return out[0] + p[at.EXTRA], shifted(out, 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def acceleration(s, u, p):
     """theta_dd, rad/s^2, in a state (6,) under a command (2,)."""
     start = s[0], math.sin(s[0]), math.cos(s[0])
-    return _acceleration(p, _node(p, s, u, 0, at.PLATE_AT), start, s[0], s[1])
+    return _acceleration(p, _node(p, s, u, np.int64(0), at.PLATE_AT), start, s[0], s[1])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _pass_openings(p, s, u, node, before, theta, theta_d):
     """Apply the loss at openings that were passed since the angle `before`.
 
@@ -145,13 +145,13 @@ def _pass_openings(p, s, u, node, before, theta, theta_d):
     return theta, theta_d, share
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def step(s, u, p, out):
     """Write the state one dt later into out (6,); s (6,), u (2,), p = RingParameters.pack()."""
     h, n = p[at.STEP], int(p[at.SUBSTEP_COUNT])
     theta, theta_d = s[0], s[1]
     start = theta, math.sin(theta), math.cos(theta)
-    last = _node(p, s, u, 0, at.PLATE_AT)
+    last = _node(p, s, u, np.int64(0), at.PLATE_AT)
     for i in range(n):
         first, middle = last, _node(p, s, u, 2 * i + 1, at.PLATE_AT)
         last = _node(p, s, u, 2 * i + 2, at.PLATE_AT)
@@ -247,7 +247,7 @@ def _propagate_column(angle, rate, X, k, add_angle, add_rate):
     X[1, k] = rate[0] * before + rate[1] * speed + add_rate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _advance(p, node, f1, f2, f3, f4, A, B):
     """Propagate A, B and the derivatives by p[EXTRA] through the sub-step that begins at a node."""
     b, c = _axes(p)
@@ -272,7 +272,7 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
     p[at.BY_RATE] = rate[0] * before + rate[1] * speed + rate[2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def linearise(s, u, p, out, A, B):
     """As `step`; also writes the derivatives by s into A (6, 6) and by u into B (6, 2), by the chain rule.
 
@@ -285,7 +285,7 @@ def linearise(s, u, p, out, A, B):
     p[at.BY_ANGLE] = p[at.BY_RATE] = 0.0
     theta, theta_d = s[0], s[1]
     start = theta, math.sin(theta), math.cos(theta)
-    last = _node(p, s, u, 0, at.PLATE_PARTIALS_AT)
+    last = _node(p, s, u, np.int64(0), at.PLATE_PARTIALS_AT)
     for i in range(n):
         first, middle = last, _node(p, s, u, 2 * i + 1, at.PLATE_PARTIALS_AT)
         last = _node(p, s, u, 2 * i + 2, at.PLATE_PARTIALS_AT)
@@ -313,7 +313,7 @@ def linearise(s, u, p, out, A, B):
     _stage_tangents(p, 2 * n, A, B)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def _stage_tangents(p, node, A, B):
     """Fill the rows of the stage in A and B."""
     b, c = _axes(p)

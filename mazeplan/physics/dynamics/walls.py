@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
@@ -102,7 +102,7 @@ class WallCore(NamedTuple):
     reach: float
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def wall_core(walls):
     """The pointers and numbers of packed walls; the caller keeps the walls alive."""
     return WallCore(
@@ -111,7 +111,7 @@ def wall_core(walls):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def outside_rim(core, x, y):
     """(depth, nx, ny): overlap of the ball with the rim, m, 0 for none, and the normal away from the rim."""
     r2, most = x * x + y * y, core.rim - core.radius
@@ -121,7 +121,7 @@ def outside_rim(core, x, y):
     return r - most, -x / r, -y / r
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def near_wall(core, i, x, y):
     """Whether wall i can touch a ball at (x, y)."""
     r2 = x * x + y * y
@@ -129,7 +129,7 @@ def near_wall(core, i, x, y):
     return inner < 0.0 or inner * inner < r2 < outer * outer
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def gap_of(core, i, x, y):
     """Index of the gap of wall i that holds the point nearest to (x, y) between the radii of the core; -1 for none."""
     low, high = core.walls[WALL * i + LOW], core.walls[WALL * i + HIGH]
@@ -144,7 +144,7 @@ def gap_of(core, i, x, y):
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def into_face(core, i, x, y):
     """(depth, nx, ny) as `outside_rim`, for the round faces of wall i and a ball that is not in front of a gap."""
     low, high = core.walls[WALL * i + LOW], core.walls[WALL * i + HIGH]
@@ -156,7 +156,7 @@ def into_face(core, i, x, y):
     return r - (low - core.reach), -x / r, -y / r
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def into_side(core, j, side, x, y):
     """(depth, nx, ny) as `outside_rim`, for one side (-1.0, 1.0) of gap j: its face and its two edges."""
     c, s, half = core.gaps[GAP * j + COS], core.gaps[GAP * j + SIN], core.gaps[GAP * j + HALF]
@@ -170,7 +170,7 @@ def into_side(core, j, side, x, y):
     return core.reach - d, (c * da - s * db) / d, (s * da + c * db) / d
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**CALLEE)
 def into_slab(core, b, x, y):
     """(depth, nx, ny) as `outside_rim`, for radial wall b."""
     c, s, reach = core.slabs[SLAB * b + COS], core.slabs[SLAB * b + SIN], core.slabs[SLAB * b + HALF] + core.radius
@@ -189,7 +189,7 @@ def overlaps(walls: Walls, places: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _overlaps(walls, places, out):
     """As `overlaps`, into out (N,)."""
     core = wall_core(walls)

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
+from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.rig.stage import REACHED_S, StageAxis
 
@@ -24,7 +25,7 @@ def apply_backlash(u: Array, backlash: float, start: float | None = None) -> Arr
     return _behind_gears(np.ascontiguousarray(u), 0.5 * backlash, float(u[0] if start is None else start))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _behind_gears(u, half, at):
     out = np.empty(len(u))
     for i, value in enumerate(u):
@@ -42,7 +43,7 @@ def apply_deadband(u: Array, deadband: float) -> Array:
     return _obeyed(np.ascontiguousarray(u), deadband) if deadband else u
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _obeyed(u, deadband):
     out, at = np.empty(len(u)), u[0]
     for i, value in enumerate(u):
@@ -112,7 +113,7 @@ def fine_motion(axis: StageAxis, u: Array, dt: float, per: int, firsts: IntArray
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _march(target, M, order, numbers, late, rest, h, steps, parts, firsts, out):
     """March an axis in steps of h s, `steps` for each target (N,); a row of out for each `parts` of them.
 
@@ -140,7 +141,7 @@ def _march(target, M, order, numbers, late, rest, h, steps, parts, firsts, out):
             angle, rate = new, rate_new
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _convolved(impulse, u, firsts):
     """Each stretch of u (N,) from its first value on, convolved with an impulse response (n,)."""
     out = np.empty(len(u))
