@@ -7,6 +7,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
 # pip would need half a minute for bytecode: it is written in the background, beside what comes next
 BYTECODE := (nice -n 19 $(BIN)/python -m compileall -q $(VENV)/lib > /dev/null 2>&1 &)
+# uv installs in a fifth of pip's time; where it does not get through to its index, pip does what it can do
+UV := $(BIN)/uv pip install --quiet --python $(BIN)/python -c constraints.txt
 JOBS ?= 2
 ARGS ?=
 
@@ -49,7 +51,7 @@ $(VENV)/made:
 
 $(VENV)/installed: $(VENV)/made pyproject.toml constraints.txt
 	@echo "installing mazeplan (a minute or so, most of it download)"
-	@$(PIP) -e .
+	@$(PIP) uv && $(UV) -e . || $(PIP) -e .
 	@$(BYTECODE)
 	@touch $@
 
