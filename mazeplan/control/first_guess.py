@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, typeof
 
 from mazeplan.core.maths.compiled import KERNEL, copy_into
 from mazeplan.core.records import Array
@@ -59,3 +59,9 @@ def first_guess(
     if packed[DRIVE] > 0.0:
         _follow(packed, np.array(state, dtype=float), goal, goal_speed, lean, limit, np.empty(6), controls)
     return controls
+
+
+def compile_guess() -> None:
+    """Compile the law and its simulation; runs nothing."""
+    v = np.zeros(6)
+    _follow.compile(tuple(map(typeof, (v, v, 0.0, 0.0, 0.0, 0.0, v, np.zeros((1, 2))))))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 
 from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters, running
 from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.first_guess import compile_guess
 from mazeplan.control.ilqg import IlqgOptions, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
 from mazeplan.control.keeping import SafetyFilter
@@ -25,10 +26,16 @@ from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 
 @contextmanager
-def solver_beside() -> Iterator[None]:
-    """The first time, compile the planners' solver on a second core while the body compiles everything else."""
+def compiled_beside(more: Callable[[], None]) -> Iterator[None]:
+    """The first time, compile the planners' solver and what `more` needs on a second core, beside the body."""
+
+    def work() -> None:
+        compile_solver()
+        compile_guess()
+        more()
+
     address_of(running, RUNNING)  # its cache tells whether anything was compiled before
-    with beside(compile_solver) if running.stats.cache_misses else nullcontext():
+    with beside(work) if running.stats.cache_misses else nullcontext():
         yield
 
 

@@ -15,7 +15,7 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.context import BallRoles, RunContext, Steering
+from mazeplan.behavior.context import BallRoles, LeafOptions, RunContext, Steering
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.trees import read_tree
@@ -51,7 +51,7 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import planners_of, plate_of, rollout_of, safety_filter_of, solver_beside
+from mazeplan.run.assembly import compiled_beside, planners_of, plate_of, rollout_of, safety_filter_of
 from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder, weak_reporter
@@ -88,33 +88,30 @@ class Run:
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self.chain = CommandChain(rig.rate_hz, slew)
-        self._balls = Balls(setup, rig.rate_hz)
         self._sample_check = SampleCheck(rig.rate_hz)
-        self._fit = FitWatch(setup.maze, model, rig.rate_hz)
         self._stopwatch = watch or Live()
         self._slew = slew
-        with solver_beside():
+        self._leaves = registry_with(setup.behavior_modules)
+        self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal
+        with compiled_beside(self._compile_rollout):
+            self._balls = Balls(setup, rig.rate_hz)
+            self._fit = FitWatch(setup.maze, model, rig.rate_hz)
             self._prepare_control()
-            for part in (self._balls, self._steering.rollout, self._keeper):
-                if part is not None:
-                    part.warm_up()
-        for planner in self._steering.planners.values():
-            planner.warm_up()
+            self._balls.warm_up()
+        for part in (*self._steering.planners.values(), self._steering.rollout, self._keeper):
+            if part is not None:
+                part.warm_up()
         self._stopwatch.pop_cuts()
         self._memory = OpeningMemory()
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._misfits: list[Misfit] = []
         self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
-        self._leaves = registry_with(setup.behavior_modules)
-        self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
 
     def _prepare_control(self) -> None:
         """Everything that steers by the model: planners, roll-outs, and the options of the leaves."""
         setup, model = self._setup, self._model
-        # the limited rate delays the plate, too: on average by the time that it needs for half the tilt limit
-        late_s = model.late_s + 0.5 * setup.maze.tilt_limit / self._slew
-        leaves = setup.settings.leaves.on_stage(model.true_stage)
+        leaves, late_s = self._leaf_options()
         planners = planners_of(
             setup.maze, model, leaves.cost, self._stopwatch, late_s=late_s, horizon=leaves.travel.horizon
         )
@@ -122,6 +119,19 @@ class Run:
         self._steering = Steering(planners, leaves, late_s, rollout)
         self._keeper = safety_filter_of(setup.maze, model)
         self.chain.adopt(model.stage, setup.maze.tilt_limit, self._keeper)
+
+    def _leaf_options(self) -> tuple[LeafOptions, float]:
+        """Options of the leaves, and the time until a command acts, s. A limited rate delays the plate, too: on average
+        by the time that it needs for half the tilt limit."""
+        model = self._model
+        late_s = model.late_s + 0.5 * self._setup.maze.tilt_limit / self._slew
+        return self._setup.settings.leaves.on_stage(model.true_stage), late_s
+
+    def _compile_rollout(self) -> None:
+        """Compile what tries commands in front of openings."""
+        rollout = rollout_of(self._setup.maze, self._model, *self._leaf_options(), self._rig.rate_hz)
+        if rollout is not None:
+            rollout.warm_up()
 
     def _check_fit(self, observation: Observation) -> None:
         """Look whether the rig behaves as the model says; go on with the stage that it shows, if there is one."""
