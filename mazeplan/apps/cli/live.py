@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FIRST_S = 10.0  # s; maximum time that the first run waits for a viewer
 GRACE_S = 3.0  # s without a viewer before the page closes; a reload takes less
 LOOK_S = 0.05  # s between looks at orders and viewers
-READING = "reading map, model and tree; loading the compiled planner, the first time about a minute"
+READING = "reading map, model and tree; loading the compiled planner, the first time half a minute"
 NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
 
 

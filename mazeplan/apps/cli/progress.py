@@ -181,7 +181,7 @@ def report_compiling() -> None:
 
         def report(self) -> None:
             self.reported = True
-            say("compiling, once for this machine: about a minute")
+            say("compiling, once for this machine: half a minute or so")
 
     if not _listeners:
         _listeners.append(Listener())
