@@ -156,5 +156,6 @@ def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
         return BodyModel()
     said = {name: values[0] for name in GUESSED if (values := bead_values(model, maze, name))}
     said["rolling"] = min(max(said.get("rolling", 0.0), 0.01), 1.0)
-    said["delay"] = max(said["delay"], 0.0) or BodyModel().view.delay
+    if not model.delay_known:
+        said["delay"] = BodyModel().view.delay
     return with_values(BodyModel(), said)
