@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import PlateFilter, PlateNoise, shaken
+from mazeplan.control.estimation.plate import PlateFilter, PlateNoise, shaken, unforced
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import LEVEL, Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
@@ -224,7 +224,7 @@ class Estimator:
         if dt <= 0.0:
             return
         self.advance(self._z, self._measured_at, moment)
-        transition = np.array([[1.0, dt], [0.0, 1.0]])
+        transition = unforced(dt)
         spread = shaken(dt, self._options.acceleration_sigma)
         self._covariance = transition @ self._covariance @ transition.T + spread
         self._measured_at = moment

@@ -89,6 +89,12 @@ class TiltCheck:
 
 
 @lru_cache(1024)
+def unforced(dt: float) -> Array:
+    """Transition (2, 2) of place and rate over dt s without acceleration."""
+    return np.array([[1.0, dt], [0.0, 1.0]])
+
+
+@lru_cache(1024)
 def shaken(dt: float, acceleration: float) -> Array:
     """Covariance (2, 2) of place and rate after dt s of a constant acceleration of this standard deviation."""
     return np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * acceleration**2
@@ -96,14 +102,19 @@ def shaken(dt: float, acceleration: float) -> Array:
 
 def servo_step(axis: StageAxis, state: Array, command: float, dt: float) -> Array:
     """Angle and rate (2,) of an axis dt s later, `command` acting all the time."""
-    target = np.array([axis.gain * command + axis.offset, 0.0])
-    limit = axis.rate_limit
+    target = axis.gain * command + axis.offset
+    limit, away = axis.rate_limit, state.copy()
     if math.isinf(limit):
-        return target + axis.transition(dt) @ (state - target)
+        away[0] -= target
+        new = axis.transition(dt) @ away
+        new[0] += target
+        return new
     count = max(math.ceil(dt / SUBSTEP - 1e-9), 1)
     h, M = dt / count, axis.transition(dt / count)
     for _ in range(count):
-        new = target + M @ (state - target)
+        away[0], away[1] = state[0] - target, state[1]
+        new = M @ away
+        new[0] += target
         turn = min(max(float(new[0] - state[0]), -limit * h), limit * h)
         rate = turn / h if axis.order == 0 else float(new[1])
         state = np.array([state[0] + turn, min(max(rate, -limit), limit)])
@@ -115,21 +126,20 @@ class PlateFilter:
 
     before:   `means` before the last sample
     tilts:    filtered (t, beta, gamma) of the last HISTORY_S
-    commands: (t from which a command acts, its two values, rad)
-    history, queue: `tilts` and `commands` as arrays: times (N,), values (N, 2)"""
+    commands: (t from which a command acts, its two values, rad)"""
 
     def __init__(self, model: RigModel, noise: PlateNoise) -> None:
         self.stage, self._sensor = model.true_stage, model.tilt_sensor
-        self._axes, self._by_commands = (  # the second pair follows the commands alone
-            (AxisFilter(self.stage.beta, noise), AxisFilter(self.stage.gamma, noise)) for _ in range(2)
-        )
+        self._axes = (AxisFilter(self.stage.beta, noise), AxisFilter(self.stage.gamma, noise))
+        self._by_commands = self.means  # follow the commands alone
         self._checks = (TiltCheck(), TiltCheck())
         self._mismatched = 0
         self._blind = True  # no tilt was measured yet
         self.before = self.means
         self.tilts: deque[tuple[float, float, float]] = deque()
         self.commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])
-        self.history = self.queue = (np.empty(0), np.empty((0, 2)))
+        self._history: tuple[Array, Array] | None = None  # arrays of what was asked for since the last change
+        self._queue: tuple[Array, Array] | None = None
 
     @property
     def means(self) -> list[Array]:
@@ -141,17 +151,16 @@ class PlateFilter:
         self.commands.append((t + self.stage.dead_time, command.u_beta, command.u_gamma))
         while len(self.commands) > 2 and self.commands[1][0] < t - HISTORY_S:
             self.commands.popleft()
-        self.queue = _split([c for c in self.commands if math.isfinite(c[0])])
+        self._queue = None
 
     def update(self, observation: Observation) -> set[str]:
         """Filter both axes to the time of a sample. Returns words of `records.Doubt` for what was left out."""
         t, doubts = observation.t, set[str]()
         self.before = self.means
         for start, end, u in self.acting(self.tilts[-1][0], t) if self.tilts else ():
-            reached = self.stage.mixed(*u)
-            for axes in (self._axes, self._by_commands):
-                for axis, value in zip(axes, reached, strict=True):
-                    axis.predict(value, end - start)
+            for axis, value in zip(self._axes, self.stage.mixed(*u), strict=True):
+                axis.predict(value, end - start)
+            self._by_commands = self.turned(self._by_commands, u, end - start)
         angles = self._sensor.true(observation.beta, observation.gamma)
         self._blind = self._blind and not any(map(math.isfinite, angles))
         for axis, check, angle in zip(self._axes, self._checks, angles, strict=True):
@@ -159,7 +168,7 @@ class PlateFilter:
                 axis.update(angle)
             else:
                 doubts.add("no_tilt" if self._blind else "tilt")
-        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
+        apart = max(abs(a.mean[0] - o[0]) for a, o in zip(self._axes, self._by_commands, strict=True))
         self._mismatched = self._mismatched + 1 if apart > MAX_TILT_MISMATCH else 0
         if self._mismatched >= MISMATCHED_SAMPLES:
             doubts.add("plate")
@@ -167,8 +176,22 @@ class PlateFilter:
         self.tilts.append((t, float(beta[0]), float(gamma[0])))
         while self.tilts[0][0] < t - HISTORY_S:
             self.tilts.popleft()
-        self.history = _split(self.tilts)
+        self._history = None
         return doubts
+
+    @property
+    def history(self) -> tuple[Array, Array]:
+        """`tilts` as arrays: times (N,), values (N, 2)."""
+        if self._history is None:
+            self._history = _split(self.tilts)
+        return self._history
+
+    @property
+    def queue(self) -> tuple[Array, Array]:
+        """`commands` as arrays: times (N,), values (N, 2)."""
+        if self._queue is None:
+            self._queue = _split([c for c in self.commands if math.isfinite(c[0])])
+        return self._queue
 
     def until(self, start: float, end: float) -> list[tuple[float, list[Array]]]:
         """Angle and rate (2,) of each axis from the filtered ones at start up to end, at the ends of pieces."""
@@ -187,6 +210,9 @@ class PlateFilter:
         """Pieces of the time between start and end, each with the command that acted."""
         pieces, until = list[Piece](), math.inf
         for since, ub, ug in reversed(self.commands):  # most are older than the start
+            if since >= end:
+                until = since
+                continue
             a, b = max(since, start), min(until, end)
             if b > a:
                 pieces.append((a, b, (ub, ug)))

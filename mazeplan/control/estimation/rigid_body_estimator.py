@@ -7,9 +7,11 @@ It is an `Estimator` whose ball moves by `physics.dynamics.rigid_body`. Pictures
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 from numba import njit
@@ -119,7 +121,8 @@ class BodyEstimator(Estimator):
         motions: t, and the plate's motion (6) at t"""
         count = max(1, math.ceil((end - start) / SUBSTEP - 1e-6))
         h = (end - start) / count
-        history = np.array(motions)
+        first = max(min(bisect_right(motions, start, key=itemgetter(0)) - 1, len(motions) - 2), 0)
+        history = np.array(motions[first:])  # the rows before say nothing of what comes
         rows = np.empty((count, ROW))
         times = np.ascontiguousarray(history[:, 0])
         history_rows(times, np.ascontiguousarray(history[:, 1:]), self._body.tilting, start, h, rows)
