@@ -121,6 +121,7 @@ def test_a_model_of_beads_is_where_the_fit_begins():
     assert guess.tilting.tilt_gamma == toy.ball(1).parameter("tilt_offset", "gamma", 0.0)
     assert 0.03 < guess.ball.rolling < 0.3
     assert first_guess(None, MAZE).view.delay == 0.06
+    assert first_guess(replace(toy, camera_delay=-0.05), MAZE).view.delay == -0.05  # of a late tilt sensor
 
 
 def test_records_that_tell_nothing_are_refused(short):
