@@ -100,6 +100,8 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
         mark = getattr(problem, "problem_mark", None)
         said = getattr(problem, "problem", None) or getattr(problem, "reason", None) or "cannot be parsed"
         at = len(text) if mark is None else mark.index
+        if at >= len(text.rstrip()):  # what is open at the end of a file began earlier
+            at = getattr(getattr(problem, "context_mark", None), "index", at)
         said = "got a tab, expected spaces" if text[at : at + 1] == "\t" else said
         line = text.count("\n", 0, getattr(problem, "position", at)) + 1
         raise error(f"not valid {language}: {' '.join(str(said).split())}", file=file, line=line) from None

@@ -71,7 +71,7 @@ def test_quoted_numbers_stay_text():
         ("!x a: 1\n", 1, "tags"),
         ("a: {\n", 2, "not valid YAML"),
         ("a: 1: 2\n", 1, "not valid YAML: mapping values"),
-        ("a: 'x\nb:3\n", 3, "not valid YAML: found unexpected end"),
+        ("a: 'x\nb:3\n", 1, "not valid YAML: found unexpected end"),
         ("? [a]\n: b\n", 1, "key"),
         ("a: 1\n---\nb: 2\n", 2, "another document"),
         ("a: 1\nb: \x00\n", 2, "not allowed"),

@@ -147,7 +147,8 @@ def _usage_message(error: Any) -> str:
     option, problem = found.groups()
     if problem.startswith("Input should be "):  # without the value
         got = next((word for name, word in pairwise(sys.argv) if name == option), "a value")
-        problem = f"got {got}, expected a number {problem.removeprefix('Input should be ')}"
+        rest = problem.removeprefix("Input should be ")
+        problem = f"got {got}, expected {'a whole number' if 'integer' in rest else f'a number {rest}'}"
     return f"{option}: {problem}"
 
 
