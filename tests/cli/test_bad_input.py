@@ -39,7 +39,6 @@ LINES = {  # a command line -> what the message names
     "navigate --effects nothing": "--effects",
     "evaluate --runs 0": "--runs",
     "evaluate --faults gate_blocked": "--faults",
-    "evaluate --learn --workers 2": "--workers",
     "evaluate -o model": "-o",
     "evaluate --store a.csv --runs 1": "a.csv",
     "collect --seconds 0 -o x.mcap": "--seconds",

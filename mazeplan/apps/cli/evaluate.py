@@ -1,4 +1,4 @@
-"""`evaluate`: many runs, in processes or on Dask, kept in a store, with faults or with learning."""
+"""`evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults."""
 
 from __future__ import annotations
 
@@ -31,8 +31,6 @@ def evaluate(
     store: opt.Store = None,
     no_deadline: opt.NoDeadline = False,
     faults: opt.Faults = None,
-    learn: opt.Learn = False,
-    output: opt.LearnedModel = None,
     compare: opt.Compare = None,
     report: opt.Report = None,
     force: opt.Force = False,
@@ -59,7 +57,7 @@ def evaluate(
         runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
         time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
-        learn=learn, output=output, own_process=True, say=say,
+        own_process=True, say=say,
         bar=lambda total, begin: campaign_progress(total, begin=begin),
     )  # fmt: skip
     document = done.document

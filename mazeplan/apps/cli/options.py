@@ -125,14 +125,6 @@ Video = Annotated[
 RunLog = Annotated[
     Path | None, Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP).")
 ]
-Learn = Annotated[bool, Option("--learn", help="Update the model after each run.")]
-LearnedModel = Annotated[
-    Path | None,
-    Option(
-        "-o", "--output", parser=folder, metavar="FOLDER",
-        help="With --learn: folder of the updated model.",
-    ),
-]  # fmt: skip
 Page = Annotated[bool, Option("--view", help="Show and operate the run on a page in the browser.")]
 Runs = Annotated[
     int | None, Option("--runs", min=1, metavar="N", help="Number of runs. Default: 16; 10 per fault with --faults.")

@@ -26,7 +26,7 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.column_units import ColumnSource, select_columns
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.core.logs.run_log_reader import columns_of, warn_if_cut
+from mazeplan.core.logs.run_log_reader import warn_if_cut
 from mazeplan.core.logs.table_checks import KNOWN, UNITS, Rows, checked, fields_of, lines_of
 from mazeplan.core.records import Array, IntArray
 
@@ -151,13 +151,6 @@ def name_of(given: Any) -> str:
     if isinstance(given, str | Path):
         return Path(given).name
     return given.source.get("file", IN_MEMORY.name) if isinstance(given, Table) else IN_MEMORY.name
-
-
-def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:
-    """A table from the ticks of a run, given as documents of a log. Raises TableError about the file `name`."""
-    columns = {key: column for key, column in columns_of(ticks).items() if column.dtype != object}
-    with np.errstate(all="ignore"):
-        return Table(checked(columns, Rows(Path(name), range(1, 1 + len(ticks)))), {"file": name})
 
 
 def join(tables: Sequence[Table]) -> Table:

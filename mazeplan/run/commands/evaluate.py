@@ -1,4 +1,4 @@
-"""`evaluate`: many runs, in processes or on Dask, kept in a store, with faults or with learning."""
+"""`evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.name_hints import nearest
@@ -27,15 +27,7 @@ from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, open_stores
 from mazeplan.run.specification import TIME_LIMIT
 
-if TYPE_CHECKING:
-    from mazeplan.learning.online import Lesson
-
 RUNS, FAULT_RUNS = 16, 10
-EXCLUDED = {
-    "--faults": "faulty runs must not teach the model",
-    "--dask": "each run needs the model of the run before it",
-    "--store": "-o keeps the model",
-}
 Bar = Callable[[int, int], AbstractContextManager[Callable[[int], None]]]  # of so many runs, of which some are done
 
 
@@ -74,9 +66,8 @@ def evaluate(
     behavior: str = "navigate", behavior_modules: Sequence[str] = (), settings: str | Path | None = None,
     start: int | str = 1, goal: int | str | None = None, balls: int | None = None, seed: int = 0,
     time_limit: float = TIME_LIMIT, workers: int | None = None, dask: str | None = None,
-    store: str | Path | None = None, deadline: bool = True, faults: str | Path | None = None, learn: bool = False,
-    output: str | Path | None = None, own_process: bool = False, say: Words = no_words,
-    bar: Bar = no_bar,
+    store: str | Path | None = None, deadline: bool = True, faults: str | Path | None = None,
+    own_process: bool = False, say: Words = no_words, bar: Bar = no_bar,
 ) -> Evaluation:  # fmt: skip
     """Run many navigations and summarise success, times and failures; with `faults` also the response to each fault.
 
@@ -88,11 +79,8 @@ def evaluate(
     store: folder that keeps each run; kept runs are not done again
     deadline: whether plans have a limit of time; without it, results are repeatable
     faults: file of faults to inject, or "all"
-    learn: whether the model is updated after each run; output: folder of the updated model
 
     Raises InputError, RigError."""
-    folder = None if output is None else Path(output)
-    _check_learning(learn, folder, workers, {"--faults": faults, "--dask": dask, "--store": store})
     work = Work(workers, dask, None if store is None else Path(store), say, bar)
     alone = (workers or 1) == 1 and dask is None and store is None
     with named_rig(rig, alone=alone) as name:
@@ -102,17 +90,12 @@ def evaluate(
             seed=seed, time_limit=time_limit, deadline=deadline, runs=usual if runs is None else runs,
             own_process=own_process,
         )  # fmt: skip
-        if learn:
-            outcomes, learning = _learning(campaign, folder, work)
-            document = {**summary(outcomes), "learning": learning}
-        else:
-            ran, document = _without_lessons(campaign, None if faults is None else str(faults), work)
-            outcomes = [run.result for run in ran]
+        ran, document = _all_runs(campaign, None if faults is None else str(faults), work)
         document["setup"] = setup_document(campaign)
-    return Evaluation(document, tuple(outcomes))
+    return Evaluation(document, tuple(run.result for run in ran))
 
 
-def _without_lessons(campaign: Campaign, faults: str | None, work: Work) -> tuple[list[Ran], dict[str, Any]]:
+def _all_runs(campaign: Campaign, faults: str | None, work: Work) -> tuple[list[Ran], dict[str, Any]]:
     """Do all runs of a campaign; with faults, all runs of each fault. Returns the runs and their document.
 
     faults: file of the schedule, or all; None: no faults"""
@@ -171,40 +154,3 @@ def _executor(work: Work, stores: Sequence[Store], runs: int, campaigns: int) ->
 
 def _kept(stores: Sequence[Store], runs: int) -> int:
     return sum(index in store.runs for store in stores for index in range(runs))
-
-
-def _check_learning(learn: bool, output: Path | None, workers: int | None, others: dict[str, object]) -> None:
-    """Raises InputError for options that exclude each other. others: {option in EXCLUDED: its value, or None}"""
-    if output is not None and not learn:
-        raise InputError("-o: got a folder without --learn, expected both: -o keeps the model that the runs teach")
-    if learn and workers is not None and workers > 1:
-        raise InputError(f"--workers: got {workers} with --learn, expected 1: {EXCLUDED['--dask']}")
-    for name, value in others.items():
-        if learn and value is not None:
-            raise InputError(f"--learn with {name}: {EXCLUDED[name]}; give one of them")
-
-
-def _learning(campaign: Campaign, output: Path | None, work: Work) -> tuple[list[NavigationResult], dict[str, Any]]:
-    """Run a campaign that learns. Returns the results of its runs, and the entry `learning` of its document."""
-    from mazeplan.run.campaign.online_learning import evaluate_learning, lesson_document, lesson_line  # slow to import
-
-    done: list[Lesson] = []
-
-    def on_lesson(lesson: Lesson) -> None:
-        done.append(lesson)
-        if line := lesson_line(lesson):
-            work.say(line)
-
-    try:
-        with work.bar(campaign.runs, 0) as advance:
-            outcomes, lessons = evaluate_learning(campaign, output, progress=advance, tell=on_lesson)
-    except KeyboardInterrupt:
-        if output is not None:
-            kept, left = f"{len(done)} of {campaign.runs} runs are kept in {output}", campaign.runs - len(done)
-            work.say(f"{kept}; --runs {left} continues with the others")
-        raise
-    rows, used = sum(sum(lesson.rows.values()) for lesson in done), sum(not lesson.why for lesson in done)
-    where = "not kept (give -o FOLDER)" if output is None else f"{output}, {lessons[-1].run} runs so far"
-    work.say(f"learned from {rows} samples of {used} of {len(done)} runs: {where}")
-    entries = [lesson_document(lesson) for lesson in lessons]
-    return outcomes, {"runs": entries, "model": None if output is None else str(output)}
