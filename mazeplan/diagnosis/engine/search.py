@@ -30,10 +30,10 @@ CLEAR = 4.0  # standard errors
 BETTER = 2.0  # standard errors of the gain between held-out windows
 WORSE = 0.02  # relative growth of the held-out error that counts as worse
 WORTH = 0.25  # fall of the squared error, over the noise and over what remains, that is worth a word
+FAR = 5.0  # times the noise: an error above this has causes that no effect found so far explains
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
 LOST = 0.5  # error over the movement at which a simulation has left the record
-EQUAL = 0.99  # of the best gain: candidates that the class names first go first
-KEPT = 3  # candidates that are fitted at all lengths
+KEPT = 2  # candidates that are fitted at all lengths
 MOST = 5  # effects
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
 
@@ -142,9 +142,9 @@ class Search:
                     own = parent.fits[level][fold]
                     starts.append((self.values(names, own.values, at_rest=True), own.states))
                 starts = starts or [(self.values(names), windows.guess)]
-                tries = [windows.fit(start, free, states, most=3) for start, states in starts]
-                first = min(tries, key=lambda fit: fit.total)
-                fit = windows.fit(first.values, free, first.states)
+                tries = [windows.descend(windows.begin(start, states), free, most=1) for start, states in starts]
+                best = min(tries, key=lambda point: point.cost)
+                fit = windows.finished(windows.descend(best, free), free)
                 before[fold] = fit.values
                 pair.append(fit)
                 other = self.levels[level].folds[1 - fold]
@@ -181,7 +181,7 @@ class Search:
             self.tell(f"{best.names[-1]}: explains more")
         current, found = self._backward(base, current, found, tried, gains)
         valid = tuple(self.valid(base, current))
-        alike = self._alike(current, found, library, valid)
+        alike = self._alike(current, found, library)
         for name in found:
             tried.pop(name, None)
         return Finding(base, current, tuple(found), alike, tuple(tried.values()), gains, valid, self.levels)
@@ -230,23 +230,26 @@ class Search:
         order = {name: i for i, name in enumerate(candidates)}
         for _, name in sorted(scored[:KEPT], key=lambda one: order[one[1]]):
             trial = self.trial((*current.names, name), current)
-            gain, why_not = self.judge(current, trial, name, len(candidates))
+            gain, why_not = self.judge(current, trial, name)
             if why_not:
                 tried[name] = Tried(name, gain, why_not)
             else:
                 accepted.append((trial, gain))
-        best = max((gain for _, gain in accepted), default=0.0)
-        accepted.sort(key=lambda one: -one[1] if one[1] < EQUAL * best else -best)  # equal ones in the class's order
+        best, _ = max(accepted, key=lambda one: one[1], default=(current, 0.0))
+        accepted.sort(key=lambda one: self._clearly_better(best, one[0]))  # others in the order of the class
         for trial, gain in accepted[1:]:
             tried[trial.names[-1]] = Tried(trial.names[-1], gain, f"{accepted[0][0].names[-1]} explains more")
         return accepted
 
-    def judge(self, before: Trial, after: Trial, name: str, candidates: int = 1) -> tuple[float, str]:
-        """Gain of a model over another one (mean over the levels), and why it is not accepted, or an empty text."""
+    def judge(self, before: Trial, after: Trial, name: str) -> tuple[float, str]:
+        """Gain of a model over another one (mean over the levels), and why it is not accepted, or an empty text.
+
+        Where an error far above the noise remains, windows of two lengths have to show a further effect: at one length
+        alone, it would stand in for whatever causes the rest."""
         valid = self.valid(before, after)
         if not valid:
             return 0.0, "the simulation leaves the record with it, too"
-        total, better, sure, worth, worse = 0.0, False, False, False, False
+        total, better, worse, sure = 0.0, False, False, list[int]()
         for i in valid:
             gain = self.gains(before, after, i)
             total += float(gain.mean()) / len(valid)
@@ -254,8 +257,7 @@ class Search:
             good = self._t(gain) > BETTER and fewer > 0.0
             clear = self.clear(after, name, i) > CLEAR and self._steady(after, name, i, valid)
             better |= good
-            sure |= good and clear
-            worth |= good and clear and self._worth(before, after, i)
+            sure += [i] if good and clear else []
             explains = np.sum(before.held[i]) < LOST**2 * np.sum(self.levels[i].bend)  # else there is nothing to lose
             worse |= explains and after.rms(i) > (1.0 + WORSE) * before.rms(i) and self._t(gain) < -BETTER
         if self._within_a_sample(after, name, valid):
@@ -266,9 +268,18 @@ class Search:
             return total, "its size is not beyond chance"
         if worse:
             return total, "held-out windows of another length get worse"
-        if not worth:
+        far = min(after.rms(i) for i in sure) > FAR
+        if before.names and far and len(sure) == 1 < len(valid):
+            return total, "only windows of one length show it, and much remains unexplained"
+        if not any(self._worth(before, after, i) for i in sure):
             return total, "it changes the predictions by less than the noise, or than what remains unexplained"
         return total, ""
+
+    def _clearly_better(self, one: Trial, other: Trial) -> bool:
+        """Whether a model predicts held-out windows better than another one, beyond chance and by more than noise."""
+        return any(
+            self._t(self.gains(other, one, i)) > BETTER and self._worth(other, one, i) for i in self.valid(other, one)
+        )
 
     def gains(self, before: Trial, after: Trial, level: int) -> Array:
         """Gains of the held-out windows that move."""
@@ -346,9 +357,7 @@ class Search:
                 gains[name] = gain
         return current, found
 
-    def _alike(
-        self, current: Trial, found: Sequence[str], library: Sequence[str], valid: Sequence[int]
-    ) -> tuple[tuple[str, ...], ...]:
+    def _alike(self, current: Trial, found: Sequence[str], library: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Groups of a found effect and others that would explain the record as well in its place."""
         groups = []
         for name in found:
@@ -361,11 +370,7 @@ class Search:
                 instead = self.cache[frozenset((*rest, rival))]
                 if self.judge(without, instead, rival)[1]:
                     continue
-                clear = any(
-                    self._t(self.gains(instead, current, i)) > BETTER and self._worth(instead, current, i)
-                    for i in valid
-                )
-                if not clear:
+                if not self._clearly_better(current, instead):
                     group.append(rival)
             if len(group) > 1:
                 groups.append(tuple(group))

@@ -63,6 +63,17 @@ def _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold):
 
 
 @njit(**KERNEL)
+def decayed(x, e, forced):
+    """x_k+1 = e_k x_k + forced_k from x_0 = x, (N + 1,), for factors and forces (N,)."""
+    out = np.empty(len(e) + 1)
+    out[0] = x
+    for k in range(len(e)):
+        x = x * e[k] + forced[k]
+        out[k + 1] = x
+    return out
+
+
+@njit(**KERNEL)
 def simulate(problem, p, x0):
     """Coordinates and speeds (N, 2 C) of windows that start in states x0 (M, 2 C); NaN where no window is.
 
@@ -93,7 +104,8 @@ def simulate(problem, p, x0):
                 share = 1.0  # of the rest of this part
                 while True:
                     t, h = times[row] + s0 * whole, share * (stop - s0) * whole
-                    if n_holds and not begun:
+                    known = n_holds > 0 and not begun
+                    if known:
                         for i in range(u):
                             w[i] = inputs[row, 0, i] + s0 * (inputs[row, 1, i] - inputs[row, 0, i])
                         _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold)
@@ -111,10 +123,11 @@ def simulate(problem, p, x0):
                         d = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
                         for i in range(size):
                             xs[i] = x[i] if stage == 0 else x[i] + d * h * k[stage - 1, i]
-                        s = s0 + d * share * (stop - s0)
-                        for i in range(u):
-                            w[i] = inputs[row, 0, i] + s * (inputs[row, 1, i] - inputs[row, 0, i])
-                        _forces(terms, holds, n_terms, n_holds, c, xs, t + d * h, w, pw, pp, u, a, hold)
+                        if stage > 0 or not known:
+                            s = s0 + d * share * (stop - s0)
+                            for i in range(u):
+                                w[i] = inputs[row, 0, i] + s * (inputs[row, 1, i] - inputs[row, 0, i])
+                            _forces(terms, holds, n_terms, n_holds, c, xs, t + d * h, w, pw, pp, u, a, hold)
                         for i in range(c):
                             moves = direction[i] != STUCK
                             k[stage, i] = xs[c + i] if moves else 0.0

@@ -13,18 +13,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.simulation import LEFT, Problem, simulate
+from mazeplan.diagnosis.engine.simulation import LEFT, Problem, decayed, simulate
 from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.physics.effect import Effect
 
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
 DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
+STRAIGHT, BENT = 0.75, 0.25  # gain of a step over the foreseen one: a longer or a shorter step is tried next
 START = 6  # samples whose line is the first guess of an initial state
 
 Free = tuple[tuple[str, str], ...]  # effect and parameter
@@ -106,13 +108,21 @@ def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
     h = np.diff(t)
     e = np.exp(-h / lag)
     slope = np.zeros(len(h)) if held else np.diff(u) / h
-    out = np.empty(len(u))
-    x = out[0] = u[0]
-    forced = (u[:-1] - slope * lag) * (1.0 - e) + slope * h
-    for k in range(len(h)):
-        x = x * e[k] + forced[k]
-        out[k + 1] = x
-    return out
+    return decayed(u[0], e, (u[:-1] - slope * lag) * (1.0 - e) + slope * h)
+
+
+class Point(NamedTuple):
+    """A state of a descent: values of all effects, initial states (M, 2 C), residual (K,) over the noise, damping."""
+
+    values: Values
+    states: Array
+    r: Array
+    weight: float = 1e-3
+
+    @property
+    def cost(self) -> float:
+        """Sum of all squares."""
+        return _sum(self.r)
 
 
 @dataclass(frozen=True)
@@ -272,18 +282,33 @@ class Windows:
         fewer = self.sums(s * s) < self.sums(r * r)
         return np.where(fewer[:, None], others, states), np.where(fewer[self.which], s, r)
 
-    def fit(self, values: Values, free: Free, near: Array | None = None, most: int = ITERATIONS) -> Fit:
+    def fit(self, values: Values, free: Free, near: Array | None = None) -> Fit:
         """Fit free parameters and all initial states, from initial states near (M, 2 C) or the first guess."""
-        states, r = self.settled(values, near, 1)
+        return self.finished(self.descend(self.begin(values, near), free), free)
+
+    def begin(self, values: Values, near: Array | None = None) -> Point:
+        """Where a descent begins."""
+        return Point(values, *self.settled(values, near, 1))
+
+    def descend(self, point: Point, free: Free, most: int = ITERATIONS) -> Point:
+        """The least sum of squares near a point, after at most so many steps."""
+        values, states, r, weight = point
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
-        weight, cost, p = 1e-3, _sum(r), np.array([values[e][n] for e, n in free])
+        cost, p = point.cost, np.array([values[e][n] for e, n in free])
         for _ in range(most if free else 0):
             by_p, by_s = self._columns(values, states, r, free)
             s_r, s_p = self._eliminated(by_s, r[:, None], by_p, damping=weight)
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
             left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
             gram, slope = clean.T @ clean, clean.T @ left
+            by_states = cost - _sum(left)
+
+            def foreseen(move: Array, by_states: float = by_states, gram: Array = gram, slope: Array = slope) -> float:
+                return by_states - float(2.0 * slope @ move + move @ gram @ move)
+
+            if foreseen(_bounded_step(gram, slope, 1e-9, p, low, high)) <= DONE * cost:  # no step gains more
+                break
             for _ in range(8):
                 new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
                 trial = with_numbers(values, free, new)
@@ -298,13 +323,16 @@ class Windows:
             else:
                 break
             gain = cost - fresh
-            values, states, p, r, cost, weight = trial, begin, new, s, fresh, max(weight / 8.0, 1e-12)
+            share = gain / max(foreseen(new - p), 1e-300)  # near 1 where the residual is as straight as its derivatives
+            weight = max(weight / 8.0, 1e-12) if share > STRAIGHT else weight * 2.0 if share < BENT else weight
+            values, states, p, r, cost = trial, begin, new, s, fresh
             if gain <= DONE * cost:
                 break
-        return self.finished(values, free, states, r)
+        return Point(values, states, r, weight)
 
-    def finished(self, values: Values, free: Free, states: Array, r: Array) -> Fit:
+    def finished(self, point: Point, free: Free) -> Fit:
         """The fit at a solution, with the sandwich covariance over windows."""
+        values, states, r, _ = point
         residual = np.full(self.model.record.y.shape, np.nan)
         residual[self.row, self.coordinate] = r
         covariance, at_bound = np.zeros((len(free), len(free))), []
@@ -336,7 +364,7 @@ class Windows:
 
     def held_out(self, values: Values, states: Array | None = None) -> Fit:
         """Only the initial states are fitted."""
-        return self.finished(values, (), *self.settled(values, states))
+        return self.finished(Point(values, *self.settled(values, states)), ())
 
 
 def sandwich(clean: Array, r: Array, sums, count: Array) -> Array:
