@@ -128,18 +128,11 @@ def fit_process(
     options: FitOptions,
     progress: Words = no_words,
     *,
-    odd: Array | None = None,
     advance: Advance = no_advance,
 ) -> tuple[GaussianProcess, Training]:
-    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k.
-
-    odd (N, E): additional inputs of all terms, after those of the state; a reflection changes their sign."""
+    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k."""
     picked = uniform_downsample(len(target), options.most)
     x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
-    if odd is not None:
-        new = tuple(range(x.shape[1], x.shape[1] + odd.shape[1]))
-        x = np.hstack([x, odd[picked]])
-        terms = tuple((columns + new, flip + (-1.0,) * len(new) if flip else flip) for columns, flip in terms)
     phi, y = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0)), target[picked]
     chosen = replace(options.training, seed=options.seed, terms=terms)
     training = train(x, phi, y, chosen, progress=progress, advance=advance)

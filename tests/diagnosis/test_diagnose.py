@@ -90,9 +90,8 @@ def test_two_effects_at_once():
 
 
 @pytest.mark.slow
-def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
+def test_what_swings_with_time_has_no_name_and_a_frequency():
     done = found(seed=5, hum=(1.7, 0.8))
-    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     document = done.document()
     assert document["unknown"]["depends_on"] == ["time"]
@@ -101,22 +100,10 @@ def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
 
 
 @pytest.mark.slow
-def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
+def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one():
     done = found(seed=6, lean=8.0)
-    assert len(asked) == 1
     assert done.verdict == "unknown_effect", done.sentence()
     assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
-
-
-@pytest.mark.slow
-def test_beside_an_unknown_what_is_left_is_learned_too():
-    pytest.importorskip("torch")
-    done = found(seed=6, lean=8.0, seconds=40.0)
-    assert done.verdict == "unknown_effect"
-    assert done.remainder is not None
-    assert 700 < done.remainder.rows < 850
-    assert done.remainder.nrmse < 0.6 * done.before.nrmse
-    assert done.document()["remainder"]["nrmse"] == pytest.approx(done.remainder.nrmse, abs=1e-5)
 
 
 @pytest.mark.slow
@@ -166,15 +153,14 @@ def test_a_further_record_is_scored_and_not_looked_at():
     assert set(done.document()["test"]) == {"before", "after"}
 
 
-def test_on_a_further_record_the_model_has_its_own_camera_and_stage(monkeypatch):
-    here, there = record(seed=3, seconds=20.0), record(seed=4, seconds=20.0)
+def test_on_a_further_record_the_model_has_its_own_stage(monkeypatch):
+    here = record(seed=3, seconds=20.0)
     tilt = plate_motion(here, None)
     was = replace(tilt, source="by the model")
     plain = SimpleNamespace(system=RingSystem(here.t, here.theta, here.begins, 0.0925, tilt, DECLARED), library=[])
     monkeypatch.setattr(ring_diagnosis, "score", lambda likelihood, *_: likelihood.system)
     done = SimpleNamespace(stage=None, circle=None, finding=SimpleNamespace(final=None))
-    before, after = ring_diagnosis._on_test(here, there, was, done, plain, plain, None)
-    assert before.theta == pytest.approx(there.theta)
+    before, after = ring_diagnosis._on_test(here, was, done, plain, plain, None)
     assert after.theta == pytest.approx(here.theta)
     assert (before.tilt.source, after.tilt.source) == (was.source, tilt.source)
 

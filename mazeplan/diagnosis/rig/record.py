@@ -28,7 +28,7 @@ from mazeplan.physics.dynamics.walls import pack_walls
 from mazeplan.physics.rig.stage import StageModel
 
 FEWEST = 900  # minimum number of pictures of the ball
-NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
+NEEDED = ("x", "y", "beta", "gamma")  # columns of a record of a whole rig
 ROLLS = 0.1  # rad that a rolling ball turns at least in a stretch
 PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures of a stretch; minimum number of stretches; minimum play, m
 GUESSED = (  # right in a model of beads, whose inertia and other friction also stand in for walls
@@ -41,7 +41,7 @@ FINEST = 5e-5  # m; least noise of a camera: where pictures are exact, an error 
 def why_not_whole(tables: Sequence[Table]) -> str:
     """Why records do not show a whole rig, in a few words; "" if they do.
 
-    Such records are long enough, have commands, and show a ball with play in its channel. A ball without play is a bead
+    Such records are long enough, and show a ball with play in its channel. A ball without play is a bead
     on a circle: the equation of one ring describes it."""
     missing = [name for name in NEEDED if not all(name in table for table in tables)]
     if missing:

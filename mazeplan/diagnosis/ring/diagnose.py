@@ -18,8 +18,7 @@ from mazeplan.diagnosis.ring.ambiguity import confounded_effects, experiment_for
 from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS, ring_library, stage_errors
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without
-from mazeplan.diagnosis.ring.holdout import INNER, inner_folds, seen_and_held
-from mazeplan.diagnosis.ring.remainder import Remainder, remainder
+from mazeplan.diagnosis.ring.holdout import inner_folds, seen_and_held
 from mazeplan.diagnosis.ring.result import RingDiagnosis, evidence_of, verdict_of
 from mazeplan.diagnosis.ring.scores import RingScore, matched_target, score
 from mazeplan.diagnosis.ring.search import Finding, Search
@@ -49,10 +48,7 @@ def diagnose(
     without: Container[str] = (),
     test: RingRecord | None = None,
     known: Known | None = None,
-    camera: Sequence[Entry] | None = None,
-    as_model: RingRecord | None = None,
     corrected: Camera | None = None,
-    test_as_model: RingRecord | None = None,
     progress: Words = no_words,
 ) -> RingDiagnosis:
     """Find what the declared effects lack.
@@ -65,10 +61,7 @@ def diagnose(
     without: names of effects to leave out
     test: a further record, for scores only
     known: the model's stage; None: the declared one
-    camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
-    as_model: the record with the model's camera, for the scores before; None: `record`
     corrected: camera by which the positions of `record` are corrected already; None: they are as measured
-    test_as_model: `test` with the model's camera, for its scores before; None: `test`
     progress: reports progress"""
     rows, held, which = seen_and_held(record)
     seen = np.isfinite(record.theta)
@@ -77,8 +70,8 @@ def diagnose(
     known = known or Known(declared, {})
     stage = fit_stage(record, rows, known.kind)
     tilt = plate_motion(record, stage)
-    effects = [*stage_effects(stage, known), *(camera or [])]
-    circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
+    effects = stage_effects(stage, known)
+    circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(circle.entry(corrected or Camera()))
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
@@ -95,7 +88,7 @@ def diagnose(
             scaled = declared | {gain["name"]: values_of(gain)}
             straight = _likelihood(record, tilt, radius, scaled, everything, rows)
     if record.u is None and matched_target(straight.system) is not None:
-        folds = inner_folds(record, rows, range(INNER))
+        folds = inner_folds(record, rows)
         finding, judge = by_windows(straight, library, progress, closely, finer, folds)
     else:
         finding, judge = Search(straight, library, progress, nuisance=nuisance).run(), straight
@@ -106,19 +99,18 @@ def diagnose(
     progress("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     own = _model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
-    plain, base, scored = _as_it_was(as_model or whole, own or tilt, radius, declared, everything, own is None)
+    plain, base, scored = _as_it_was(whole, own or tilt, radius, declared, everything, own is None)
     done = RingDiagnosis(
         verdict=verdict_of(finding, effects, everything), effects=tuple(effects), finding=finding,
         before=scored, after=score(straight, finding.final, held), share=share,
         evidence=(evidence_of(plain, base), evidence_of(straight, finding.final)), held=which,
         notes=(*record.notes, *_chance(finding)), circle=circle, stage=stage, tilt_source=tilt.source,
         apart=tuple(experiment_for(group, ring) for group in finding.alike),
-        remainder=_remainder(straight, finding, record, rows, held, progress),
     )  # fmt: skip
     if test is None:
         return done
     was = None if own is None else _model_motion(test, stage, known)
-    return replace(done, test=_on_test(test, test_as_model or test, was, done, straight, plain, base))
+    return replace(done, test=_on_test(test, was, done, straight, plain, base))
 
 
 def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> tuple[Entry | None, tuple[str, ...]]:
@@ -242,34 +234,18 @@ def _chance(finding: Finding) -> tuple[str, ...]:
 
 
 def _on_test(
-    test: RingRecord, as_model: RingRecord, was: Tilt | None, done: RingDiagnosis, straight: Likelihood,
-    plain: Likelihood, base: Fit,
-) -> tuple[RingScore, RingScore]:  # fmt: skip
+    test: RingRecord, was: Tilt | None, done: RingDiagnosis, straight: Likelihood, plain: Likelihood, base: Fit
+) -> tuple[RingScore, RingScore]:
     """Scores before and after on a further record.
 
-    as_model: the record with the model's camera
     was: the plate's motion by the model's stage, if the stage changed"""
     moved, radius = plate_motion(test, done.stage), plain.system.radius
-    scores = []
-    for likelihood, found, seen, circle, tilt in (
-        (plain, base, as_model, None, was or moved),
-        (straight, done.finding.final, test, done.circle, moved),
-    ):
-        record, (every,) = _with_ball(seen, np.ones(len(seen), dtype=bool))
+    scores, (record, (every,)) = [], _with_ball(test, np.ones(len(test), dtype=bool))
+    for likelihood, found, circle, tilt in (
+        (plain, base, None, was or moved), (straight, done.finding.final, done.circle, moved),
+    ):  # fmt: skip
         there = _likelihood(
             _straight(record, circle), tilt, radius, likelihood.system.declared, straight.library, every
         )
         scores.append(score(there, found, every))
     return scores[0], scores[1]
-
-
-def _remainder(
-    likelihood: Likelihood, finding: Finding, record: RingRecord, rows: np.ndarray, held: np.ndarray, tell: Words
-) -> Remainder | None:
-    """What a Gaussian process learns of the residual.
-
-    None, unless a term without a name was found or the record has accelerations of its own, which show blows."""
-    if finding.unknown is None and matched_target(likelihood.system) is None:
-        return None
-    fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]
-    return remainder(likelihood, fits, record, rows, held, tell)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from mazeplan.diagnosis.record import RingRecord
@@ -12,7 +10,7 @@ from mazeplan.learning.split import block_split, near_border
 SEEN = 0.7  # share of the record that search and fits see
 BLOCK_S = 10.0  # s
 GUARD = 8  # rows at a border that belong to neither set: windows of derivatives and states of the filter reach across
-INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s, of an inner block; blocks in a group; test blocks of a group, in turn
+INNER_S, INNER = 5.0, 4  # s, of an inner block; blocks in a group
 Folds = list[tuple[np.ndarray, np.ndarray]]  # pairs of training rows and test rows (N,)
 LONGEST = 0.5  # share of the record; with a longer stretch, the record counts as one piece
 
@@ -32,12 +30,10 @@ def seen_and_held(record: RingRecord) -> tuple[np.ndarray, np.ndarray, str]:
     return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
 
 
-def inner_folds(record: RingRecord, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED) -> Folds:
-    """Folds among the seen rows.
-
-    tried_blocks: which blocks of each group of INNER blocks to test, one after the other"""
+def inner_folds(record: RingRecord, seen: np.ndarray) -> Folds:
+    """Folds among the seen rows: each block of a group of INNER is tested in one of them."""
     block, folds = np.arange(len(record)) // max(round(INNER_S / record.dt), 1), []
-    for which in tried_blocks:
+    for which in range(INNER):
         tried = block % INNER == which
         kept = seen & ~near_border(tried, record.segment.astype(np.float64), GUARD)
         folds.append((kept & ~tried, kept & tried))

@@ -14,7 +14,6 @@ from mazeplan.diagnosis.effect_entry import Entry, lacking, why_not_planned, wit
 from mazeplan.diagnosis.evidence import Evidence
 from mazeplan.diagnosis.ring.camera import Circle
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood
-from mazeplan.diagnosis.ring.remainder import Remainder
 from mazeplan.diagnosis.ring.scores import LABELS, RingScore, rounded
 from mazeplan.diagnosis.ring.search import Finding
 from mazeplan.diagnosis.stage.plate_motion import Stage
@@ -39,7 +38,6 @@ class RingDiagnosis:
     stage: fits of both axes, None without commands
     tilt_source: where the plate's motion comes from, in words
     apart: an experiment for each group of effects that this record cannot tell apart
-    remainder: what a Gaussian process learns of the residual
     test: scores before and after on a further record"""
 
     verdict: str
@@ -55,16 +53,12 @@ class RingDiagnosis:
     stage: Stage | None
     tilt_source: str
     apart: tuple[dict[str, str], ...]
-    remainder: Remainder | None = None
     test: tuple[RingScore, RingScore] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the numbers should know."""
         said = [f"Scores are of {self.held}, which search and fits did not see.", f"Tilt: {self.tilt_source}."]
-        if self.remainder is not None:
-            learned = "nRMSE of theta_dd with what is left learned by a Gaussian process, without a name"
-            said.append(f"{learned}: {self.remainder.nrmse:.4f}.")
         return (*said, *self.notes)
 
     def document(self) -> dict[str, Any]:
@@ -79,8 +73,6 @@ class RingDiagnosis:
             "unknown": unknown, "before": self.before.document(), "after": self.after.document(),
             "noise_floor": rounded(self.after.floor), "held_out": round(self.share, 3), "held_out_rows": self.held,
         }  # fmt: skip
-        if self.remainder is not None:
-            out["remainder"] = self.remainder.document()
         out |= {"tilt": self.tilt_source, "notes": list(self.notes)}
         if self.test is not None:
             out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))

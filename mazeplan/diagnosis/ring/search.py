@@ -39,15 +39,13 @@ class Finding:
     ranked: trials of the first round, the best first
     alike: groups of names that the record cannot tell apart
     unknown: the accepted term without a name
-    worth: gain of -2 log L by each effect, minus its price
-    plainer: the fit before some effects got more parameters (`windows.refined`)"""
+    worth: gain of -2 log L by each effect, minus its price"""
 
     final: Fit
     ranked: tuple[CandidateTrial, ...]
     alike: tuple[tuple[str, ...], ...]
     unknown: CandidateTrial | None
     worth: dict[str, float]
-    plainer: Fit | None = None
 
 
 def still_alike(groups: Sequence[tuple[str, ...]], found: Container[str]) -> tuple[tuple[str, ...], ...]:

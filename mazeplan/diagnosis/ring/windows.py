@@ -247,9 +247,8 @@ def by_windows(
     q = best_q(likelihood, values)
     e = likelihood.whitened(values, q)
     final = replace(best, q=q, noise=float(np.sqrt(np.mean(e * e))))
-    plainer = replace(closer, q=q, noise=final.noise) if more else None
     worth = {**steady.worth, **found.worth}
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
     alike = still_alike(steady.alike + found.alike, values)
-    return replace(steady, final=final, plainer=plainer, alike=alike, worth=worth), squares
+    return replace(steady, final=final, alike=alike, worth=worth), squares

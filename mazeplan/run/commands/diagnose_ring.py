@@ -10,8 +10,6 @@ import numpy as np
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, as_table, name_of
-from mazeplan.diagnosis.maze_camera import EFFECTS as CAMERA_EFFECTS
-from mazeplan.diagnosis.maze_camera import camera_effects
 from mazeplan.diagnosis.record import centred, record_of, turned_round
 from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
 from mazeplan.diagnosis.ring.candidates import ring_library
@@ -20,6 +18,7 @@ from mazeplan.diagnosis.update import base_model, left_out, updated
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
+from mazeplan.physics.effects import rig
 from mazeplan.physics.effects.openings import Openings, wall_library
 from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
 from mazeplan.physics.registry import own_effects
@@ -29,6 +28,7 @@ from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, Values, declare_known, finish
 from mazeplan.run.commands.log_context import check_channel, check_radius, check_wiring, logged_map
 
+CAMERA_EFFECTS = (rig.camera_offset, rig.camera_scale, rig.lens_distortion)
 FEWEST_IN_RINGS = 0.7  # minimum share of the samples in rings of the map; a run's log also has passages
 
 
@@ -87,8 +87,7 @@ def _diagnose(
     raw = as_table(log, request.columns)
     check_wiring(raw, maze if request.radius is None else None)
     camera, of_positions = _known_camera(raw, model, request.declare)
-    picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
-    data = _ring_data(centred(raw, seen_by), maze, request)
+    data = _ring_data(centred(raw, camera), maze, request)
     known: Values = {} if model is None else model.declared(data.ring or 1)
     if "x" not in data.table and (camera.offset_x or camera.offset_y):  # angles alone are not corrected by `centred`
         known["camera_offset"] = {"x": camera.offset_x, "y": camera.offset_y}
@@ -99,19 +98,15 @@ def _diagnose(
     if request.radius is None:
         _check_rings(data.table, maze)
     table, odd = turned_round(data.table, data.radius)
-    test, test_as_model = None, None
+    test = None
     if request.test is not None:
-        measured = as_table(request.test, request.columns)
-        other, _ = turned_round(centred(measured, seen_by), data.radius)
+        other, _ = turned_round(centred(as_table(request.test, request.columns), camera), data.radius)
         in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
         test = record_of(other, in_ring, ring=data.ring)
-        test_as_model = record_of(centred(measured, camera), in_ring, ring=data.ring) if picture else None
     done = ring_diagnosis.diagnose(
         record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
         more=added, test=test, progress=request.progress,
-        known=None if model is None else _known_stage(model, known, request.declare), camera=picture,
-        as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
-        corrected=seen_by, test_as_model=test_as_model,
+        known=None if model is None else _known_stage(model, known, request.declare), corrected=camera,
     )  # fmt: skip
     document = done.document()
     more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
