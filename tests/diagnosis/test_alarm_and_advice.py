@@ -46,7 +46,7 @@ def test_a_note_says_why_the_servos_are_not_checked(moving, words):
     table = Table(
         {"t": np.arange(900) / 30.0, **{n: u * wave for n, u in zip(("u_beta", "u_gamma"), moving, strict=False)}}
     )
-    was = SimpleNamespace(body=SimpleNamespace(open=()), friction=None)
+    was = SimpleNamespace(body=SimpleNamespace(open=(), start=None), friction=None)
     assert verdict._notes(table, None, was) == [f"{words}: servos cannot be checked, and the tilt is smoothed"]
 
 

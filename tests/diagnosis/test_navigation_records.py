@@ -65,11 +65,19 @@ def test_errors_of_roll_outs_that_have_lost_the_ball_do_not_decide():
     assert lost.ahead == AHEAD // 2
     assert lost.better
     assert lost.ball_effects_not_worse
-    known = held((0.2, LOST - 0.1), (0.18, LOST - 0.1), (0.13, LOST - 0.05))
-    assert known.ahead == AHEAD
-    assert not known.better
-    assert not known.ball_effects_not_worse
     assert not held((0.2, 1.0), (0.2, 1.0), (0.25, 0.9)).better
+
+
+def test_errors_of_near_roll_outs_decide_if_far_ones_are_worse():
+    near = held((0.2, LOST - 0.1), (0.18, LOST - 0.1), (0.13, LOST - 0.05))
+    assert near.ahead == AHEAD // 2
+    assert near.better
+    assert near.ball_effects_not_worse
+    assert held((0.2, 0.4), (0.2, 0.4), (0.25, 0.3)).ahead == AHEAD
+    worse = held((0.2, 0.4), (0.2, 0.4), (0.25, 0.45))
+    assert worse.ahead == AHEAD
+    assert not worse.better
+    assert not worse.ball_effects_not_worse
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.016), (-0.006, 0.0), (0.004, -0.004)])

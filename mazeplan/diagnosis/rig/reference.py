@@ -87,7 +87,7 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
         known = Known.of_model(RigModel(moves, {}, kind="pi"))
         body = filter_on_stage(table, maze, moves)
         return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
-    body, stage = body_filter(table, maze, _kind_of(table))
+    body, stage = body_filter(table, maze, kind_of(table))
     known = Known({}, {})
     if stage is not None:
         known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
@@ -95,7 +95,7 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
 
 
-def _kind_of(table: Table) -> StageModel:
+def kind_of(table: Table) -> StageModel:
     """The kind of stage that a record shows."""
     try:
         axes = [
@@ -115,7 +115,7 @@ def reference_by_filter(
     guess: start of the fit; None: that of the model"""
     factors = [] if model is None else _factors(model)
     inertia = 1.0 / float(np.median(factors)) - 1.0 if factors else SOLID
-    fit = _fitted(body, with_values(guess or first_guess(model, maze), {"inertia": inertia}))
+    fit = fit_reference(body, with_values(guess or first_guess(model, maze), {"inertia": inertia}))
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
     errors = {ring: error.mean for ring, error in found.items()}
@@ -125,7 +125,7 @@ def reference_by_filter(
     )  # fmt: skip
 
 
-def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
+def fit_reference(body: BodyFilter, guess: BodyModel) -> BodyFit:
     """The likeliest numbers of a reference. The ball has the inertia of a usual kind unless the record contradicts.
 
     Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
@@ -194,7 +194,7 @@ def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
 def textbook() -> RigReference:
     """A solid ball that rolls without loss on a level table, seen without delay by a camera in the middle."""
     ideal = {"rolling": 0.0, "wall": 0.0, "spin": 0.0, "restitution": 0.0, "delay": 0.0}
-    names = (*UNKNOWN, *(name for name in FITTED if name not in (*UNKNOWN, *NOISE, "inertia", *GAINS)))
+    names = (*UNKNOWN, *(name for name in REST if name not in (*UNKNOWN, *NOISE)))
     body = with_values(BodyModel(), ideal)
     reference = Reference(body, {"inertia": ROUND}, names, start=BodyModel())
     return RigReference(reference, Known({}, {}), source="a textbook ball")

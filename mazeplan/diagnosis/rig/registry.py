@@ -66,7 +66,8 @@ def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Value
     for name in c.free:
         share, least = MODEL_ERROR.get(name, (0.0, 0.0))
         value = value_of(fit.model, name)
-        sigma = math.hypot(STDERR_SCALE * was.misfit * fit.stderr[name], share * value, least)
+        stderr = fit.stderr.get(name, was.stderr.get(name, 0.0))  # a number that no fit moved is as sure as before
+        sigma = math.hypot(STDERR_SCALE * was.misfit * stderr, share * value, least)
         step = min(sigma, number_of(fit.model, name).high - value)
         there = _numbers(c, with_values(fit.model, {name: value + step}), was, radius)
         scale = sigma / step if step > 0.0 else 0.0  # the step ends at the bound

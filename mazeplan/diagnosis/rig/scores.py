@@ -54,27 +54,34 @@ class HeldOut:
 
     @property
     def ahead(self) -> int:
-        """Samples ahead at which errors decide: AHEAD, or half of it if the ball is lost by then, as in navigation."""
+        """Samples ahead at which errors decide: AHEAD, or half of it if the ball is lost by then, as in navigation, or
+        if only the nearer roll-outs are as accurate as without what was found."""
+        return next((ahead for ahead in self._horizons if self._not_worse(self.before, ahead)), self._horizons[0])
+
+    @property
+    def _horizons(self) -> tuple[int, ...]:
         lost = min(_mean(errors[-1]) for errors in (self.before, self.plain, self.after)) > LOST
-        return AHEAD // 2 if lost else AHEAD
+        return (AHEAD // 2,) if lost else (AHEAD, AHEAD // 2)
 
     @property
     def ball_effects_not_worse(self) -> bool:
         """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without."""
-        return self._mean_error(self.after) <= self._mean_error(self.plain)
+        return any(self._not_worse(self.plain, ahead) for ahead in self._horizons)
 
     @property
     def better(self) -> bool:
-        """Whether roll-outs with all effects, also of the stage, are at least as accurate as without, within the
-        standard error of the difference."""
-        more = (self.after - self.before)[self.ahead - 1]
+        """Whether roll-outs with all effects, also of the stage, are at least as accurate as without."""
+        return self._not_worse(self.before, self.ahead)
+
+    def _not_worse(self, than: Array, ahead: int) -> bool:
+        """Whether errors so many samples ahead are not larger, within the standard error of the difference.
+
+        After many impacts, every roll-out has lost the ball, and the mean says little of what acts between them."""
+        more = (self.after - than)[ahead - 1]
         more = more[np.isfinite(more)]
         parts = [part.mean() for part in np.array_split(more, PARTS) if len(part)]
         spread = float(np.std(parts, ddof=1)) / math.sqrt(len(parts)) if len(parts) > 1 else 0.0
         return float(np.mean(more)) <= spread
-
-    def _mean_error(self, errors: Array) -> float:
-        return float(np.nanmean(errors[self.ahead - 1]))
 
     @property
     def z_score(self) -> float:
