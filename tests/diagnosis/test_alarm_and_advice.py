@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.effect_entry import effect_entry
 from mazeplan.diagnosis.rig import verdict
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
 from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
 from mazeplan.diagnosis.rig.search import SearchResult
+from mazeplan.physics.registry import PACKAGED
 
 
 @pytest.mark.parametrize(
@@ -81,3 +83,14 @@ def test_the_advice_asks_for_the_options_that_are_missing(how, words):
     done = SimpleNamespace(effects=[effect], alike=(), unknown=None, verdict="effect_found", remaining=1.0)
     said = [line for line in advice(done, **how) if line.startswith("Or leave")]
     assert said == ([f"Or leave the rig as it is, and {words}"] if words else [])
+
+
+@pytest.mark.parametrize(("gamma", "alike"), [(1.19, [("servo_gain", "rolling_inertia")]), (1.0, [])])
+def test_without_a_tilt_sensor_the_same_gain_of_both_servos_looks_like_another_ball(gamma, alike):
+    both = {"beta": 1.0, "gamma": 1.0}
+    error = dict.fromkeys(both, 0.02)
+    seen = effect_entry(PACKAGED["tilt_gain"], {"beta": 1.18, "gamma": gamma}, error, both, rings={"1": {}})
+    (servo,), found = verdict._by_servos([seen], [], SimpleNamespace(stage=SimpleNamespace(values={})))
+    assert servo["name"] == "servo_gain"
+    assert servo["parameters"]["beta"]["value"] == pytest.approx(1.0 / 1.18)
+    assert found == alike

@@ -6,7 +6,7 @@ if the two sizes differ beyond their errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,13 +41,13 @@ TEXTBOOK = ("viscous", "quadratic", "tilt_beta", "tilt_gamma", "gain_beta", "gai
 
 def search_against(
     body: BodyFilter, was: Reference, then: BodyFilter | None, maze: Maze,
-    tell: Callable[[str], None] = lambda text: None, own: Sequence[Effect] = (),
+    tell: Callable[[str], None] = lambda text: None, own: Sequence[Effect] = (), without: Container[str] = (),
 ) -> tuple[Reference, SearchResult]:  # fmt: skip
     """Find what differs from the reference, whose record is `then` (None: not kept).
 
     What is found is fitted to the record of the reference, too. What this record shows as well is no news: it becomes a
     part of the reference, and the search begins anew. So what the model lacks in both records cancels."""
-    searched, no_news = search_rig(body, was, maze, tell, own), list[Tried]()
+    searched, no_news = search_rig(body, was, maze, tell, own, without), list[Tried]()
     for _ in range(MOST_FOUND):
         if then is None or not searched.found:
             break
@@ -63,7 +63,7 @@ def search_against(
             if len(news) == len(searched.found):
                 break
             no_news += [Tried(c, gain, THE_SAME) for c, gain in gains.items() if c not in news]
-        searched = search_rig(body, was, maze, tell, own)
+        searched = search_rig(body, was, maze, tell, own, without)
     again = {one.candidate for one in no_news} | set(searched.found)
     others = tuple(one for one in searched.tried if one.candidate not in again)
     return was, replace(searched, tried=(*(one for one in no_news if one.candidate not in searched.found), *others))

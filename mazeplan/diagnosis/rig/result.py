@@ -152,6 +152,7 @@ class RigVerdict:
     def _tried(self) -> list[dict[str, Any]]:
         """What was looked for and not taken, the largest gain of -2 log L first."""
         names = {effect["name"] for effect in self.effects}
+        names |= {"tilt_gain"} if "servo_gain" in names else set()  # as the ball sees it where nobody measures the tilt
         found = zip(self.searched.found, self.searched.gains, strict=True)
         refused = [Tried(c, gain, NOT_PREDICTING) for c, gain in found if c.effect not in names]
         tried = sorted((*refused, *self.searched.tried), key=lambda one: -one.gain)

@@ -13,7 +13,7 @@ noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,13 +128,14 @@ def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> flo
 
 def search_rig(
     body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None,
-    own: Sequence[Effect] = (),
+    own: Sequence[Effect] = (), without: Container[str] = (),
 ) -> SearchResult:  # fmt: skip
     """Find what differs from the reference.
 
     tell: reports progress
-    own: effects of a user, to look for as well"""
-    candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
+    own: effects of a user, to look for as well
+    without: names of effects that are not looked for"""
+    candidates = [c for c in (*CANDIDATES, *(of_effect(effect) for effect in own)) if c.effect not in without]
     always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
     start = was.start or was.model

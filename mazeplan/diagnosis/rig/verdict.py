@@ -87,7 +87,8 @@ def verdict_on(
     begun = was.body
     if begun.start is not None:  # a textbook's numbers are far from those of any rig
         begun = replace(begun, start=fit_reference(body, begun.start).model)
-    known, searched = search_against(body, begun, was.then, maze, tell, own)
+    # without a tilt sensor, another ball looks like another gain of both servos, which nobody sees
+    known, searched = search_against(body, begun, was.then, maze, tell, own, ("rolling_inertia",) if blind else ())
     was = replace(was, body=replace(known, start=was.body.start))
     tell("held-out part")
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
@@ -315,8 +316,8 @@ def _of_the_ball(
 def _by_servos(
     ball: list[Entry], alike: list[tuple[str, ...]], was: RigReference
 ) -> tuple[list[Entry], list[tuple[str, ...]]]:
-    """The same without a tilt sensor: nothing has a scale, a late command looks like a late picture, and another ball
-    like another gain of both servos."""
+    """The same without a tilt sensor: nothing has a scale, a late command looks like a late picture, and the same gain
+    of both servos like another ball."""
     had, out = was.stage.values.get("servo_gain") or dict.fromkeys(AXES, 1.0), list[Entry]()
     for e in ball:
         if e["name"] == "tilt_gain":
@@ -324,10 +325,12 @@ def _by_servos(
             stderr = {axis: now[axis] ** 2 / had[axis] * e["parameters"][axis]["stderr"] for axis in AXES}
             both = {"after": now, "before": had}
             e = effect_entry(PACKAGED["servo_gain"], now, stderr, had, rings=dict.fromkeys(e["rings"], both))
+            (one, two), (a, b) = (now[axis] / had[axis] for axis in AXES), stderr.values()
+            if abs(one - two) < SURE * math.hypot(a, b):
+                alike = [*alike, ("servo_gain", "rolling_inertia")]
+        elif e["name"] == "sensor_delay":
+            alike = [*alike, ("sensor_delay", "command_delay")]
         out.append(e)
-    for name, other in (("sensor_delay", "command_delay"), ("rolling_inertia", "servo_gain")):
-        if any(e["name"] == name for e in ball):
-            alike = [*(group for group in alike if group[0] != name), (name, other)]
     return out, alike
 
 
