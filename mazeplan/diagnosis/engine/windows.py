@@ -302,12 +302,8 @@ class Windows:
             clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
             left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
             gram, slope = clean.T @ clean, clean.T @ left
-            by_states = cost - _sum(left)
-
-            def foreseen(move: Array, by_states: float = by_states, gram: Array = gram, slope: Array = slope) -> float:
-                return by_states - float(2.0 * slope @ move + move @ gram @ move)
-
-            if foreseen(_bounded_step(gram, slope, 1e-9, p, low, high)) <= DONE * cost:  # no step gains more
+            by_states, full = cost - _sum(left), _bounded_step(gram, slope, 1e-9, p, low, high)
+            if by_states + _foreseen(gram, slope, full) <= DONE * cost:  # no step gains more
                 break
             for _ in range(8):
                 new = np.clip(p + _bounded_step(gram, slope, weight, p, low, high), low, high)
@@ -323,7 +319,9 @@ class Windows:
             else:
                 break
             gain = cost - fresh
-            share = gain / max(foreseen(new - p), 1e-300)  # near 1 where the residual is as straight as its derivatives
+            share = gain / max(
+                by_states + _foreseen(gram, slope, new - p), 1e-300
+            )  # near 1 where the residual is as straight as its derivatives
             weight = max(weight / 8.0, 1e-12) if share > STRAIGHT else weight * 2.0 if share < BENT else weight
             values, states, p, r, cost = trial, begin, new, s, fresh
             if gain <= DONE * cost:
@@ -397,6 +395,11 @@ def with_numbers(values: Values, free: Sequence[tuple[str, str]], numbers: Array
 def _sum(r: Array) -> float:
     total = float(r @ r)
     return total if math.isfinite(total) else math.inf
+
+
+def _foreseen(gram: Array, slope: Array, move: Array) -> float:
+    """The fall of the sum of squares by a move, if residuals were straight."""
+    return -float(2.0 * slope @ move + move @ gram @ move)
 
 
 def _bounded_step(gram: Array, slope: Array, weight: float, p: Array, low: Array, high: Array) -> Array:
