@@ -11,11 +11,12 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
+from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.record import Record, noise_of
 from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
 from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.diagnosis.engine.windows import Fit, Model, Windows
+from mazeplan.diagnosis.engine.windows import Fit, Windows
 from mazeplan.diagnosis.evidence import Evidence
 
 MOST_ROWS = 6000

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.engine.windows import Fit, Model, Windows, cut
+from mazeplan.diagnosis.engine.model import Model
+from mazeplan.diagnosis.engine.windows import Fit, Windows, cut
 
 FEWEST_ROWS = 24  # of a window
 LENGTHS = 4  # of windows

@@ -22,8 +22,9 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.engine.levels import Level, levels_of, track_of
+from mazeplan.diagnosis.engine.model import Free, Model, free_of
 from mazeplan.diagnosis.engine.system import Values
-from mazeplan.diagnosis.engine.windows import Fit, Free, Model, free_of
+from mazeplan.diagnosis.engine.windows import Fit
 from mazeplan.physics.effect import INPUT
 
 CLEAR = 4.0  # standard errors

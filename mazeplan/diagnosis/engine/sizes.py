@@ -6,9 +6,10 @@ import numpy as np
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.diagnosis.engine.windows import Model, first_states
+from mazeplan.diagnosis.engine.windows import first_states
 from mazeplan.physics.effect import INPUT
 
 CLEAR = 20.0  # times the noise: differences over a lag that show speeds

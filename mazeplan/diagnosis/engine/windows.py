@@ -10,7 +10,6 @@ eliminated window by window, so their number costs nothing:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,97 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.engine.model import Free, Model, changed, with_numbers
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.simulation import LEFT, Problem, decayed, simulate
-from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.physics.effect import Effect
+from mazeplan.diagnosis.engine.system import Values
 
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
 DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
 STRAIGHT, BENT = 0.75, 0.25  # gain of a step over the foreseen one: a longer or a shorter step is tried next
 START = 6  # samples whose line is the first guess of an initial state
-
-Free = tuple[tuple[str, str], ...]  # effect and parameter
-
-
-class Model:
-    """A record under a system. scale: size of each parameter at which it matters, as (effect, parameter)"""
-
-    def __init__(self, system: System, record: Record, noise: Array, scale: dict[tuple[str, str], float]) -> None:
-        self.system, self.record, self.noise, self.scale = system, record, noise, scale
-        self.effects = {e.name: e for e in system.library}
-        span = np.nanmax(record.y, axis=0) - np.nanmin(record.y, axis=0)
-        self.limit = LEFT * np.maximum(span, np.nanmax(np.abs(record.y), axis=0))
-        self.divide = np.ones(len(record), dtype=np.int64)
-        self._inputs: dict[tuple[float, ...], Array] = {}
-
-    def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
-        """The problem of the simulation and its parameters, with these effects."""
-        inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
-        p: list[float] = []
-        terms, holds = [], []
-        for name, numbers in values.items():
-            effect = self.effects[name]
-            for term in self.system.terms[name]:
-                (holds if term.held else terms).append((term.address, term.coordinate, len(p)))
-            for number, parameter in zip(effect.numbers(numbers), effect.parameters.values(), strict=True):
-                p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
-        here, there = (np.array(found, dtype=np.int64).reshape(-1, 3) for found in (terms, holds))
-        w = self.inputs(values)
-        return Problem(self.record.t, w, here, there, self.divide, windows, self.limit), np.array(p or [0.0])
-
-    def inputs(self, values: Values) -> Array:
-        """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
-        delay, lag, gain = (
-            values.get(name, {}).get(key, default)
-            for name, key, default in (
-                ("input_delay", "delay", 0.0), ("input_lag", "time_constant", 0.0), ("input_gain", "factor", 1.0)
-            )
-        )  # fmt: skip
-        key = (delay, lag, gain)
-        if key not in self._inputs:
-            if len(self._inputs) > 40:
-                self._inputs.clear()
-            self._inputs[key] = gain * shaped(self.record, self.system, delay, lag)
-        return self._inputs[key]
-
-    def simulate(self, values: Values, windows: IntArray, states: Array) -> Array:
-        """Simulated states (N, 2 C)."""
-        problem, p = self.problem(values, windows)
-        return simulate(problem, p, states)
-
-
-def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
-    """Inputs at begin and end of each step (N, 2, W), late by `delay` and through a lag (s)."""
-    t, n = record.t, len(record)
-    out = np.zeros((n, 2, record.u.shape[1]))
-    for i, name in enumerate(system.inputs):
-        u = record.u[:, i]
-        held = name in system.held or record.means
-        if lag > 0.0:
-            u, held = _lagged(t, u, lag, held), False
-        if held and delay > 0.0:  # the mean over each step
-            total = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
-            edges = np.interp(t - delay, t, total, left=np.nan)
-            early = t - delay < t[0]
-            edges[early] = (t[early] - delay - t[0]) * u[0]
-            mean = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
-            out[:, 0, i] = out[:, 1, i] = mean
-        elif held:
-            out[:, 0, i] = out[:, 1, i] = u
-        else:
-            at = u if delay == 0.0 else np.interp(t - delay, t, u)
-            out[:, 0, i], out[:-1, 1, i], out[-1, 1, i] = at, at[1:], at[-1]
-    return out
-
-
-def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
-    """The input behind a first-order lag, exact for an input that is linear (or constant) between samples."""
-    h = np.diff(t)
-    e = np.exp(-h / lag)
-    slope = np.zeros(len(h)) if held else np.diff(u) / h
-    return decayed(u[0], e, (u[:-1] - slope * lag) * (1.0 - e) + slope * h)
 
 
 class Point(NamedTuple):
@@ -379,19 +296,6 @@ def sandwich(clean: Array, r: Array, sums, count: Array) -> Array:
     return robust * np.outer(wider, wider)
 
 
-def changed(values: Values, effect: str, name: str, number: float) -> Values:
-    """The values with one number changed."""
-    return {**values, effect: {**values[effect], name: number}}
-
-
-def with_numbers(values: Values, free: Sequence[tuple[str, str]], numbers: Array) -> Values:
-    """The values with numbers for the free parameters."""
-    out = {name: dict(numbers_) for name, numbers_ in values.items()}
-    for (effect, name), number in zip(free, numbers, strict=True):
-        out[effect][name] = float(number)
-    return out
-
-
 def _sum(r: Array) -> float:
     total = float(r @ r)
     return total if math.isfinite(total) else math.inf
@@ -423,10 +327,3 @@ def _bounded_step(gram: Array, slope: Array, weight: float, p: Array, low: Array
         move = np.where(beyond, np.clip(p + move, low, high) - p, move)
         open_ &= ~beyond
     return move
-
-
-def free_of(effects: Sequence[Effect], known: Values) -> Free:
-    """Parameters of some effects that are not known and not fixed."""
-    return tuple(
-        (e.name, n) for e in effects for n, p in e.parameters.items() if not p.fixed and n not in known.get(e.name, {})
-    )
