@@ -15,7 +15,15 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.diagnosis.rig.candidates import Candidate
-from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS, Reference, with_likeliest_noise, zero_effect
+from mazeplan.diagnosis.rig.fitting import (
+    ENOUGH,
+    NOISE,
+    ROUGH,
+    STEPS,
+    Reference,
+    with_likeliest_noise,
+    zero_effect,
+)
 from mazeplan.diagnosis.rig.search import (
     MOST_FOUND,
     NEEDED,
@@ -104,8 +112,10 @@ def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> t
     free, fit = sizes if missed else [name for name in sizes if name not in was.stderr], None
     # its fit may have ended in another valley: are the found numbers likelier with all others free?
     if not missed and here - VALLEY * _fall(part, found, (*NOISE, *names)) < there:
-        own, other = (fit_body(part, begin, (*NOISE, *sizes, *names), enough=ENOUGH) for begin in (start, found))
-        fit = other if other.minus2 < own.minus2 - NEEDED else None
+        every = (*NOISE, *sizes, *names)
+        other = fit_body(part, found, every, STEPS, ROUGH)
+        if other.minus2 < there - _fall(part, start, every) - NEEDED:
+            fit = fit_body(part, other.model, every, enough=ENOUGH)
     if fit is None and not free:
         return was, list(searched.found)
     fit = fit or fit_body(part, found if missed else start, (*NOISE, *free), STEPS, ENOUGH)
