@@ -4,7 +4,8 @@ The rigs are those of tests/strange_rigs.py: six named ones, and any number draw
 the folder that MAZEPLAN_RIGS names. Each gets 300 s of `collect --rings --place`, `learn --kind pi` of them, and the
 same starts and seeds without a model and with the model just learned. Alone, for a look at some rigs:
 
-    python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [--logs N] [RIG ...]
+    python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [--logs N]
+        [--seconds S] [RIG ...]
 
 RIG: MODULE:CLASS
 """
@@ -43,7 +44,7 @@ def make(name: str, maze: Any) -> Any:
     return getattr(importlib.import_module(module), cls)(maze, {})
 
 
-def trial(name: str, runs: int, seed: int) -> dict[str, Any]:
+def trial(name: str, runs: int, seed: int, seconds: float = SECONDS) -> dict[str, Any]:
     """What one rig showed.
 
     runs: with and without the model; 0: only what `learn` writes"""
@@ -59,7 +60,7 @@ def trial(name: str, runs: int, seed: int) -> dict[str, Any]:
     maze, out = load_map("cme"), {"rig": name, "seed": seed}
     with TemporaryDirectory() as folder:
         log, written = Path(folder) / "log.mcap", Path(folder) / "model"
-        plan = Collection(SECONDS, tuple(ring.number for ring in maze.rings), seed)
+        plan = Collection(seconds, tuple(ring.number for ring in maze.rings), seed)
         run_collection(make(name, maze), maze, plan, log)
         began = time.process_time()
         try:
@@ -215,10 +216,11 @@ def main() -> None:
     p.add_argument("--workers", type=int, default=2)
     p.add_argument("--seed", type=int, default=0, help="of the records")
     p.add_argument("--logs", type=int, default=1, help="records of each rig, with this seed and the next ones")
+    p.add_argument("--seconds", type=float, default=SECONDS, help="of each record")
     p.add_argument("rigs", nargs="*")
     o = p.parse_args()
     names = [*o.rigs, *(f"drawn {o.first + i}" for i in range(o.drawn))]
-    rows = measured([(name, o.runs, o.seed + i) for name in names for i in range(o.logs)], o.workers)
+    rows = measured([(name, o.runs, o.seed + i, o.seconds) for name in names for i in range(o.logs)], o.workers)
     good = [row for row in rows if "after" in row]
     after, before = (sum(row[when]["success"] == o.runs for row in good) for when in ("after", "before"))
     bad, failed = [row["rig"] for row in good if slower(row)], [row["rig"] for row in rows if "error" in row]

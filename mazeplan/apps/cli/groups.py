@@ -10,7 +10,7 @@ COMMON = "Options"
 GROUPS = {
     "Route": ("--start-angle", "--via", "--balls", "--close", "--time-limit"),
     "Rig": ("--tilt", "--highest-hz", "--ring", "--radius", "--rounds"),
-    "Model": ("--effects", "--policy", "--settings", "--declare", "--system", "--device", "--epochs"),
+    "Model": ("--effects", "--policy", "--settings", "--learn", "--declare", "--system", "--device", "--epochs"),
     "Tree": ("--behavior", "--behavior-module"),
     "Processes": ("--workers", "--dask", "--no-deadline"),
     "Output": ("--video", "--store", "--report", "--test", "--port", "--force"),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from mazeplan.rigs.interface import Rig
     from mazeplan.run.request import Company, NavigationRequest
 
+LEARNING_S = 120.0  # s of record: on rigs of eight kinds, a model of 600 s arrives no sooner
+
 
 def navigate(
     start: opt.StartRing = "ring1",
@@ -28,6 +30,7 @@ def navigate(
     map_: opt.Map = "cme",
     rig: opt.RigName = "toy",
     model: opt.Model = None,
+    learn: opt.FirstModel = None,
     effects: opt.EffectModule = None,
     policy: opt.Policy = None,
     behavior: opt.Behavior = "navigate",
@@ -49,6 +52,10 @@ def navigate(
     """Bring the ball from one ring to another."""
     from mazeplan.run.request import Company, NavigationRequest
 
+    if learn is not None:
+        if model is not None:
+            raise InputError("--learn with --model: give one of them")
+        model = str(learned_model(learn, rig, map_, seed, force))
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
         tuple(listed(close)), tuple(listed(via)), balls, seed, time_limit, log,
@@ -69,6 +76,36 @@ def navigate(
     if as_json:
         print_json(result.json())
     sys.exit(0 if result.success else 1)
+
+
+def learned_model(folder: Path, rig: str, map_: str, seed: int, force: bool) -> Path:
+    """The folder of a model of the rig. If it holds none, the model is learned there from LEARNING_S of record.
+
+    Raises InputError, TableError, RigError."""
+    from mazeplan.apps.cli.emergency import interrupt, stop_key
+    from mazeplan.apps.cli.option_checks import check_new
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.run.commands.collect import collect
+    from mazeplan.run.commands.learn import learn
+
+    log = folder / "record.mcap"
+    if (folder / "model.yaml").exists():
+        return folder
+    if not log.exists():
+        check_new("--learn", folder, force, folder=True)
+        make_rig(rig, load_map(map_))
+        folder.mkdir(parents=True, exist_ok=True)
+        with ProgressBar("seconds", transient=False) as bar:
+            collect(
+                log, LEARNING_S, rig=rig, map=map_, rings=True, place=True, seed=seed, own_process=True,
+                guard=lambda machine: stop_key(machine, interrupt), advance=bar.advance,
+            )  # fmt: skip
+    with ProgressBar("learning") as bar:
+        learned = learn([log], folder, kind="pi", progress=bar.show, advance=bar.advance)
+    say(f"{learned.learned.judgement.words()}; wrote {folder}")
+    return folder
 
 
 @contextmanager

@@ -122,6 +122,13 @@ Video = Annotated[
         help="Write a film of the run.",
     ),
 ]  # fmt: skip
+FirstModel = Annotated[
+    Path | None,
+    Option(
+        "--learn", parser=folder, metavar="FOLDER",
+        help="Learn a model of the rig first, from two minutes of record. Use the model if FOLDER holds one.",
+    ),
+]  # fmt: skip
 RunLog = Annotated[
     Path | None, Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP).")
 ]
