@@ -48,7 +48,7 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
         (GOOD.replace("0.067,,", "0.067,,,"), 4, "got 7 fields, expected 6"),
         (GOOD.replace("0.01", "True"), 2, "beta: got 'True', expected a number"),
         (GOOD.replace("note", "r").replace(",2\n", ",-.1\n"), 3, "r: got -0.1, expected at least 0 m"),
-        ("T,Theta,Beta,gamma\n0,0,0,0\n", None, "names of columns are in lower case"),
+        ("T,Theta,Beta,gamma\n0,0,0,0\n", None, "others: --columns NAME=COLUMN[:UNIT]"),
         ("", None, "got an empty file"),
         (GOOD.replace(",", ";"), 1, "got semicolons between the names, expected commas"),
         ("t,theta,beta,gamma\n", None, "got 0 rows"),

@@ -95,12 +95,8 @@ def _check_present(columns: dict[str, Array], rows: Rows) -> None:
     if "theta" not in columns and not {"x", "y"} <= set(columns):
         missing.append("theta (or x and y)")
     if missing:
-        upper = any(name.lower() in KNOWN for name in names if name not in KNOWN)
-        hint = "; names of columns are in lower case" if upper else "; others: --columns NAME=COLUMN[:UNIT]"
-        raise TableError(
-            f"missing columns: {', '.join(missing)}; there are {there or 'none'}{hint}",
-            file=file,
-        )
+        problem = f"missing columns: {', '.join(missing)}; there are {there or 'none'}"
+        raise TableError(f"{problem}; others: --columns NAME=COLUMN[:UNIT]", file=file)
     if len(columns["t"]) < 2:
         raise TableError(f"got {len(columns['t'])} rows, expected at least 2: record for longer", file=file)
 
@@ -153,8 +149,11 @@ def _check_time(columns: dict[str, Array], rows: Rows) -> None:
 
 
 def _check_units(columns: dict[str, Array], rows: Rows) -> None:
-    tilt = f"radians (at most {DEGREES:g}); are these degrees? then --columns {{0}}={{1}}:deg"
-    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres? then --columns {{0}}={{1}}:mm"
+    log = rows.file.suffix == ".mcap"  # its units are those of the rig's class
+    then = "the rig has to give radians" if log else "then --columns {0}={1}:deg"
+    tilt = f"radians (at most {DEGREES:g}); are these degrees? {then}"
+    then = "the rig has to give metres" if log else "then --columns {0}={1}:mm"
+    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres? {then}"
     limits = [(name, DEGREES, tilt) for name in ("beta", "gamma", "u_beta", "u_gamma")]
     for name, most, expected in limits + [(name, MILLIMETRES, place) for name in ("x", "y", "r")]:
         if name in columns:

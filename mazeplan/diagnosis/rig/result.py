@@ -12,7 +12,7 @@ from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, untold, values_of
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
-from mazeplan.diagnosis.rig.reference import SLIDES, RigReference
+from mazeplan.diagnosis.rig.reference import SLIDES, TEXTBOOK, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import SearchResult, Tried
 from mazeplan.diagnosis.stage.plate_motion import Stage
@@ -56,12 +56,14 @@ class Unknown:
     description: words for what has no name, "" if there is nothing
     depends_on: what it depends on
     look: advice where to look
+    cause: whether the description says what differs, although no model has a number for it
     servos: what servos do that did not do it before; the record does not show the cause or the size"""
 
     description: str = ""
     depends_on: tuple[str, ...] = ()
     look: tuple[str, ...] = ()
     servos: tuple[str, ...] = ()
+    cause: bool = False
 
     def document(self) -> dict[str, Any]:
         """As in the JSON document."""
@@ -199,7 +201,8 @@ def sentence(done: RigVerdict) -> str:
         return f"{first}Nothing is missing{far}: the rig agrees with {done.was.source}. {left}.{limits}"
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
-        parts += [f"something without a name ({done.unknown.description})"] if done.unknown.description else []
+        what = done.unknown.description
+        parts += [what if done.unknown.cause else f"something without a name ({what})"] if what else []
         parts += done.unknown.servos
     doubt = "".join(f" But this record {untold(map(_plain, group))}." for group in done.alike)
     error = ""
@@ -265,7 +268,8 @@ def _ratio(effect: Entry) -> float:
 def _change(effect: Entry) -> str:
     """An effect with its sizes before and now, and its place now."""
     before, parts, places, changed = effect["known_before"], [], _places(effect), _changed(effect)
-    if places and len(effect["rings"]) == 1:
+    sizes = {str(both.get("after")) for both in effect["rings"].values()}
+    if len(sizes) > 1 or (places and len(effect["rings"]) == 1):  # otherwise the numbers are those of all rings
         parts.append(f"in ring {next(iter(effect['rings']))}")
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
@@ -344,7 +348,7 @@ def advice(
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip
         out.insert(0, "First check the columns: are x and y, or beta and gamma, swapped, or is a sign wrong?")
-    if len(done.effects) >= MANY:
+    if len(done.effects) >= MANY and done.was.source != TEXTBOOK:
         out.insert(0, "So much rarely changes at once: is this the model of another rig? Check --model and the log.")
     out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
     if (written or add) and any(e.get("planned", True) for e in done.effects):

@@ -49,7 +49,7 @@ from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import PACKAGED
 
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
-LEAST_REMAINS = 0.9  # times the noise; less is the filter's own roughness, where a camera has no noise
+LEAST_REMAINS = 1.1  # times the noise; in healthy records, small errors of the reference's numbers cause less
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
@@ -396,8 +396,8 @@ def _unknown(
     nameless = [c for c in found if not c.effect]
     if nameless:
         words = "; ".join(c.description(searched.fit.model) for c in nameless)
-        return Unknown(words, tuple(sorted({on for c in nameless for on in c.depends_on})),
-                       tuple(c.look for c in nameless if c.look))  # fmt: skip
+        depends = tuple(sorted({on for c in nameless for on in c.depends_on}))
+        return Unknown(words, depends, tuple(c.look for c in nameless if c.look), cause=True)
     alike = memory > max(MEMORY, AS_BEFORE * was.memory) and remaining > LEAST_REMAINS
     if alike or remaining > max(REMAINS, AS_BEFORE * was.remaining):
         return Unknown(f"what remains is {remaining:.1f} times the noise, and is alike from picture to picture")
