@@ -50,6 +50,7 @@ POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
+FEWEST_WINDOWS = 8  # if no ring has more: the rigid ball is fitted to all rings afterwards
 FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
 LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; size of a correlation that only exchanged or turned tilts have
 USUAL_DELAY_S = 0.06  # s, of the camera: sharp enough to tell whether the ball follows the tilt
@@ -348,13 +349,15 @@ def fit_rig(
         beta, gamma = (StageFit(axis, math.nan, 0) for axis in (stage.beta, stage.gamma))
     # train on the first part of each segment, score on the last
     found = [find_windows(table, maze, ring.number, dt) for ring in maze.rings if not ring.is_disc]
-    train = [w for w in (_part(w, table, True) for w in found) if len(w.start) >= MIN_WINDOWS]
+    parts = [_part(w, table, True) for w in found]
+    most = max((len(w.start) for w in parts), default=0)
+    fewest = MIN_WINDOWS if most >= MIN_WINDOWS else FEWEST_WINDOWS  # a short record at a low rate
+    train = [w for w in parts if len(w.start) >= fewest]
     test = [w for w in (_part(w, table, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
-        most = max((len(_part(w, table, True).start) for w in found), default=0)
         raise ValueError(
             f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {WINDOW} samples in "
-            f"{len(table) * dt:.3g} s, expected at least {MIN_WINDOWS} in one ring; "
+            f"{len(table) * dt:.3g} s, expected at least {FEWEST_WINDOWS} in one ring; "
             f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
         )
     progress("how late the camera is")
