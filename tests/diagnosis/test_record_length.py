@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import mazeplan
+from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import filter_of, seconds_of, why_not_whole
 from mazeplan.diagnosis.rig.search import CHOOSING_S, alternate
@@ -54,3 +56,10 @@ def test_a_ball_that_is_held_most_of_the_time_still_has_play():
     seldom = np.arange(3600) % 600 < 45
     assert why_not_whole([table_of(seldom, 1.5e-3)]) == ""
     assert "hardly moves between the walls" in why_not_whole([table_of(seldom, 0.0)])
+
+
+def test_of_a_ball_with_play_a_short_record_is_refused():
+    short = table_of(np.ones(800, dtype=bool), 1.5e-3)
+    short = Table({**short.columns, "beta": 0.02 * np.sin(0.2 * np.arange(800.0))})
+    with pytest.raises(TableError, match="got 800 pictures of the ball, expected 900 at least"):
+        mazeplan.diagnose([short], map=MAZE)

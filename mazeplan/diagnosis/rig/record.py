@@ -38,8 +38,8 @@ GUESSED = (  # right in a model of beads, whose inertia and other friction also 
 FINEST = 5e-5  # m; least noise of a camera: where pictures are exact, an error over the fitted noise means nothing
 
 
-def why_not_whole(tables: Sequence[Table]) -> str:
-    """Why records do not show a whole rig, in a few words; "" if they do.
+def why_not_whole(tables: Sequence[Table], fewest: int = FEWEST) -> str:
+    """Why records do not show a whole rig, in a few words; "" if they do. fewest: pictures of the ball
 
     Such records are long enough, and show a ball with play in its channel. A ball without play is a bead
     on a circle: the equation of one ring describes it."""
@@ -47,8 +47,8 @@ def why_not_whole(tables: Sequence[Table]) -> str:
     if missing:
         return f"the record has no {' and no '.join(missing)}"
     seen = sum(int(np.isfinite(table["x"]).sum()) for table in tables)
-    if seen < FEWEST:
-        return f"the ball is seen in {seen} pictures; all rings together need {FEWEST}"
+    if seen < fewest:
+        return f"the ball is seen in {seen} pictures; all rings together need {fewest}"
     play = max(_play(table) for table in tables)
     held = "the ball hardly moves between the walls, as in a simulation without walls, or as a ball that is held"
     return "" if play > LEAST_PLAY else held
