@@ -236,9 +236,7 @@ class Windows:
             else:
                 break
             gain = cost - fresh
-            share = gain / max(
-                by_states + _foreseen(gram, slope, new - p), 1e-300
-            )  # near 1 where the residual is as straight as its derivatives
+            share = gain / max(by_states + _foreseen(gram, slope, new - p), 1e-300)
             weight = max(weight / 8.0, 1e-12) if share > STRAIGHT else weight * 2.0 if share < BENT else weight
             values, states, p, r, cost = trial, begin, new, s, fresh
             if gain <= DONE * cost:

@@ -48,8 +48,8 @@ DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes
 WALLS_AT = tuple(
     {"restitution": e, "hold": hold} for e, hold in product((0.1, 0.2, 0.35, 0.5, 0.7), (0.01, 0.05, 0.12, 0.25))
 )
-TEXTBOOK = "a textbook ball"
 MOST_JUMPS = 20  # maximum number of jumps of a fit to one of these
+TEXTBOOK_BALL = "a textbook ball"  # source of a reference without a model
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
@@ -198,7 +198,7 @@ def textbook() -> RigReference:
     names = (*UNKNOWN, *(name for name in REST if name not in (*UNKNOWN, *NOISE)))
     body = with_values(BodyModel(), ideal)
     reference = Reference(body, {"inertia": ROUND}, names, start=BodyModel())
-    return RigReference(reference, Known({}, {}), source=TEXTBOOK)
+    return RigReference(reference, Known({}, {}), source=TEXTBOOK_BALL)
 
 
 def _factors(model: RigModel) -> list[float]:

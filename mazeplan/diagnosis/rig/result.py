@@ -12,7 +12,7 @@ from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, untold, values_of
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
-from mazeplan.diagnosis.rig.reference import SLIDES, TEXTBOOK, RigReference
+from mazeplan.diagnosis.rig.reference import SLIDES, TEXTBOOK_BALL, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import SearchResult, Tried
 from mazeplan.diagnosis.stage.plate_motion import Stage
@@ -348,7 +348,7 @@ def advice(
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip
         out.insert(0, "First check the columns: are x and y, or beta and gamma, swapped, or is a sign wrong?")
-    if len(done.effects) >= MANY and done.was.source != TEXTBOOK:
+    if len(done.effects) >= MANY and done.was.source != TEXTBOOK_BALL:
         out.insert(0, "So much rarely changes at once: is this the model of another rig? Check --model and the log.")
     out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
     if (written or add) and any(e.get("planned", True) for e in done.effects):
