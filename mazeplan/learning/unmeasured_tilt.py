@@ -28,6 +28,7 @@ FIRST, SECOND, DAMPINGS = (6.0, 9.0, 13.0, 19.0, 28.0, 42.0), (8.0, 11.0, 15.0, 
 RATE = 30.0  # Hz, of the rows that are compared; more would only take time
 RATIO = 1.45  # of neighbours in these grids of rad/s
 DELAYS = np.arange(0.0, 0.21, 1.0 / 60.0)  # s
+COARSE = slice(0, None, 3)  # of the delays: those between are tried near the best of them
 ALIKE = 1.01  # a simpler axis is taken if its loss is within this factor of the smallest one
 ROUNDS = 3  # of weighted least squares
 CAPPED = 3.0  # a residual counts at most as this many typical ones: impacts do not decide
@@ -90,7 +91,10 @@ def _axes() -> Iterator[StageAxis]:
 def _loss(table: Table, windows: Sequence[WeakWindows]) -> float:
     """Smallest robust residual of the weak form over the delays, (m/s^2)^2 in its units."""
     tilts = smooth_tilt(table)
-    return min(_at_delay(table, tilts, windows, float(delay)) for delay in DELAYS)
+    coarse = [_at_delay(table, tilts, windows, float(delay)) for delay in DELAYS[COARSE]]
+    best = COARSE.step * int(np.argmin(coarse))
+    between = DELAYS[max(best - COARSE.step + 1, 0) : best + COARSE.step]
+    return min(*coarse, *(_at_delay(table, tilts, windows, float(d)) for d in between if d != DELAYS[best]))
 
 
 def _at_delay(table: Table, tilts: dict[str, Array], windows: Sequence[WeakWindows], delay: float) -> float:

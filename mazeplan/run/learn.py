@@ -10,14 +10,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import with_body
 from mazeplan.core.logs.table import Table, join
@@ -36,13 +36,13 @@ from mazeplan.learning.rig_gp import RingLearning, learn_processes
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.rig.stage import StageModel
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.run.judge import PARTS, Judgement, judge
 
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
-LATER = (0.024, 0.032, 0.040, 0.048)  # s, for an axis whose rate is limited: small motions have less lag
-FAR = 200.0  # of -2 log L, beyond the best; an axis that is this bad at the middle delay is not tried at others
+LATER = (0.024, 0.032, 0.040, 0.048)  # s, further ones for an axis whose rate is limited
+FAR = 100.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
@@ -117,26 +117,36 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     table = shortened(with_tilt_by_commands(table, stage))
     if why_not_whole([table]):
         return stage, None
+    few = partial(alternate, most=PART // 2, short=PART)
     first = filter_on_stage(table, maze, stage)
-    ball = fit_body(alternate(first, PART // 2), BodyModel(), enough=ENOUGH).model
-    total, best, least = stage.lag + ball.view.delay, (math.inf, stage, ball), math.inf
+    ball = fit_body(few(first), BodyModel(), enough=ENOUGH).model
+    total, tried = stage.lag + ball.view.delay, []
     for axis in finer_axes():
-        part = alternate(filter_on_stage(table, maze, StageModel(axis, axis), first))
-        shifts = SHIFTS if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER)
-        delays = [max(total - axis.lag + shift, 0.0) for shift in shifts]
-        seen = [ball._replace(view=ball.view._replace(delay=delay)) for delay in delays]
-        if math.isinf(axis.rate_limit):  # else the delay may be far from the middle one
-            middle = part.innovations(seen[SHIFTS.index(0.0)]).minus2
-            if middle > least + FAR:
-                continue
-            least = min(least, middle)
-        found = zip(side_by_side(part.innovations, seen), seen, strict=True)
-        best = min(best, *((one.minus2, StageModel(axis, axis), by) for one, by in found), key=itemgetter(0))
-    axis = best[1].beta
+        body = filter_on_stage(table, maze, StageModel(axis, axis), first)
+        # small motions have less lag if the rate is limited: the delay may be far from the middle one
+        shifts = (0.0,) if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER)
+        tried += [(axis, body, max(total - axis.lag + shift, 0.0)) for shift in shifts]
+
+    def minus2(part: Callable[[BodyFilter], BodyFilter]) -> list[float]:
+        def run(one: tuple[StageAxis, BodyFilter, float]) -> float:
+            _, body, delay = one
+            return part(body).innovations(ball._replace(view=ball.view._replace(delay=delay))).minus2
+
+        return side_by_side(run, tried)
+
+    rough = minus2(few)
+    tried = [
+        (axis, body, max(delay + shift, 0.0))
+        for (axis, body, delay), one in zip(tried, rough, strict=True)
+        if one <= min(rough) + FAR
+        for shift in (SHIFTS if math.isinf(axis.rate_limit) else (0.0,))
+    ]
+    axis, _, delay = tried[int(np.argmin(minus2(alternate)))]
+    ball = ball._replace(view=ball.view._replace(delay=delay))
     name = "natural_frequency" if axis.order else "rate_limit"
     if math.isfinite(getattr(axis, name)):
         axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
-    return StageModel(axis, axis), best[2]
+    return StageModel(axis, axis), ball
 
 
 def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:
