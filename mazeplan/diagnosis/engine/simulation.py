@@ -11,12 +11,12 @@ The terms are called through their addresses (`core.maths.compiled`), so this mo
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import KERNEL, pointer_to, shifted
+from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.formulas.compiled import call_term as _term
 
@@ -44,22 +44,103 @@ class Problem(NamedTuple):
     limit: Array
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold):
-    """Acceleration without dry friction into a, and size of dry friction into hold. pw, pp: pointers to w, p"""
+class Step(NamedTuple):
+    """Pointers to what a step works on: passing arrays on would cost more than the arithmetic.
+
+    terms, holds: as in `Problem`; p: parameters; w: inputs and coordinates at a moment
+    x, xs, new: state (2 C) at the begin, during, and at the end of a step; slope, total: of Runge-Kutta (2 C)
+    a, hold, direction, held: acceleration without dry friction, its size, direction of motion, and whether there is dry
+        friction (C)"""
+
+    terms: Any
+    holds: Any
+    p: Any
+    w: Any
+    x: Any
+    xs: Any
+    new: Any
+    slope: Any
+    total: Any
+    a: Any
+    hold: Any
+    direction: Any
+    held: Any
+
+
+@njit(inline="always", **CALLEE)
+def _copy(source, to, n):
+    """Copy n numbers."""
+    for i in range(n):
+        to[i] = source[i]
+
+
+@njit(inline="always", **CALLEE)
+def _forces(q, sizes, x, t, inputs, s):
+    """Acceleration without dry friction, and size of dry friction, in state x at the share s of a sample's step."""
+    c, u, n_terms, n_holds = sizes
+    for i in range(u):
+        q.w[i] = inputs[i] + s * (inputs[u + i] - inputs[i])
     if c > 1:
         for i in range(c):
-            w[u + 2 * i] = x[i]
-            w[u + 2 * i + 1] = x[c + i]
+            q.w[u + 2 * i] = x[i]
+            q.w[u + 2 * i + 1] = x[c + i]
     for i in range(c):
-        a[i] = 0.0
-        hold[i] = 0.0
+        q.a[i] = q.hold[i] = 0.0
     for j in range(n_terms):
-        i = terms[j, 1]
-        a[i] += _term(terms[j, 0], (x[i], x[c + i], t, pw, shifted(pp, terms[j, 2])))
+        i = q.terms[3 * j + 1]
+        q.a[i] += _term(q.terms[3 * j], (x[i], x[c + i], t, q.w, shifted(q.p, q.terms[3 * j + 2])))
     for j in range(n_holds):
-        i = holds[j, 1]
-        hold[i] += max(_term(holds[j, 0], (x[i], x[c + i], t, pw, shifted(pp, holds[j, 2]))), 0.0)
+        i = q.holds[3 * j + 1]
+        size = _term(q.holds[3 * j], (x[i], x[c + i], t, q.w, shifted(q.p, q.holds[3 * j + 2])))
+        q.hold[i] += max(size, 0.0)
+
+
+@njit(inline="always", **CALLEE)
+def _direct(q, c):
+    """Directions of dry friction, from the forces and the state at the begin of a step."""
+    for i in range(c):
+        v, a = q.x[c + i], q.a[i]
+        if q.held[i] == 0.0:
+            q.direction[i] = 0.0
+        elif v != 0.0:
+            q.direction[i] = 1.0 if v > 0.0 else -1.0
+        elif abs(a) <= q.hold[i]:
+            q.direction[i] = STUCK
+        else:
+            q.direction[i] = 1.0 if a > 0.0 else -1.0
+
+
+@njit(inline="always", **CALLEE)
+def _runge_kutta(q, sizes, t, h, inputs, s0, width, known):
+    """One step with fixed directions from q.x to q.new. known: whether the forces at its begin are there already"""
+    c = sizes[0]
+    for stage in range(4):
+        d = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+        for i in range(2 * c):
+            q.xs[i] = q.x[i] if stage == 0 else q.x[i] + d * h * q.slope[i]
+        if stage > 0 or not known:
+            _forces(q, sizes, q.xs, t + d * h, inputs, s0 + d * width)
+        for i in range(c):
+            moves = q.direction[i] != STUCK
+            q.slope[i] = q.xs[c + i] if moves else 0.0
+            q.slope[c + i] = q.a[i] - q.direction[i] * q.hold[i] if moves else 0.0
+        for i in range(2 * c):
+            one = q.slope[i] if stage in (0, 3) else 2.0 * q.slope[i]
+            q.total[i] = one if stage == 0 else q.total[i] + one
+    for i in range(2 * c):
+        q.new[i] = q.x[i] + h / 6.0 * q.total[i]
+
+
+@njit(inline="always", **CALLEE)
+def _reversal(q, c):
+    """The first coordinate whose direction turns round in a step (-1: none), and the share of the step until then."""
+    which, share = -1, 1.0
+    for i in range(c):
+        if q.held[i] != 0.0 and q.direction[i] != STUCK and q.new[c + i] * q.direction[i] < 0.0:
+            here = q.x[c + i] / (q.x[c + i] - q.new[c + i])
+            if here < share:
+                which, share = i, here
+    return which, share
 
 
 @njit(**KERNEL)
@@ -80,84 +161,48 @@ def simulate(problem, p, x0):
     The first row of a window holds the end of the window before, if there is one."""
     n, size = len(problem.t), x0.shape[1]
     c, u = size // 2, problem.w.shape[2]
-    times, inputs, windows, limit = problem.t, problem.w, problem.windows, problem.limit
-    terms, holds, divide = problem.terms, problem.holds, problem.divide
-    n_terms, n_holds = len(terms), len(holds)
-    y = np.full((n, size), np.nan)
-    x, out, xs = np.empty(size), np.empty(size), np.empty(size)
-    a, hold, direction = np.empty(c), np.zeros(c), np.zeros(c)
-    held = np.zeros(c, dtype=np.bool_)
-    for j in range(n_holds):
-        held[holds[j, 1]] = True
-    k = np.empty((4, size))
-    w = np.zeros(u + 2 * c)
-    pw, pp = pointer_to(w, 0), pointer_to(p, 0)
+    times, inputs, windows, limit, divide = problem.t, problem.w, problem.windows, problem.limit, problem.divide
+    sizes = c, u, len(problem.terms), len(problem.holds)
+    y, vectors, w = np.full((n, size), np.nan), np.zeros((9, size)), np.zeros(u + 2 * c)
+    for j in range(len(problem.holds)):
+        vectors[8, problem.holds[j, 1]] = 1.0
+    q = Step(
+        pointer_to(problem.terms, 0), pointer_to(problem.holds, 0), pointer_to(p, 0), pointer_to(w, 0),
+        pointer_to(vectors, 0), pointer_to(vectors, size), pointer_to(vectors, 2 * size),
+        pointer_to(vectors, 3 * size), pointer_to(vectors, 4 * size), pointer_to(vectors, 5 * size),
+        pointer_to(vectors, 6 * size), pointer_to(vectors, 7 * size), pointer_to(vectors, 8 * size),
+    )  # fmt: skip
     for m in range(len(windows)):
-        first, last = windows[m, 0], windows[m, 1]
-        for i in range(size):
-            x[i] = x0[m, i]
-        for row in range(first, last - 1):
-            parts, whole = divide[row], times[row + 1] - times[row]
+        _copy(pointer_to(x0, m * size), q.x, size)
+        for row in range(windows[m, 0], windows[m, 1] - 1):
+            parts, whole, at_inputs = divide[row], times[row + 1] - times[row], pointer_to(inputs, 2 * u * row)
             for part in range(parts):
                 s0, stop = part / parts, (part + 1) / parts
-                events, begun, which = 0, False, -1
+                events, ends, which = 0, False, -1  # ends: whether this step ends where a speed crosses zero
                 share = 1.0  # of the rest of this part
                 while True:
                     t, h = times[row] + s0 * whole, share * (stop - s0) * whole
-                    known = n_holds > 0 and not begun
+                    known = sizes[3] > 0 and not ends
                     if known:
-                        for i in range(u):
-                            w[i] = inputs[row, 0, i] + s0 * (inputs[row, 1, i] - inputs[row, 0, i])
-                        _forces(terms, holds, n_terms, n_holds, c, x, t, w, pw, pp, u, a, hold)
-                        for i in range(c):
-                            v = x[c + i]
-                            direction[i] = 0.0
-                            if held[i]:
-                                if v != 0.0:
-                                    direction[i] = 1.0 if v > 0.0 else -1.0
-                                elif abs(a[i]) <= hold[i]:
-                                    direction[i] = STUCK
-                                else:
-                                    direction[i] = 1.0 if a[i] > 0.0 else -1.0
-                    for stage in range(4):  # Runge-Kutta 4 with fixed directions
-                        d = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
-                        for i in range(size):
-                            xs[i] = x[i] if stage == 0 else x[i] + d * h * k[stage - 1, i]
-                        if stage > 0 or not known:
-                            s = s0 + d * share * (stop - s0)
-                            for i in range(u):
-                                w[i] = inputs[row, 0, i] + s * (inputs[row, 1, i] - inputs[row, 0, i])
-                            _forces(terms, holds, n_terms, n_holds, c, xs, t + d * h, w, pw, pp, u, a, hold)
-                        for i in range(c):
-                            moves = direction[i] != STUCK
-                            k[stage, i] = xs[c + i] if moves else 0.0
-                            k[stage, c + i] = a[i] - direction[i] * hold[i] if moves else 0.0
-                    for i in range(size):
-                        out[i] = x[i] + h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
-                    if begun:  # the step ended where a speed crossed zero
-                        for i in range(size):
-                            x[i] = out[i]
-                        x[c + which] = 0.0
-                        s0, share, begun = s0 + share * (stop - s0), 1.0, False
+                        _forces(q, sizes, q.x, t, at_inputs, s0)
+                        _direct(q, c)
+                    _runge_kutta(q, sizes, t, h, at_inputs, s0, share * (stop - s0), known)
+                    if ends:
+                        _copy(q.new, q.x, size)
+                        q.x[c + which] = 0.0
+                        s0, share, ends = s0 + share * (stop - s0), 1.0, False
                         continue
-                    which, share = -1, 1.0
-                    for i in range(c):
-                        if held[i] and direction[i] != STUCK and out[c + i] * direction[i] < 0.0:
-                            here = x[c + i] / (x[c + i] - out[c + i])
-                            if here < share:
-                                which, share = i, here
+                    which, share = _reversal(q, c)
                     events += 1
                     if which < 0 or events > EVENTS:
-                        for i in range(size):
-                            x[i] = out[i]
+                        _copy(q.new, q.x, size)
                         break
                     if share > 1e-9:
-                        begun = True
+                        ends = True
                     else:
-                        x[c + which], share = 0.0, 1.0
+                        q.x[c + which], share = 0.0, 1.0
             for i in range(c):
-                if not abs(x[i]) < limit[i]:
-                    x[i], x[c + i] = limit[i], 0.0
-            for i in range(size):
-                y[row + 1, i] = x[i]
+                if not abs(q.x[i]) < limit[i]:
+                    q.x[i], q.x[c + i] = limit[i], 0.0
+            _copy(q.x, pointer_to(y, (row + 1) * size), size)
     return y
