@@ -25,21 +25,33 @@ class Model:
         self.limit = LEFT * np.maximum(span, np.nanmax(np.abs(record.y), axis=0))
         self.divide = np.ones(len(record), dtype=np.int64)
         self._inputs: dict[tuple[float, ...], Array] = {}
+        self._layouts: dict[tuple[str, ...], tuple[IntArray, IntArray]] = {}
 
     def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
         """The problem of the simulation and its parameters, with these effects."""
         inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
-        p: list[float] = []
-        terms, holds = [], []
-        for name, numbers in values.items():
-            effect = self.effects[name]
-            for term in self.system.terms[name]:
-                (holds if term.held else terms).append((term.address, term.coordinate, len(p)))
-            for number, parameter in zip(effect.numbers(numbers), effect.parameters.values(), strict=True):
-                p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
-        here, there = (np.array(found, dtype=np.int64).reshape(-1, 3) for found in (terms, holds))
+        names = tuple(values)
+        if names not in self._layouts:
+            self._layouts[names] = self._layout(names)
+        terms, holds = self._layouts[names]
+        p = [
+            number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0)
+            for name, numbers in values.items()
+            for number, parameter in zip(
+                self.effects[name].numbers(numbers), self.effects[name].parameters.values(), strict=True
+            )
+        ]
         w = self.inputs(values)
-        return Problem(self.record.t, w, here, there, self.divide, windows, self.limit), np.array(p or [0.0])
+        return Problem(self.record.t, w, terms, holds, self.divide, windows, self.limit), np.array(p or [0.0])
+
+    def _layout(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
+        """Terms and dry frictions of some effects, as in `Problem`."""
+        terms, holds, first = [], [], 0
+        for name in names:
+            for term in self.system.terms[name]:
+                (holds if term.held else terms).append((term.address, term.coordinate, first))
+            first += len(self.effects[name].parameters)
+        return np.array(terms, dtype=np.int64).reshape(-1, 3), np.array(holds, dtype=np.int64).reshape(-1, 3)
 
     def inputs(self, values: Values) -> Array:
         """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""

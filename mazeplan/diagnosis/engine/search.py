@@ -24,7 +24,7 @@ from mazeplan.core.records import Array
 from mazeplan.diagnosis.engine.levels import Level, levels_of, track_of
 from mazeplan.diagnosis.engine.model import Free, Model, free_of
 from mazeplan.diagnosis.engine.system import Values
-from mazeplan.diagnosis.engine.windows import Fit
+from mazeplan.diagnosis.engine.windows import Fit, Point
 from mazeplan.physics.effect import INPUT
 
 CLEAR = 4.0  # standard errors
@@ -138,12 +138,13 @@ class Search:
             for fold in folds:
                 windows = self.levels[level].folds[fold]
                 near = windows.states_on(track)
-                starts = [] if before[fold] is None else [(self.values(names, before[fold]), near)]
+                starts = [] if before[fold] is None else [windows.begin(self.values(names, before[fold]), near)]
                 if parent is not None:
                     own = parent.fits[level][fold]
-                    starts.append((self.values(names, own.values, at_rest=True), own.states))
-                starts = starts or [(self.values(names), windows.guess)]
-                tries = [windows.descend(windows.begin(start, states), free, most=1) for start, states in starts]
+                    values = self.values(names, own.values, at_rest=True)
+                    starts.append(Point(values, own.states, windows.residual(values, own.states)))
+                starts = starts or [windows.begin(self.values(names), windows.guess)]
+                tries = [windows.descend(start, free, most=1) for start in starts]
                 best = min(tries, key=lambda point: point.cost)
                 fit = windows.finished(windows.descend(best, free), free)
                 before[fold] = fit.values

@@ -29,12 +29,15 @@ START = 6  # samples whose line is the first guess of an initial state
 
 
 class Point(NamedTuple):
-    """A state of a descent: values of all effects, initial states (M, 2 C), residual (K,) over the noise, damping."""
+    """A state of a descent: values of all effects, initial states (M, 2 C), residual (K,) over the noise, damping.
+
+    clean: derivatives (K, P) of the residual by the free parameters near the point, without what states can copy"""
 
     values: Values
     states: Array
     r: Array
     weight: float = 1e-3
+    clean: Array | None = None
 
     @property
     def cost(self) -> float:
@@ -122,6 +125,7 @@ class Windows:
         self.row, self.coordinate = (np.repeat(rows, c), np.tile(np.arange(c), len(rows)))
         good = seen.ravel()
         self.row, self.coordinate, self.which = self.row[good], self.coordinate[good], np.repeat(which, c)[good]
+        self.flat = self.size * self.row + self.coordinate  # of a simulation (N, 2 C)
         self.starts = np.searchsorted(self.which, np.arange(len(windows)))
         self.count = np.diff(np.append(self.starts, len(self.which)))
         self.measured = y[self.row, self.coordinate]
@@ -145,7 +149,7 @@ class Windows:
     def residual(self, values: Values, states: Array) -> Array:
         """Residuals of all measurements (K,), over the noise."""
         out = self.model.simulate(values, self.windows, states)
-        return (out[self.row, self.coordinate] - self.measured) * self.weight
+        return (out.ravel()[self.flat] - self.measured) * self.weight
 
     def sums(self, x: Array) -> Array:
         """Sums over the measurements of each window."""
@@ -209,7 +213,7 @@ class Windows:
 
     def descend(self, point: Point, free: Free, most: int = ITERATIONS) -> Point:
         """The least sum of squares near a point, after at most so many steps."""
-        values, states, r, weight = point
+        values, states, r, weight, clean = point
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
         cost, p = point.cost, np.array([values[e][n] for e, n in free])
@@ -241,11 +245,11 @@ class Windows:
             values, states, p, r, cost = trial, begin, new, s, fresh
             if gain <= DONE * cost:
                 break
-        return Point(values, states, r, weight)
+        return Point(values, states, r, weight, clean)
 
     def finished(self, point: Point, free: Free) -> Fit:
         """The fit at a solution, with the sandwich covariance over windows."""
-        values, states, r, _ = point
+        values, states, r, _, clean = point
         residual = np.full(self.model.record.y.shape, np.nan)
         residual[self.row, self.coordinate] = r
         covariance, at_bound = np.zeros((len(free), len(free))), []
@@ -255,11 +259,8 @@ class Windows:
             if n != "" and (at <= one.low + slack or at >= one.high - slack):
                 at_bound.append((e, n))
         inside = np.array([key not in at_bound for key in free], dtype=bool)
-        if inside.any():
-            by_p, by_s = self._columns(values, states, r, tuple(key for key in free if key not in at_bound))
-            (s_p,) = self._eliminated(by_s, by_p)
-            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
-            covariance[np.ix_(inside, inside)] = sandwich(clean, r, self.sums, self.count)
+        if inside.any() and clean is not None:
+            covariance[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums, self.count)
         return Fit(
             values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), covariance,
             tuple(at_bound),
