@@ -35,6 +35,7 @@ FAR = 5.0  # times the noise: an error above this has causes that no effect foun
 SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot copy
 LOST = 0.5  # error over the movement at which a simulation has left the record
 KEPT = 2  # candidates that are fitted at all lengths
+FEWER = 0.5  # of the gain of a candidate that is accepted; one that gains less is not fitted at all lengths
 MOST = 5  # effects
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
 
@@ -129,6 +130,7 @@ class Search:
     def _fitted(
         self, added: tuple[str, ...], parent: Trial | None, which: Sequence[int], folds: Sequence[int]
     ) -> Trial:
+        """Fits at some levels. Windows are held out only if both folds are fitted."""
         names = (*self.always, *added)
         free, fits, held, count = self.free(names), [], [], []
         before: list[Values | None] = [None, None]
@@ -149,16 +151,16 @@ class Search:
                 fit = windows.finished(windows.descend(best, free), free)
                 before[fold] = fit.values
                 pair.append(fit)
-                other = self.levels[level].folds[1 - fold]
-                test = other.held_out(fit.values, other.states_on(track))
-                costs.append(test.cost)
-                counts.append(test.count)
+                if len(folds) == 2:
+                    other = self.levels[level].folds[1 - fold]
+                    test = other.held_out(fit.values, other.states_on(track))
+                    costs.append(test.cost)
+                    counts.append(test.count)
+            fits.append((pair[0], pair[-1]))
             if len(folds) == 2:
                 track = track_of(self.levels[level], pair)
-            order = slice(None, None, -1) if len(folds) == 2 else slice(None)  # held-out windows in the order of folds
-            fits.append((pair[0], pair[-1]))
-            held.append(np.concatenate(costs[order]))
-            count.append(np.concatenate(counts[order]))
+                held.append(np.concatenate(costs[::-1]))  # in the order of folds
+                count.append(np.concatenate(counts[::-1]))
         return Trial(added, tuple(fits), tuple(held), tuple(count))
 
     def run(self, most: int = MOST) -> Finding:
@@ -226,17 +228,19 @@ class Search:
             )
             scored.append((gain, name))
         scored.sort(reverse=True)
-        accepted = []
-        for gain, name in scored[KEPT:]:
-            tried[name] = Tried(name, float(gain), "others explain more")
-        order = {name: i for i, name in enumerate(candidates)}
-        for _, name in sorted(scored[:KEPT], key=lambda one: order[one[1]]):
+        accepted: list[tuple[Trial, float]] = []
+        for i, (score, name) in enumerate(scored):
+            if i >= KEPT or (accepted and score < FEWER * scored[0][0]):
+                tried[name] = Tried(name, float(score), "others explain more")
+                continue
             trial = self.trial((*current.names, name), current)
             gain, why_not = self.judge(current, trial, name)
             if why_not:
                 tried[name] = Tried(name, gain, why_not)
             else:
                 accepted.append((trial, gain))
+        order = {name: i for i, name in enumerate(candidates)}
+        accepted.sort(key=lambda one: order[one[0].names[-1]])
         best, _ = max(accepted, key=lambda one: one[1], default=(current, 0.0))
         accepted.sort(key=lambda one: self._clearly_better(best, one[0]))  # others in the order of the class
         for trial, gain in accepted[1:]:
