@@ -208,7 +208,7 @@ class Search:
         out = []
         for i, level in enumerate(self.levels):
             moving = level.movement > 4.0 * trials[0].count[i]
-            for error in (trial.held[i] for trial in trials):
+            for error in (np.maximum(trial.held[i] - trial.count[i], 0.0) for trial in trials):  # without noise
                 middle = np.median(error[moving] / level.movement[moving]) if moving.any() else np.inf
                 if max(middle, np.sum(error) / np.sum(level.movement)) < LOST**2:
                     out.append(i)
@@ -229,11 +229,13 @@ class Search:
             scored.append((gain, name))
         scored.sort(reverse=True)
         accepted: list[tuple[Trial, float]] = []
-        for i, (score, name) in enumerate(scored):
-            if i >= KEPT or (accepted and score < FEWER * scored[0][0]):
+        judged = 0  # by windows of a length at least; a simulation with others leaves the record
+        for score, name in scored:
+            if judged == KEPT or (accepted and score < FEWER * scored[0][0]):
                 tried[name] = Tried(name, float(score), "others explain more")
                 continue
             trial = self.trial((*current.names, name), current)
+            judged += bool(self.valid(current, trial))
             gain, why_not = self.judge(current, trial, name)
             if why_not:
                 tried[name] = Tried(name, gain, why_not)
@@ -326,7 +328,7 @@ class Search:
         return float(np.median(sizes)) < self.model.record.step
 
     def _steady(self, trial: Trial, name: str, level: int, valid: Sequence[int]) -> bool:
-        """Whether windows of other lengths give about the same size, where they tell it."""
+        """Whether windows of other lengths give about the same size, where they tell it: not at its bound."""
         for n in self.model.effects[name].parameters:
             if (name, n) not in trial.fits[level][0].free:
                 continue
@@ -340,7 +342,7 @@ class Search:
             for i in range(2, len(sizes), 2):
                 other, wide = 0.5 * (sizes[i][0] + sizes[i + 1][0]), 0.5 * math.hypot(sizes[i][1], sizes[i + 1][1])
                 off = abs(other - mean)
-                if wide < 0.5 * abs(mean) and off > 0.5 * abs(mean) and off > CLEAR * math.hypot(error, wide):
+                if 0.0 < wide < 0.5 * abs(mean) and off > 0.5 * abs(mean) and off > CLEAR * math.hypot(error, wide):
                     return False
         return True
 
