@@ -113,6 +113,25 @@ def test_an_unbalanced_ball_is_named_and_no_news_afterwards():
     assert "ball_imbalance" not in [e["name"] for e in again.effects]
 
 
+@pytest.mark.parametrize(
+    ("column", "moved", "change", "what_to_do"),
+    # lower commands with the same tilt: the plate leans, and the tilt sensor shows it
+    [("u_beta", -0.012, 0.012, "Level the table"), ("beta", 0.012, -0.012, "Set the tilt sensor to zero")],
+)
+def test_a_lean_that_the_tilt_sensor_shows_is_told_from_a_zero_that_moved(column, moved, change, what_to_do):
+    def shifted(seed):
+        table = table_of(Rig(), seed)
+        return replace(table, columns={**table.columns, column: table[column] + moved})
+
+    done = verdict_on(shifted(2), MAZE, known())
+    (effect,) = done.effects
+    assert effect["name"] == "tilt_offset"
+    was, now = effect["known_before"]["beta"], effect["parameters"]["beta"]["value"]
+    assert now - was == pytest.approx(change, abs=1e-3)
+    assert done.sentences()[1].startswith(what_to_do)
+    assert verdict_on(shifted(3), MAZE, reference_after(done)).verdict == "nothing_missing"
+
+
 def test_a_ball_that_is_predicted_much_worse_than_before_is_not_called_healthy(monkeypatch):
     monkeypatch.setattr(verdict, "unbalanced", lambda body, fit: BALANCED)  # as if this had no name
     done = verdict_on(table_of(changed(Rig(), "ball_imbalance", 2), 2), MAZE, known())

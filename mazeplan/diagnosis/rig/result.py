@@ -15,6 +15,7 @@ from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import SLIDES, TEXTBOOK_BALL, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import SearchResult, Tried
+from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.fits import FITS, kind_of_ball
 from mazeplan.physics.registry import EFFECTS
@@ -44,6 +45,7 @@ REPAIRS = {
     "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
     "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
 }  # fmt: skip
+BY_SENSOR = {"by": "tilt sensor"}  # in the entry of a table that is not level: only the sensor says so
 NOT_PREDICTING = "held-out parts are predicted no better"
 OF_AN_AXIS = {"servo_gain", "servo_lag", "backlash", "deadband", "tilt_gain"}  # their advice names the axis
 OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
@@ -124,6 +126,11 @@ class RigVerdict:
     def after(self) -> dict[str, float]:
         """Errors of roll-outs on held-out halves, with what was found."""
         return self.held.errors("after") if self.effects or self.unknown is not None else self.before
+
+    @property
+    def zero(self) -> dict[str, float]:
+        """By how much the tilt at zero command moved, as the tilt sensor shows it, rad, by axis; {} if it did not."""
+        return moved_zero(self.stage, self.was.stage)
 
     def sentences(self) -> list[str]:
         """What was found, and what to do."""
@@ -332,6 +339,8 @@ def _repair(effect: Entry) -> str:
     """What to repair."""
     if effect["name"] == "surface_bump" and effect["parameters"]["height"]["value"] > 0.0:
         return "Look for a hill or for dirt under the ball"
+    if effect.items() >= BY_SENSOR.items():
+        return "Set the tilt sensor to zero: the ball feels no other tilt than before"
     return REPAIRS[effect["name"]]
 
 
@@ -355,7 +364,7 @@ def advice(
         way = (f"plan with the new model: mazeplan navigate --rig RIG --model {written}" if written
                else f"write a new model: add {add} to this command")  # fmt: skip
         out.append(f"Or leave the rig as it is, and {way}.")
-    if any(e["name"] == "tilt_offset" for e in done.effects):
+    if any(e["name"] == "tilt_offset" and not e.items() >= BY_SENSOR.items() for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:
         out.append(

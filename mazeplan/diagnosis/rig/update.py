@@ -7,6 +7,7 @@ So the numbers of the beads change by as much as those of the rigid ball changed
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
@@ -19,7 +20,7 @@ from mazeplan.diagnosis.rig.record import seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.result import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
+from mazeplan.diagnosis.update import DRIFT, UNTIL, updated, with_effect
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.physics.effect import BALL, STAGE, Effect
@@ -27,9 +28,11 @@ from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.effects.local_forces import FAMILY, drag_drift
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.entries import part_values, with_part
+from mazeplan.physics.rig.stage import StageModel
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
 IN_TIME = tuple(name for name, effect in FAMILY.items() if effect.why_not == NO_CLOCK)  # begin anew with a record
+EMPTY: Mapping[str, float] = {}
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
 # every reference has these; it may lack other effects, and a fit of records does not look for quadratic drag
 NUMBERS = {number.effect for name, number in PARAMETERS.items() if name != "quadratic"}
@@ -44,8 +47,13 @@ def _in_model(name: str) -> bool:
     return name == DRIFT or (name in EFFECTS and EFFECTS[name].planned)
 
 
-def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit) -> RigModel:
-    """The model with the effects of a verdict. fit: the rigid ball, for a model that contains one"""
+def moved_model(
+    model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit, zero: Mapping[str, float] = EMPTY
+) -> RigModel:
+    """The model with the effects of a verdict.
+
+    fit: the rigid ball, for a model that contains one
+    zero: by how much the tilt sensor's zero moved (`RigVerdict.zero`)"""
     new = model
     for effect in (e for e in effects if _in_model(e["name"])):
         found = {int(ring): [_entry(new, int(ring), effect, both)] for ring, both in effect["rings"].items()}
@@ -53,24 +61,46 @@ def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: Body
         if kind.acts not in BALL or kind.common:  # one estimate: the same in several rings, it would look surer
             found = dict(list(found.items())[:1])
         new = updated(new, {ring: e for ring, e in found.items() if e[0] is not None})
+    if zero:
+        new = _on_zero(new, zero, felt=any(e["name"] == "tilt_offset" and "by" not in e for e in effects))
     if model.body is None:
         return new
     until = max((effect.get(UNTIL, 0.0) for effect in effects), default=0.0)
-    return with_body(new, *_at_the_end(fit.model, fit.stderr, until))
+    now, stderr = _at_the_end(fit.model, fit.stderr, until)
+    return with_body(new, _on_plate(now, zero), stderr)
+
+
+def _on_zero(model: RigModel, zero: Mapping[str, float], felt: bool) -> RigModel:
+    """The model in tilts as the sensor shows them now. felt: whether its table has moved with the ball, by commands"""
+    stage, balls = model.stage, model.balls
+    beta, gamma = (
+        replace(axis, offset=axis.offset + zero[name]) for name, axis in (("beta", stage.beta), ("gamma", stage.gamma))
+    )
+    for ring, ball in balls.items() if felt else ():
+        values = {axis: ball.parameter("tilt_offset", axis, 0.0) - moved for axis, moved in zero.items()}
+        balls = {**balls, ring: with_effect(ball, "tilt_offset", values, {})}
+    return replace(model, stage=StageModel(beta, gamma), balls=balls)
+
+
+def _on_plate(model: BodyModel, zero: Mapping[str, float]) -> BodyModel:
+    """The ball on a table whose lean counts from the tilt sensor's new zero."""
+    return with_values(model, {f"tilt_{axis}": value_of(model, f"tilt_{axis}") - d for axis, d in zero.items()})
 
 
 def reference_after(done: RigVerdict) -> RigReference:
     """The reference for the next diagnosis: the rig with what was found."""
     body, fit, known = done.was.body, done.searched.fit, done.was.stage
     model, errors = _at_the_end(fit.model, {**body.stderr, **fit.stderr}, seconds_of(done.body))
-    rig = RigModel(known.kind if done.moves is None else done.moves, {}, kind="pi")
+    rig, zero = RigModel(known.kind if done.moves is None else done.moves, {}, kind="pi"), done.zero
+    if zero:
+        model, rig = _on_plate(model, zero), _on_zero(rig, zero, felt=False)
     if "tilt_gain" in known.values:
         rig = with_part(rig, EFFECTS["tilt_gain"], known.values["tilt_gain"], {})
     if done.sensor is not None:  # commands and measured tilt move the plate of the next record
         grown = {axis: value / done.sensor["known_before"][axis] for axis, value in values_of(done.sensor).items()}
         model = with_values(model, {f"gain_{axis}": value_of(model, f"gain_{axis}") / g for axis, g in grown.items()})
         rig = with_part(rig, EFFECTS["tilt_gain"], values_of(done.sensor), {})
-    kept = done.table is not None and done.moves is not None and done.sensor is None
+    kept = done.table is not None and done.moves is not None and done.sensor is None and not zero
     return RigReference(
         Reference(model, errors), Known.of_model(rig), done.memory, done.remaining,
         imbalance=max(done.imbalance, done.was.imbalance), table=done.table if kept else None,

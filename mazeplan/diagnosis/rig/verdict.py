@@ -30,10 +30,19 @@ from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalance
 from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference, fit_reference, kind_of
 from mazeplan.diagnosis.rig.registry import registry_entry
-from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
+from mazeplan.diagnosis.rig.result import BY_SENSOR, REMAINS, TWICE, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
 from mazeplan.diagnosis.rig.search import NEEDED, SearchResult, surely_differs
-from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, settled_on, stage_effects
+from mazeplan.diagnosis.stage.comparison import (
+    AXES,
+    DECISIVE,
+    changed_gain,
+    moved_by,
+    moved_zero,
+    on_known_zero,
+    settled_on,
+    stage_effects,
+)
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,
     gain_in_navigation,
@@ -120,6 +129,7 @@ def verdict_on(
         else:
             unknown = Unknown(looks, ("tilt",))
         effects, alike, found = [e for e in effects if e["name"] in by_tilt], [], ()
+    effects += _by_zero(stage, was, effects, radii)
     unknown = _with_servos(unknown, stage, was)
     standing = _standing(searched, found, effects)
     if standing is not searched:
@@ -206,7 +216,7 @@ def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None,
     known = was.stage.axes()
     if known is None or stage is None or stage.servos_overtaxed:
         return body
-    return filter_of(table, record_of(table), maze, stage.offsets_on(known))
+    return filter_of(table, record_of(table), maze, on_known_zero(stage, was.stage, known))
 
 
 def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
@@ -332,6 +342,19 @@ def _by_servos(
             alike = [*alike, ("sensor_delay", "command_delay")]
         out.append(e)
     return out, alike
+
+
+def _by_zero(stage: Stage | None, was: RigReference, effects: Sequence[Entry], radii: dict[int, float]) -> list[Entry]:
+    """The table against a tilt sensor whose zero moved, and the ball does not feel it."""
+    moved = moved_zero(stage, was.stage)
+    if stage is None or not moved or any(e["name"] == "tilt_offset" for e in effects):
+        return []
+    had = {axis: value_of(was.body.model, f"tilt_{axis}") for axis in AXES}
+    now = {axis: had[axis] - moved[axis] for axis in AXES}
+    stderr = {axis: seen.stderr["offset"] for axis, seen in zip(AXES, stage.axes, strict=True)}
+    both = {"after": now, "before": had}
+    entry = effect_entry(PACKAGED["tilt_offset"], now, stderr, had, rings={str(ring): both for ring in radii})
+    return [with_plan(entry | BY_SENSOR)]
 
 
 def _with_asymmetry(effects: list[Entry]) -> list[Entry]:

@@ -27,6 +27,7 @@ ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts onl
 DIFFERENT = 1.5  # residual of a known axis over that of a free fit from which its lag or dead time changed: on one
 # rig (dead time, limited rate, coarse tilt) it is 1.0 to 1.1 in healthy records, 2 to 3 with 20 instead of 35 rad/s
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
+LEAST_ZERO = 0.002  # rad; a smaller change of the measured tilt at zero command is no news
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
 PLAY_AND_DEADBAND = (rig.backlash, rig.deadband)
@@ -65,7 +66,7 @@ class Known:
             natural_frequency=lag[f"{axis}_natural_frequency"],
             damping=lag[f"{axis}_damping"],
             dead_time=self.values.get("command_delay", {}).get("delay", 0.0),
-            offset=0.0,
+            offset=getattr(self.kind, axis).offset,
             stderr={},
             backlash=self.values.get("backlash", {}).get(axis, 0.0),
             deadband=self.values.get("deadband", {}).get(axis, 0.0),
@@ -108,6 +109,31 @@ def changed(stage: Stage, effect: Effect, known: Known, least: float = 1.0) -> E
         if effect.name in stage.differs or abs(values[name] - had[name]) > max(least * p.smallest, sure):
             return effect_entry(effect, values, stderr, had)
     return None
+
+
+def moved_zero(stage: Stage | None, known: Known) -> dict[str, float]:
+    """Change of the measured tilt at zero command, rad, by axis, if it surely changed; {} otherwise.
+
+    Either the plate leans and the tilt sensor shows it, or the sensor's zero moved: only the ball can tell."""
+    if stage is None or stage.servos_overtaxed or not _knows_zero(known):
+        return {}
+    pairs = [(now, getattr(known.kind, axis)) for axis, now in zip(AXES, stage.axes, strict=True)]
+    moved = {axis: now.offset - was.offset for axis, (now, was) in zip(AXES, pairs, strict=True)}
+    errors = [math.hypot(now.stderr.get("offset", math.inf), was.stderr["offset"]) for now, was in pairs]
+    sure = any(abs(d) > max(LEAST_ZERO, SURE * error) for d, error in zip(moved.values(), errors, strict=True))
+    return moved if sure else {}
+
+
+def _knows_zero(known: Known) -> bool:
+    return all("offset" in axis.stderr for axis in (known.kind.beta, known.kind.gamma))
+
+
+def on_known_zero(stage: Stage, known: Known, axes: StageModel) -> StageModel:
+    """Axes that move the plate by commands as the known ones do: a lean that the tilt sensor shows, too, is then one of
+    the table, and the ball feels it. If nobody knows the zero of the tilt sensor, it is that of the record."""
+    if not _knows_zero(known):
+        return stage.offsets_on(axes)
+    return StageModel(*(replace(getattr(axes, axis), offset=getattr(known.kind, axis).offset) for axis in AXES))
 
 
 def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage | None:
@@ -163,10 +189,10 @@ def moved_by(stage: Stage | None, known: Known) -> StageModel | None:
     if was is None:
         return StageModel(*stage.axes)
     names = {effect.name for effect in (rig.servo_gain, *COMPARED_EFFECTS) if changed(stage, effect, known, least=0.0)}
-    old = stage.offsets_on(was)
+    old, new = (on_known_zero(stage, known, axes) for axes in (was, StageModel(*stage.axes)))
     if not names:
         return old
-    pairs = [(now, before) for now, before in zip(stage.axes, (old.beta, old.gamma), strict=True)]
+    pairs = [(new.beta, old.beta), (new.gamma, old.gamma)]
     if names == {"servo_gain"}:
         return StageModel(*(replace(before, gain=now.gain) for now, before in pairs))
     keep = "command_delay" not in names

@@ -113,7 +113,7 @@ def improve(
             document: dict[str, Any] = done.document() | {"model": None, "report": None}
             tell(document["sentence"])
             if changes_model(done.effects):
-                known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
+                known, was = moved_model(known, done.effects, done.searched.fit, done.zero), reference_after(done)
                 document["model"] = _saved(known, was, here / "model")
                 document["advice"] = advice(done, document["model"])
             elif learned and number == 1:

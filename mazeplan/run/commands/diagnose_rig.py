@@ -60,7 +60,7 @@ def _typed(log: Any) -> str:
 def _write_model(done: RigVerdict, document: dict[str, Any], known: RigModel | None, output: Path) -> None:
     """Write the model with the found effects, and its reference. Sets `model` in the document."""
     if known is not None and changes_model(done.effects):
-        new = moved_model(known, done.effects, done.searched.fit)
+        new = moved_model(known, done.effects, done.searched.fit, done.zero)
         document["model"] = str(save_model(new, output / "model").parent)
         if not done.was.body.open:
             save_reference(reference_after(done), new, output / "model")
