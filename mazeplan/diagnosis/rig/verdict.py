@@ -316,6 +316,8 @@ def _of_the_ball(
     for c, rivals in zip(searched.found, searched.rivals, strict=True):
         if c not in found or not c.effect or c.effect in others or (c.effect == "tilt_gain" and sensor is not None):
             continue
+        if any(e["name"] == c.effect for e in effects):  # sliding and rolling at walls: two numbers of one effect
+            continue
         effects.append(registry_entry(c, searched.fit, was.body, radii))
         names = tuple(r.effect for r in rivals if r.effect)
         if names:
