@@ -277,14 +277,16 @@ def _change(effect: Entry) -> str:
     before, parts, places, changed = effect["known_before"], [], _places(effect), _changed(effect)
     sizes = {str(both.get("after")) for both in effect["rings"].values()}
     if len(sizes) > 1 or (places and len(effect["rings"]) == 1):  # otherwise the numbers are those of all rings
-        parts.append(f"in ring {next(iter(effect['rings']))}")
+        everywhere = "in all rings; " if len(effect["rings"]) > 1 and not places else ""
+        parts.append(f"{everywhere}in ring {next(iter(effect['rings']))}")
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if key not in places and key not in changed and len(effect["parameters"]) > 1:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
         if key in places:
-            at = f"{factor * number['value']:.3g} {unit}".rstrip()
+            at = place_deg(number["value"], 1) if key in PLACES else factor * number["value"]
+            at = f"{at:.3g} {unit}".rstrip()
             at = at if number.get("determined", True) else f"not determined ({at} fits)"
             parts.append(f"{_called(effect['name'], key)} {at}")
             continue

@@ -251,9 +251,8 @@ def _notes(table: Table, stage: Stage | None, was: RigReference, blind: bool = F
         notes.append(f"{why}: servos cannot be checked{'' if blind else ', and the tilt is smoothed'}")
     if stage is not None and stage.servos_overtaxed:
         notes.append(
-            "the servos cannot follow the commands of this record, as in navigation, so only large changes of the "
-            "servos were looked for; a model that mazeplan learn makes of a record of mazeplan collect knows how fast "
-            "they are"
+            "the servos cannot follow the commands of this record, as in navigation, or with a servo that became slow "
+            "or loose, so only large changes of the servos were looked for"
         )
         if hidden_gain(stage, was.stage):
             notes.append("gains of the servos were not compared: play or a dead band makes them look smaller")

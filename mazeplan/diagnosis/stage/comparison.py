@@ -115,23 +115,21 @@ def moved_zero(stage: Stage | None, known: Known) -> dict[str, float]:
     """Change of the measured tilt at zero command, rad, by axis, if it surely changed; {} otherwise.
 
     Either the plate leans and the tilt sensor shows it, or the sensor's zero moved: only the ball can tell."""
-    if stage is None or stage.servos_overtaxed or not _knows_zero(known):
+    if stage is None or stage.servos_overtaxed:
         return {}
     pairs = [(now, getattr(known.kind, axis)) for axis, now in zip(AXES, stage.axes, strict=True)]
+    if not all("offset" in was.stderr for _, was in pairs):
+        return {}
     moved = {axis: now.offset - was.offset for axis, (now, was) in zip(AXES, pairs, strict=True)}
     errors = [math.hypot(now.stderr.get("offset", math.inf), was.stderr["offset"]) for now, was in pairs]
     sure = any(abs(d) > max(LEAST_ZERO, SURE * error) for d, error in zip(moved.values(), errors, strict=True))
     return moved if sure else {}
 
 
-def _knows_zero(known: Known) -> bool:
-    return all("offset" in axis.stderr for axis in (known.kind.beta, known.kind.gamma))
-
-
 def on_known_zero(stage: Stage, known: Known, axes: StageModel) -> StageModel:
-    """Axes that move the plate by commands as the known ones do: a lean that the tilt sensor shows, too, is then one of
-    the table, and the ball feels it. If nobody knows the zero of the tilt sensor, it is that of the record."""
-    if not _knows_zero(known):
+    """Axes whose zero is that of the record; if it moved, that of the known axes: a lean that the tilt sensor shows is
+    then one of the table, and the ball feels it."""
+    if not moved_zero(stage, known):
         return stage.offsets_on(axes)
     return StageModel(*(replace(getattr(axes, axis), offset=getattr(known.kind, axis).offset) for axis in AXES))
 
