@@ -60,6 +60,7 @@ HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 # above all at walls, against which it leans the ball more or less than before
 BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
 WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
+FLOOR = {"rolling", "viscous", "quadratic"}  # a ball that is braked at walls looks like one that the floor brakes more
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
@@ -159,8 +160,7 @@ def search_rig(
         tell(f"size of difference {len(chosen) + 1}")
         with_it = polished(part, model, was, (*free, *new.candidate.fitted))
         new = replace(new, gain=best.minus2 - with_it.minus2)
-        share = WALLS_SHARE if set(new.candidate.free) <= WALLS else BESIDE_SHARE
-        needed = max([least, *(share * c.gain for c in chosen)])
+        needed = max([least, *(_share_beside(c.candidate, new.candidate) * c.gain for c in chosen)])
         if new.gain < needed or not _still_differs(with_it, was, new):
             refused.add(new.candidate)
             why_not = TOO_LITTLE if new.gain < needed else WITHIN_ERRORS
@@ -233,6 +233,13 @@ def _or_a_rival(
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
             return alone, [_Chosen(rival, gain, {chosen[0].candidate: best.model} if close else {})]
     return best, chosen
+
+
+def _share_beside(larger: Candidate, new: Candidate) -> float:
+    """The share of an earlier finding's gain that a further one needs beside it."""
+    free = set(new.free)
+    alike = free <= WALLS or (free <= FLOOR and set(larger.free) <= WALLS)
+    return WALLS_SHARE if alike else BESIDE_SHARE
 
 
 def _still_differs(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
