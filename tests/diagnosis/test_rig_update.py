@@ -131,7 +131,7 @@ def verdict(*terms, effects=(), imbalance=BALANCED):
     body = SimpleNamespace(pictures=SimpleNamespace(t=clock, clock=clock))
     return SimpleNamespace(
         searched=SimpleNamespace(fit=fit), was=was, body=body, memory=0.0, remaining=1.0, effects=effects,
-        imbalance=imbalance, moves=None, sensor=None, table=None,
+        imbalance=imbalance, moves=None, zero={}, sensor=None, table=None,
     )  # fmt: skip
 
 
