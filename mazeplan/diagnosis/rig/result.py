@@ -341,7 +341,7 @@ def _repair(effect: Entry) -> str:
     """What to repair."""
     if effect["name"] == "surface_bump" and effect["parameters"]["height"]["value"] > 0.0:
         return "Look for a hill or for dirt under the ball"
-    if effect.items() >= BY_SENSOR.items():
+    if "by" in effect:
         return "Set the tilt sensor to zero: the ball feels no other tilt than before"
     return REPAIRS[effect["name"]]
 
@@ -366,7 +366,7 @@ def advice(
         way = (f"plan with the new model: mazeplan navigate --rig RIG --model {written}" if written
                else f"write a new model: add {add} to this command")  # fmt: skip
         out.append(f"Or leave the rig as it is, and {way}.")
-    if any(e["name"] == "tilt_offset" and not e.items() >= BY_SENSOR.items() for e in done.effects):
+    if any(e["name"] == "tilt_offset" and "by" not in e for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:
         out.append(
