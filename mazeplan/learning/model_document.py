@@ -43,6 +43,8 @@ def _entries(
 def _axis_entries(axis: StageAxis) -> dict[str, Any]:
     """The entries of an axis, without numbers that its kind does not have."""
     entries = _entries(axis, AXIS_UNITS, AXIS_MORE)
+    if axis.behind and axis.backlash:
+        entries["backlash"]["behind_the_lag"] = True
     if axis.dead_time == 0.0:
         del entries["dead_time"]
     if axis.order < 2:

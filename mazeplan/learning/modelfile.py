@@ -254,7 +254,10 @@ class _Reader:
         if order == 0 and isinstance(node.get("natural_frequency"), dict):
             at_least = self.section(node["natural_frequency"], ("stage", name, "natural_frequency"))
             node["natural_frequency"] = at_least.get("faster_than", PROMPT)
-        usual = {} if order == 2 else {"damping": 1.0}
+        usual: dict[str, Any] = {} if order == 2 else {"damping": 1.0}
+        if isinstance(gears := node.get("backlash"), dict):
+            node["backlash"] = {key: value for key, value in gears.items() if key != "behind_the_lag"}
+            usual["behind"] = bool(gears.get("behind_the_lag", False))
         return self.part(
             node, ("stage", name), AXIS_UNITS | AXIS_MORE,
             lambda v, s: StageAxis(**{**usual, **v}, stderr=s, order=order),

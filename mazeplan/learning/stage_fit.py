@@ -83,14 +83,14 @@ def resolution_of(angle: Array) -> float:
 
 def fit_axis(
     u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None,
-    order: int | None = None, only: tuple[str, ...] | None = None,
+    kind: StageAxis | None = None, only: tuple[str, ...] | None = None,
 ) -> StageFit:  # fmt: skip
     """Fit one axis to commands u (N,) and measured angles (N,), sampled every dt s.
 
     breaks:  True where a new record begins
     near:    a similar axis: only its numbers are fitted, its kind stays
-    order:   of the axis, so that its numbers can be compared with those of another record; None: chosen. With an order,
-             only backlash is looked for beside it
+    kind:    an axis of the same order, with whose numbers those found can be compared; None: all kinds are tried. With
+             a kind, a limited rate and backlash are looked for beside it
     only:    names of the numbers to fit, with `near`; None: all of its kind
 
     Raises ValueError for fewer than FEWEST samples or a constant command."""
@@ -102,7 +102,7 @@ def fit_axis(
     data = _Data.of(u, angle, dt, breaks, near)
     if near is not None:
         return data.finished(data.fit(near, data.used, only))
-    return data.finished(data.fit(_chosen(data) if order is None else _with_backlash(data, order), data.used))
+    return data.finished(data.fit(_chosen(data) if kind is None else _of_kind(data, kind), data.used))
 
 
 def _chosen(data: _Data) -> StageAxis:
@@ -111,21 +111,39 @@ def _chosen(data: _Data) -> StageAxis:
     best = _of_order(data, orders)
     if data.rms(best, data.used) > 1.1 * data.noise:
         rate = data.fastest_rate()
-        best = _simplest(data, [best, *(data.fit(replace(axis, rate_limit=rate), data.fitted) for axis in orders)])
+        best = _simplest(data, [best, *(data.with_limit(axis, rate) for axis in orders)])
     if data.rms(best, data.used) > 1.1 * data.noise:
         of = {axis.order: axis for axis in (*orders, best)}
         best = _simplest(data, [best, *(data.with_play(of[order]) for order in range(best.order + 1))])
+    best = _richer(data, best, (best.behind,))
     if data.step > 0.0 and data.rms(best, data.used) > 1.1 * data.step / math.sqrt(12.0):
         best = _simplest(data, [best, data.fit(replace(best, resolution=data.step / best.gain), data.fitted)])
     return best
 
 
-def _with_backlash(data: _Data, order: int) -> StageAxis:
-    """The axis of an order, with backlash if the record shows it."""
-    plain = data.from_starts(order)
-    if data.rms(plain, data.used) <= 1.1 * data.noise:
-        return plain
-    return _simplest(data, [plain, data.with_play(plain)])
+def _of_kind(data: _Data, kind: StageAxis) -> StageAxis:
+    """The axis of a kind, with a limited rate and backlash if the record shows them."""
+    best = data.from_starts(kind.order)
+    if math.isfinite(kind.rate_limit):
+        limited = [data.with_limit(best, rate) for rate in (kind.rate_limit, data.fastest_rate())]
+        best = min(limited, key=lambda axis: data.rms(axis, data.fitted))
+    if kind.backlash:
+        best = data.with_play(best, (kind.behind,))
+    return _richer(data, best, (False, True))
+
+
+def _richer(data: _Data, best: StageAxis, behind: tuple[bool, ...]) -> StageAxis:
+    """The axis with a limited rate and backlash, if it lacks them and they predict held-out blocks better.
+
+    behind: where gears may be"""
+    while data.rms(best, data.used) > 1.1 * data.noise:
+        more = [] if math.isfinite(best.rate_limit) else [data.with_limit(best, data.fastest_rate())]
+        more += [] if best.backlash else [data.with_play(best, behind)]
+        better = [axis for axis in more if data.determines(axis) and data.beats(axis, best)]
+        if not better:
+            break
+        best = min(better, key=lambda axis: data.rms(axis, data.fitted))
+    return best
 
 
 def _of_order(data: _Data, orders: list[StageAxis]) -> StageAxis:
@@ -203,7 +221,7 @@ class _Data:
 
     def fit(self, start: StageAxis, rows: np.ndarray, only: tuple[str, ...] | None = None) -> StageAxis:
         """The axis of the same kind that fits some rows best, with standard errors."""
-        names, rows = only or _free(start), rows & self.used
+        names, rows = only or free_numbers(start), rows & self.used
         low, high = (np.array([_inner(name, LIMITS[name][end]) for name in names]) for end in (0, 1))
 
         def error(x: Array) -> Array:
@@ -224,10 +242,14 @@ class _Data:
         axis = _with(start, names, found.x)
         return replace(axis, stderr=self._stderr(axis, names, found.jac, found.fun, rows))
 
-    def with_play(self, axis: StageAxis) -> StageAxis:
-        """The axis with the backlash that fits best."""
+    def with_limit(self, axis: StageAxis, rate: float) -> StageAxis:
+        """The axis with a limited rate that starts at this one, rad/s."""
+        return self.fit(replace(axis, rate_limit=rate), self.fitted)
+
+    def with_play(self, axis: StageAxis, behind: tuple[bool, ...] = (False, True)) -> StageAxis:
+        """The axis with the backlash that fits best, in front of its lag or behind."""
         few = self.few()
-        plays = [self.fit(replace(axis, backlash=play), few) for play in PLAYS]
+        plays = [self.fit(replace(axis, backlash=b, behind=at), few) for at, b in itertools.product(behind, PLAYS)]
         return self.fit(min(plays, key=lambda one: self.rms(one, few)), self.fitted)
 
     def _stderr(
@@ -254,7 +276,7 @@ class _Data:
 
     def determines(self, axis: StageAxis) -> bool:
         """Whether the record determines all numbers: none is at its bound, or as uncertain as it is large."""
-        for name in _free(axis):
+        for name in free_numbers(axis):
             value, (low, high) = getattr(axis, name), LIMITS[name]
             if name in LOGARITHMIC:
                 if not 1.01 * low < value < 0.99 * high or axis.stderr[name] > DETERMINED * value:
@@ -310,7 +332,7 @@ class _Data:
 
     def finished(self, axis: StageAxis) -> StageFit:
         """The result, without a dead time that the record does not tell from none."""
-        freedom = len(_free(axis))
+        freedom = len(free_numbers(axis))
         if axis.dead_time < NO_DEAD_TIME:
             axis = replace(axis, dead_time=0.0)
         residual, n = self.residual(axis)[self.used], int(self.used.sum())
@@ -321,7 +343,7 @@ class _Data:
         return StageFit(axis, rms, n, max(self.noise, min(white, rms)))
 
 
-def _free(axis: StageAxis) -> tuple[str, ...]:
+def free_numbers(axis: StageAxis) -> tuple[str, ...]:
     """Names of the numbers that are fitted."""
     limited = axis.rate_limit < math.inf
     names = FREE[axis.order] + (("dead_time",) if limited and axis.order == 0 else ())

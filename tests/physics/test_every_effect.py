@@ -166,7 +166,7 @@ def test_an_opening_takes_its_share_alike_everywhere():
 
 def part_with(effect: Effect) -> RigModel:
     """A model in whose part the effect is off by twice its smallest size."""
-    values = {n: p.default + 2.0 * p.smallest for n, p in effect.parameters.items()}
+    values = {n: p.default + (2.0 if p.default < p.high else -2.0) * p.smallest for n, p in effect.parameters.items()}
     return with_part(RigModel.nominal(MAZE), effect, values, {})
 
 
@@ -180,7 +180,7 @@ def test_an_effect_of_a_part_acts_where_that_part_is_used(name):
         assert model.camera.true(*seen) == pytest.approx((0.05, -0.03), abs=1e-9)
         assert seen != (0.05, -0.03) or model.camera_delay > 0.0
         return
-    if name in ("command_delay", "backlash", "deadband"):  # what is done to commands before the step has them
+    if name in ("command_delay", "backlash", "deadband", "rate_limit"):  # a held command does not show these
         assert model.stage != plain.stage
         return
     assert effect.acts in (STAGE, TILT_SENSOR)

@@ -123,7 +123,7 @@ CANDIDATES = (
     ),
     Candidate(
         "", ("restitution", "hold"), (), "walls throw the ball back differently", (CONTACT,),
-        look="Look whether the walls are clean and fixed",
+        ((-0.3,), (-0.15,), (0.15,), (0.3,)), look="Look whether the walls are clean and fixed",
     ),
     Candidate(
         "", ("spin",), (), "the ball spins against another friction", (CONTACT,),

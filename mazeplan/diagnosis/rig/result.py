@@ -33,7 +33,9 @@ PLACES = ("centre", "start", "end", "angle")  # rad, of an effect on a ring
 REPAIRS = {
     "tilt_offset": "Level the table", "axis_misalignment": "Turn the camera back", "camera_offset": "Centre the camera",
     "sensor_delay": "Look for what delays the camera's pictures", "servo_gain": "Check the linkage of the servo",
-    "servo_lag": "Check the servo's supply and load", "backlash": "Tighten the linkage",
+    "servo_lag": "Check the servo's supply and load",
+    "rate_limit": "Check the servo's supply and load",
+    "backlash": "Tighten the linkage, or look for a servo that stops short of its command",
     "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
     "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
     "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
@@ -47,7 +49,8 @@ REPAIRS = {
 }  # fmt: skip
 BY_SENSOR = {"by": "tilt sensor"}  # in the entry of a table that is not level: only the sensor says so
 NOT_PREDICTING = "held-out parts are predicted no better"
-OF_AN_AXIS = {"servo_gain", "servo_lag", "backlash", "deadband", "tilt_gain"}  # their advice names the axis
+# their advice names the axis
+OF_AN_AXIS = {"servo_gain", "servo_lag", "rate_limit", "backlash", "deadband", "tilt_gain"}
 OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
 
 
@@ -291,10 +294,16 @@ def _change(effect: Entry) -> str:
             parts.append(f"{_called(effect['name'], key)} {at}")
             continue
         digits = _digits(factor * error, factor * number["value"])
-        was = f"{factor * old:.{digits}f}" if old else "0"
-        change = f"from {was} to {factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
+        was, now = (_none(effect["name"], key, v) or f"{factor * v:.{digits}f}" for v in (old, number["value"]))
+        change = f"from {was if old else 0} to {now} ± {factor * error:.{digits}f} {unit}".rstrip()
         parts.append(f"{_called(effect['name'], key)} {change}")
     return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
+
+
+def _none(effect: str, key: str, value: float) -> str:
+    """ "none" for a limit at its highest value, which limits nothing."""
+    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
+    return "none" if known is not None and value == known.default == known.high else ""
 
 
 def _places(effect: Entry) -> tuple[str, ...]:

@@ -24,11 +24,13 @@ ENOUGH = 2400  # samples for the search
 SMALLEST_BAND, BANDS = 1e-3, 24  # rad, smallest dead band to report; number of coarse dead bands that are tried
 STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
 LOOKED_AT = 4  # coarse dead bands that are refined
+MUCH_LESS = 0.4  # share of the rms of a dead band before its axis is fitted; gears that are the cause leave 0.1 to 0.25
 SURE = 15.0  # of -2 log L
+SECOND_ORDER = StageAxis()
 
 
 def fit_with_play_or_deadband(
-    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, order: int = 2
+    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, kind: StageAxis = SECOND_ORDER
 ) -> StageFit:
     """The axis with the play or the dead band that its record shows, if any. Raises ValueError as `fit_axis`.
 
@@ -36,19 +38,19 @@ def fit_with_play_or_deadband(
     dt: time between samples, s
     begins: True (N,) where a stretch begins
     rows: rows (N,) to fit
-    order: of the axis"""
-    found = fit_axis(u[rows], angle[rows], dt, begins[rows].astype(float), order=order)
+    kind: an axis of the same order, with a limited rate if that is fitted in any case"""
+    found = fit_axis(u[rows], angle[rows], dt, begins[rows].astype(float), kind=kind)
     plain = found if not found.axis.backlash else fit_axis(
         u[rows], angle[rows], dt, begins[rows].astype(float), replace(found.axis, backlash=0.0)
     )  # fmt: skip
-    with_band = _fit_with_band(u, angle, dt, begins, rows, plain)
+    with_band = _fit_with_band(u, angle, dt, begins, rows, plain, found.rms)
     return with_band if with_band is not None and with_band.rms < found.rms else found
 
 
 def _fit_with_band(
-    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, plain: StageFit
+    u: Array, angle: Array, dt: float, begins: np.ndarray, rows: np.ndarray, plain: StageFit, other: float
 ) -> StageFit | None:
-    """The axis with a dead band, None if the record shows none.
+    """The axis with a dead band, None if the record shows none, or if another fit leaves much less (other, rad).
 
     The obeyed command jumps when the band changes, so the search uses a grid of bands."""
     breaks = begins[rows].astype(float)
@@ -58,7 +60,8 @@ def _fit_with_band(
 
     bands: list[float] = np.geomspace(SMALLEST_BAND, MOST, BANDS).tolist()
     level = off(plain.axis, 0.0)
-    if 2.0 * plain.samples * math.log(level / min(off(plain.axis, band) for band in bands)) < SURE:
+    least = min(off(plain.axis, band) for band in bands)
+    if 2.0 * plain.samples * math.log(level / least) < SURE or other < MUCH_LESS * least:
         return None
     few = rows & (np.cumsum(rows) <= ENOUGH)  # refit the axis: without the band, its lag stands in for the band
 

@@ -14,7 +14,7 @@ from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.stage_fit import StageFit, fit_axis
+from mazeplan.learning.stage_fit import StageFit, fit_axis, free_numbers
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.entries import declared_parts, part_stderr
@@ -26,12 +26,17 @@ PLAY_ERROR = 1e-4  # rad; error of play, in addition to that of the fit
 ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts only above this share of the larger one
 DIFFERENT = 1.5  # residual of a known axis over that of a free fit from which its lag or dead time changed: on one
 # rig (dead time, limited rate, coarse tilt) it is 1.0 to 1.1 in healthy records, 2 to 3 with 20 instead of 35 rad/s
+MOST_CHANGES = 2  # of effects of the stage that explain a record together
+NUMBERS_OF = {  # the numbers of an axis that belong to an effect
+    rig.servo_lag.name: ("natural_frequency", "damping"), rig.command_delay.name: ("dead_time",),
+    rig.rate_limit.name: ("rate_limit",), rig.backlash.name: ("backlash", "behind"), rig.deadband.name: ("deadband",),
+}  # fmt: skip
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
 LEAST_ZERO = 0.002  # rad; a smaller change of the measured tilt at zero command is no news
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
 PLAY_AND_DEADBAND = (rig.backlash, rig.deadband)
-COMPARED_EFFECTS = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *PLAY_AND_DEADBAND)
+COMPARED_EFFECTS = (rig.servo_lag, rig.rate_limit, rig.axis_coupling, rig.command_delay, *PLAY_AND_DEADBAND)
 
 
 @dataclass(frozen=True)
@@ -81,11 +86,12 @@ def measured(stage: Stage, effect: Effect) -> tuple[dict[str, float], dict[str, 
     for name, place in effect.entry.items():
         _, which, key = place.split(".")
         chosen = list(axes.values()) if which == "*" else [axes[which]]
-        values[name] = sum(getattr(axis, key) for axis in chosen) / len(chosen)
+        values[name] = min(sum(getattr(axis, key) for axis in chosen) / len(chosen), effect.parameters[name].high)
         stderr[name] = math.hypot(*(axis.stderr.get(key, math.inf) for axis in chosen)) / len(chosen)
         if key == "backlash":
             stderr[name] = math.hypot(stderr[name], PLAY_ERROR)
-        if key in ("backlash", "deadband", "coupling") and not values[name]:
+        looked_for = key in ("backlash", "deadband", "coupling", "rate_limit")
+        if looked_for and values[name] == effect.parameters[name].default:
             stderr[name] = 0.0  # the fit looked for it and found none
     return values, stderr
 
@@ -135,7 +141,7 @@ def on_known_zero(stage: Stage, known: Known, axes: StageModel) -> StageModel:
 
 
 def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage | None:
-    """The stage with one change of the known lag or dead time, if the known ones do not explain the record.
+    """The stage with the known numbers, except those of one effect, or of two, that explain the record.
 
     A fit of all numbers mixes them: a slow axis moves like a faster one that is damped more and starts later. Each
     number by itself is then uncertain, however clear the change of the motion is. So the motion decides whether
@@ -143,19 +149,16 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
     was = known.axes()
     if stage is None or was is None or record.u is None or stage.servos_overtaxed:
         return stage
-    free, u, angles = (stage.beta, stage.gamma), record.u, (record.beta, record.gamma)
-    if any(
-        fit.axis.order == 0 or fit.axis.order != old.order for fit, old in zip(free, (was.beta, was.gamma), strict=True)
-    ):
+    free, olds, u, angles = (stage.beta, stage.gamma), (was.beta, was.gamma), record.u, (record.beta, record.gamma)
+    if any(fit.axis.order == 0 or fit.axis.order != old.order for fit, old in zip(free, olds, strict=True)):
         return stage
 
-    def fitted(*names: str) -> list[StageFit]:
-        out = []
-        for i, (fit, old) in enumerate(zip(free, (was.beta, was.gamma), strict=True)):
-            near = replace(
-                fit.axis, **{key: getattr(old, key) for key in ("natural_frequency", "damping", "dead_time")}
-            )
-            only = ("gain", "offset", *(name for name in names if name != "damping" or near.order == 2))
+    def fitted(names: tuple[str, ...]) -> list[StageFit]:
+        keys, out = {key for name in names for key in NUMBERS_OF[name]}, []
+        for i, (fit, old) in enumerate(zip(free, olds, strict=True)):
+            moved = {key: getattr(fit.axis, key) for key in keys}
+            near = replace(old, coupling=fit.axis.coupling, offset=fit.axis.offset, gain=fit.axis.gain, **moved)
+            only = ("gain", "offset", *(key for key in sorted(keys) if key in free_numbers(near)))
             reaching = u[:, i] + fit.axis.coupling * u[:, 1 - i]
             out.append(fit_axis(reaching, angles[i], record.dt, record.begins.astype(float), near, only=only))
         return out
@@ -163,17 +166,30 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
     def unexplained(fits: list[StageFit]) -> bool:
         return any(one.rms > DIFFERENT * max(fit.rms, fit.noise) for one, fit in zip(fits, free, strict=True))
 
-    if not unexplained(fitted()):
+    names, fits = (), fitted(())
+    ways = [name for name, keys in NUMBERS_OF.items() if any(_differ(stage, was, key) for key in keys)]
+    while unexplained(fits):
+        tried = {name: fitted((*names, name)) for name in ways if name not in names}
+        if not tried or len(names) == MOST_CHANGES:
+            return stage
+        name, fits = min(tried.items(), key=lambda way: math.hypot(*(fit.rms for fit in way[1])))
+        names = (*names, name)
+    if not names and all(
+        math.isfinite(fit.axis.rate_limit) == math.isfinite(old.rate_limit) for fit, old in zip(free, olds, strict=True)
+    ):
         return stage
-    ways = {rig.servo_lag.name: fitted("natural_frequency", "damping"), rig.command_delay.name: fitted("dead_time")}
-    name, best = min(ways.items(), key=lambda way: math.hypot(*(fit.rms for fit in way[1])))
-    if unexplained(best):
-        return replace(stage, differs=frozenset(ways))
     beta, gamma = (
         replace(one, axis=replace(one.axis, stderr={**fit.axis.stderr, **one.axis.stderr}))
-        for one, fit in zip(best, free, strict=True)
+        for one, fit in zip(fits, free, strict=True)
     )
-    return replace(stage, beta=beta, gamma=gamma, differs=frozenset((name,)))
+    return replace(stage, beta=beta, gamma=gamma, differs=frozenset(names))
+
+
+def _differ(stage: Stage, was: StageModel, key: str) -> bool:
+    """Whether a number of an axis differs at all from the known one."""
+    return any(
+        getattr(now, key) != getattr(old, key) for now, old in zip(stage.axes, (was.beta, was.gamma), strict=True)
+    )
 
 
 def moved_by(stage: Stage | None, known: Known) -> StageModel | None:

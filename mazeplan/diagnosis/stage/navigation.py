@@ -8,6 +8,7 @@ navigation showed (simulated, rigs `toy` and `rough`).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mazeplan.diagnosis.effect_entry import Entry, values_of
 from mazeplan.diagnosis.record import RingRecord
@@ -23,6 +24,7 @@ from mazeplan.diagnosis.stage.comparison import (
 from mazeplan.diagnosis.stage.held_out import nearer_by_coupling, nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.physics.effects import rig
+from mazeplan.physics.rig.stage import StageAxis
 
 BETTER = 2.0  # standard errors by which held-out blocks of measured tilt have to be predicted better
 GAIN_ERROR, COUPLING_ERROR = 0.015, 0.01  # standard errors that overtaxed servos cause
@@ -75,9 +77,14 @@ def servos_look_changed(stage: Stage, known: Known) -> list[str]:
         if now.order == old.order and now.natural_frequency < SLOWER * old.natural_frequency
     ]  # fmt: skip
     # a first-order lag with a dead time looks like a second-order servo: their sum counts
-    later = min(now.dead_time + now.lag - old.dead_time - old.lag for _, now, old in axes)
+    later = min(_linear_lag(now) - _linear_lag(old) for _, now, old in axes)
     words += [f"the servo of {axis} is slower" for axis in slower]
     return [*words, "the plate follows commands later"] if later > LATER else words
+
+
+def _linear_lag(axis: StageAxis) -> float:
+    """Dead time and lag of an axis, s, without a limited rate: commands that overtax servos look like one."""
+    return axis.dead_time + replace(axis, rate_limit=math.inf).lag
 
 
 def _loose(stage: Stage, axis: str) -> float:

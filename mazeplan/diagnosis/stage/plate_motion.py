@@ -111,13 +111,13 @@ class Stage:
 def fit_stage(record: RingRecord, rows: np.ndarray, kind: StageModel = USUAL) -> Stage | None:
     """The stage, fitted to some rows (N,). None without commands, or if the commands never change.
 
-    kind: a stage whose axes have the same orders"""
+    kind: a stage whose axes have the same orders, and limited rates if these are fitted in any case"""
     if record.u is None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
     try:
-        orders, begins = (kind.beta.order, kind.gamma.order), record.begins & rows
-        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, begins, rows, orders[i]) for i in (0, 1)]
+        kinds, begins = (kind.beta, kind.gamma), record.begins & rows
+        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, begins, rows, kinds[i]) for i in (0, 1)]
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
@@ -149,7 +149,7 @@ def _with_coupling(
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
     begins = record.begins & rows
-    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, begins, rows, axis.order)
+    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, begins, rows, axis)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 

@@ -24,6 +24,7 @@ _GAIN = Parameter("1", 1.0, 0.1, 10.0, smallest=0.01, step=1e-4)
 _FREQUENCY = Parameter("rad/s", 26.0, 0.5, 240.0, smallest=2.0)
 _DAMPING = Parameter("1", 0.9, 0.05, 7.0, smallest=0.1)
 _SHARE = Parameter("1", 0.0, -0.5, 0.5, smallest=0.01)
+_RATE = Parameter("rad/s", 50.0, 0.05, 50.0, smallest=0.05)
 _PLAY = Parameter("rad", 0.0, 0.0, 0.2, smallest=2e-3)
 _BAND = Parameter("rad", 0.0, 0.0, 0.2, smallest=1e-3)
 _SCALE = Parameter("1", 1.0, 0.3, 3.0, smallest=0.012, step=1e-4, prior=CALIBRATED)
@@ -41,6 +42,10 @@ servo_lag = _part(
         for axis in ("beta", "gamma") for key, p in (("natural_frequency", _FREQUENCY), ("damping", _DAMPING))
     },
     "how fast each servo follows its command", source="second-order servo",
+)  # fmt: skip
+rate_limit = _part(
+    "rate_limit", STAGE, {axis: (_RATE, f"stage.{axis}.rate_limit") for axis in ("beta", "gamma")},
+    "fastest turn of the plate", source="saturation",
 )  # fmt: skip
 axis_coupling = _part(
     "axis_coupling", STAGE,
@@ -102,6 +107,6 @@ sensor_delay = _part(
 )  # fmt: skip
 
 FAMILY = (
-    servo_gain, servo_lag, axis_coupling, command_delay, deadband, backlash, tilt_gain, axis_misalignment,
+    servo_gain, servo_lag, rate_limit, axis_coupling, command_delay, deadband, backlash, tilt_gain, axis_misalignment,
     camera_offset, camera_scale, lens_distortion, sensor_delay,
 )  # fmt: skip

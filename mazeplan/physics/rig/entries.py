@@ -83,7 +83,7 @@ def declared_parts(model: RigNumbers) -> dict[str, dict[str, float]]:
 
 def part_values(model: RigNumbers, effect: Effect) -> dict[str, float]:
     """Values of the parameters of an effect in a model."""
-    return {name: _read(model, place) for name, place in effect.entry.items()}
+    return {name: min(_read(model, place), effect.parameters[name].high) for name, place in effect.entry.items()}
 
 
 def part_stderr(model: RigNumbers, effect: Effect) -> dict[str, float]:

@@ -5,7 +5,8 @@
     2  as a second-order servo:     angle_dd = w^2 (r - angle) - 2 zeta w angle_d        (zeta may exceed 1)
 
 with r = gain u(t - dead_time) + offset and w = natural_frequency. |angle_d| is at most `rate_limit`. Before that, the
-command is rounded to `resolution`, ignored inside the dead band, and passes gears with backlash. `stage_simulation`
+command is rounded to `resolution`, ignored inside the dead band, and passes gears with backlash. `behind`: these gears
+are between servo and plate instead, so that the plate follows the angle of the servo with backlash. `stage_simulation`
 simulates an axis.
 """
 
@@ -37,7 +38,8 @@ class StageAxis:
     dead_time:         s
     offset:            rad
     stderr:            standard errors by field
-    backlash:          play between servo and plate, rad
+    backlash:          play of the gears, rad
+    behind:            whether the gears are behind the lag
     deadband:          smallest change of command with an effect, rad
     coupling:          share of the other axis's command
     order:             0, 1 or 2
@@ -57,6 +59,7 @@ class StageAxis:
     order: int = 2
     rate_limit: float = math.inf
     resolution: float = 0.0
+    behind: bool = False
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2):

@@ -15,6 +15,7 @@ from mazeplan.physics.rig.stage import REACHED_S, StageAxis
 
 START = np.zeros(1, dtype=np.int64)  # one stretch, from the first sample on
 SUBSTEP = 1.0 / 480.0  # s, largest step with a limited rate
+TURNS = 4  # moments of a sample at which gears behind the lag may turn
 
 
 def apply_backlash(u: Array, backlash: float, start: float | None = None) -> Array:
@@ -53,10 +54,10 @@ def _obeyed(u, deadband):
 
 
 def actuator_output(u: Array, axis: StageAxis) -> Array:
-    """Output (N,) of the servo's steps, deadband and gears for commands u (N,)."""
+    """Output (N,) of what acts in front of the lag, steps, deadband and gears, for commands u (N,)."""
     if axis.resolution:
         u = np.round(u / axis.resolution) * axis.resolution
-    return apply_backlash(apply_deadband(u, axis.deadband), axis.backlash)
+    return apply_backlash(apply_deadband(u, axis.deadband), 0.0 if axis.behind else axis.backlash)
 
 
 def step_response(axis: StageAxis, t: Array) -> Array:
@@ -84,10 +85,13 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float, firsts: IntArray = START
 
     firsts: indices (K,) at which a stretch begins, ascending from 0
 
-    In each stretch the axis starts at rest at the target of the first command. Without a limited rate, the response to
+    In each stretch the axis starts at rest at the target of the first command, in the middle of its gears. Without a
+    limited rate and gears behind the lag, the response to
     each change of the command is known in closed form. The sum over the changes is a convolution, cut where the
     response has settled to 2e-9. A coarser cut would cause steps in the derivatives of a fit."""
     u = np.ascontiguousarray(u)
+    if axis.behind and axis.backlash:
+        return fine_motion(axis, u, dt, TURNS, firsts)[::TURNS, 0]
     if math.isfinite(axis.rate_limit):
         return fine_motion(axis, u, dt, 1, firsts)[:, 0]
     settle = max(0.5, 20.0 / axis.slowest())
@@ -110,7 +114,22 @@ def fine_motion(axis: StageAxis, u: Array, dt: float, per: int, firsts: IntArray
     rest = axis.dead_time - late * h  # of the dead time, s: less than a step, by interpolation
     out = np.empty((len(u) * per, 3))
     _march(target, M, axis.order, numbers, late, rest, h, per * parts, parts, firsts, out)
+    if axis.behind and axis.backlash:
+        _with_play(out, 0.5 * axis.backlash, firsts * per)
     return out
+
+
+@njit(**KERNEL)
+def _with_play(motion, half, firsts):
+    """Motion (M, 3) of servos -> that of the plate behind gears: it stands while the servo turns in the play."""
+    for j in range(len(firsts)):
+        at = motion[firsts[j], 0]
+        for i in range(firsts[j], firsts[j + 1] if j + 1 < len(firsts) else len(motion)):
+            row = motion[i]
+            new = min(max(at, row[0] - half), row[0] + half)
+            if new == at:
+                row[1] = row[2] = 0.0
+            at = row[0] = new
 
 
 @njit(**KERNEL)
