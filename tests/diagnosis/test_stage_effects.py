@@ -112,6 +112,35 @@ def test_the_motion_tells_what_numbers_that_stand_in_for_each_other_hide(pole, d
     assert [effect["name"] for effect in stage_effects(stage, known)] == names
 
 
+HOBBY = StageAxis(1.0, 35.0, 1.0, order=1, backlash=0.004, behind=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({}, []), ({"backlash": 0.014}, ["backlash"]), ({"rate_limit": 0.4}, ["rate_limit"]),
+        ({"natural_frequency": 22.0}, ["servo_lag"]), ({"dead_time": 0.03}, ["command_delay"]),
+    ],
+)  # fmt: skip
+def test_one_change_of_a_servo_with_gears_behind_its_lag_is_named_alone(changes, names):
+    rows, begins, u = np.ones(3000, dtype=bool), np.arange(3000) == 0, jumps(4, 3000)
+    rng = np.random.default_rng(4)
+
+    def record(axis: StageAxis) -> Any:
+        tilts = [simulate_axis(axis, u[:, i], DT) + 5e-4 * rng.standard_normal(3000) for i in (0, 1)]
+        return SimpleNamespace(u=u, beta=tilts[0], gamma=tilts[1], dt=DT, begins=begins)
+
+    was = fit_stage(record(HOBBY), rows, StageModel(HOBBY, HOBBY))
+    assert was is not None
+    known = Known.of_model(RigModel(StageModel(*was.axes), {1: BallModel(())}, kind="pi"))
+    now = record(replace(HOBBY, **changes))
+    stage = settled_on(fit_stage(now, rows, known.kind), now, known)
+    (*entries,) = stage_effects(stage, known)
+    assert [entry["name"] for entry in entries] == names
+    for key, value in changes.items():
+        assert getattr(stage.beta.axis, key) == pytest.approx(value, rel=0.03)
+
+
 @pytest.mark.parametrize(("fits", "said"), [({"stage": 1.5, "ball": 1.0}, True), ({"stage": 1.2}, False), ({}, False)])
 def test_whether_the_stage_fits_is_said_of_the_reference(fits, said):
     model = RigModel(StageModel(AXIS, AXIS), {1: BallModel(())}, kind="pi", scores={"fits": fits})

@@ -39,7 +39,10 @@ def test_round_trip(tmp_path):
     assert load_model(tmp_path / "m" / "model.yaml") == MODEL
 
 
-ROUGH = StageAxis(1.0, 12.0, 1.0, 0.03, order=1, rate_limit=0.8, resolution=0.002, stderr={"natural_frequency": 0.5})
+ROUGH = StageAxis(
+    1.0, 12.0, 1.0, 0.03, order=1, rate_limit=0.8, resolution=0.002, backlash=0.004, behind=True,
+    stderr={"natural_frequency": 0.5},
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("axis", [*KINDS.values(), ROUGH], ids=[*KINDS, "first order, limited, with steps"])

@@ -124,7 +124,12 @@ def test_an_axis_beyond_the_grid_is_found():
 
 
 PLAY = replace(KINDS["first order"], backlash=0.15 * DEGREE)
-TOLD = {**{name: (axis, 0.0) for name, axis in KINDS.items()}, "backlash": (PLAY, 0.1 * DEGREE)}  # and its resolution
+BEHIND = replace(KINDS["springy"], backlash=0.3 * DEGREE, behind=True)
+BOTH = replace(KINDS["first order"], backlash=0.3 * DEGREE, behind=True, rate_limit=0.4)
+TOLD = {  # and its resolution
+    **{name: (axis, 0.0) for name, axis in KINDS.items()}, "backlash": (PLAY, 0.1 * DEGREE),
+    "gears behind the lag": (BEHIND, 0.0), "limited rate and gears": (BOTH, 0.0),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("noise", [0.0, NOISE])
@@ -137,7 +142,7 @@ def test_the_kind_of_an_axis_is_found_with_its_numbers(name, noise):
     axis = fit.axis
     assert axis.order == true.order
     assert math.isfinite(axis.rate_limit) == math.isfinite(true.rate_limit)
-    assert (axis.backlash > 0.0, axis.resolution) == (true.backlash > 0.0, 0.0)
+    assert (axis.backlash > 0.0, axis.behind, axis.resolution) == (true.backlash > 0.0, true.behind, 0.0)
     for parameter, stderr in axis.stderr.items():
         value, (low, high) = getattr(axis, parameter), LIMITS[parameter]
         assert abs(value - getattr(true, parameter)) < 4.0 * stderr, parameter

@@ -61,6 +61,22 @@ def test_a_limited_rate_makes_a_step_take_its_time(order):
     np.testing.assert_allclose(simulate_axis(axis, u, DT), motion[::PER, 0], atol=1e-6)
 
 
+@pytest.mark.parametrize("name", FREE)
+def test_gears_behind_the_lag_hold_the_plate_while_the_servo_turns_in_them(name):
+    """The plate is pushed by whichever end of the play the servo is at, and stands in between."""
+    axis = replace(FREE[name], backlash=0.02, behind=True)
+    u = jumps(3, 90)[:, 0]
+    servo, plate = (fine_motion(one, u, DT, PER) for one in (replace(axis, backlash=0.0), axis))
+    at = servo[0, 0]
+    for i, angle in enumerate(servo[:, 0]):
+        at = angle + 0.01 if at > angle + 0.01 else angle - 0.01 if at < angle - 0.01 else at
+        assert plate[i, 0] == pytest.approx(at, abs=1e-12)
+    moves = np.flatnonzero(np.diff(plate[:, 0])) + 1
+    np.testing.assert_allclose(plate[moves, 1:], servo[moves, 1:])
+    assert not np.any(np.delete(plate[:, 1:], moves, axis=0))
+    assert np.abs(simulate_axis(axis, u, DT) - plate[::PER, 0]).max() < 2e-3
+
+
 @pytest.mark.parametrize("axis", [*KINDS.values(), StageAxis(1.0, 20.0, 1.6, rate_limit=0.8)], ids=str)
 def test_the_filter_of_the_plate_steps_as_the_simulation_does(axis):
     axis, u = replace(axis, dead_time=0.0), jumps(2, 60)[:, 0]
