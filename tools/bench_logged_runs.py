@@ -35,8 +35,8 @@ def verdict(kind: str | None, runs: int, first: int) -> RigVerdict:
             write_hidden_rig(Path(rig), kind, maze)
         logs = [Path(folder) / f"{i}.mcap" for i in range(runs)]
         for i, log in enumerate(logs):
-            seed = first + i
-            mazeplan.navigate(1, rig=rig, model="toy", seed=seed, start_angle_deg=25 * i % 360, log=log, settings=PATIENT)
+            angle = 25 * i % 360
+            mazeplan.navigate(1, rig=rig, model="toy", seed=first + i, start_angle_deg=angle, log=log, settings=PATIENT)
         table = join([read_table(log) for log in logs])
     return verdict_on(table, maze, known_reference("toy", model, maze))
 

@@ -5,9 +5,10 @@ the folder that MAZEPLAN_RIGS names. Each gets 300 s of `collect --rings --place
 same starts and seeds without a model and with the model just learned. Alone, for a look at some rigs:
 
     python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [--logs N]
-        [--seconds S] [RIG ...]
+        [--seconds S] [--truth] [RIG ...]
 
-RIG: MODULE:CLASS
+RIG: MODULE:CLASS. --truth: drawn rigs run without a model, with the model just learned, with the true numbers of
+the rig, and with these and perfect sensors.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -35,19 +37,75 @@ FIRST = 8000  # seed of the first drawn rig of the table; none of these had a pa
 SIGMAS = 3.0  # standard errors of a difference of mean times from which learning made a rig slower
 
 
-def make(name: str, maze: Any) -> Any:
-    """The rig MODULE:CLASS, or `drawn SEED`."""
+PERFECT = {"noise_mm": 0.0, "pixel_mm": 0.0, "late_ms": 0.0, "lost": 0.0, "turned_deg": 0.0, "measured": True,
+           "tilt_noise_deg": 0.0, "tilt_step_deg": 0.0, "tilt_late_ms": 0.0}  # fmt: skip
+
+
+def make(name: str, maze: Any, more: dict[str, Any] | None = None) -> Any:
+    """The rig MODULE:CLASS, or `drawn SEED`. more: settings that differ"""
     strange = importlib.import_module("strange_rigs")
     if name.startswith("drawn "):
-        return strange.StrangeRig(maze, strange.drawn(int(name.split()[1])))
+        return strange.StrangeRig(maze, strange.drawn(int(name.split()[1])) | (more or {}))
     module, _, cls = name.partition(":")
     return getattr(importlib.import_module(module), cls)(maze, {})
 
 
-def trial(name: str, runs: int, seed: int, seconds: float = SECONDS) -> dict[str, Any]:
+def true_model(s: dict[str, Any], maze: Any) -> Any:
+    """The model with the numbers of a strange rig (settings s), as far as a model has them."""
+    from mazeplan.control.estimation.rigid_body_filter import BodyModel
+    from mazeplan.control.estimation.rigid_body_parameters import with_body, with_values
+    from mazeplan.learning.rig_model import RigModel
+    from mazeplan.physics.ball_model import BallModel
+    from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+    from mazeplan.physics.rig.stage import StageAxis, StageModel
+
+    tilt_late = s["tilt_late_ms"] if s["measured"] else 0.0
+    late = 1e-3 * (tilt_late + (s["servo_ms"] if s["servo"] != "none" else 0.0))  # the model has measured tilts
+    w = 2.0 * math.pi * s["servo_hz"]
+    axis = {
+        "first": StageAxis(1.0, w, 1.0, late, order=1),
+        "rate": StageAxis(1.0, w, 1.0, late, order=1),
+        "second": StageAxis(1.0, w, s["damping"], late),
+    }.get(s["servo"], StageAxis.prompt(dead_time=late))
+    limit, step = math.radians(s["slew_deg_s"]) or math.inf, math.radians(s["step_deg"])
+    axis = replace(axis, rate_limit=limit, resolution=step, behind=True)
+    stage = StageModel(*(replace(axis, backlash=math.radians(s[f"play_{name}_deg"])) for name in ("beta", "gamma")))
+    lean = {"beta": math.radians(s["lean_x_deg"]), "gamma": math.radians(s["lean_y_deg"])}
+    balls = {
+        ring.number: BallModel((
+            rolling_inertia(s["share"]), viscous_friction(s["viscous"]), tilt_offset(**lean),
+            dry_friction(s["mu"] / max(ring.track_radius, 0.5 * ring.outer_radius)),
+        )) for ring in maze.rings
+    }  # fmt: skip
+    delay = 1e-3 * (s["late_ms"] - tilt_late)
+    model = RigModel(stage, balls, max(delay, -stage.dead_time), 1e-4, "pi", s["rate_hz"])
+    noise = 1e-3 * math.hypot(s["noise_mm"], s["pixel_mm"] / math.sqrt(12.0))
+    ball = with_values(BodyModel(), {
+        "inertia": max(1.0 / s["share"] - 1.0, 0.05), "rolling": s["mu"] / s["share"],
+        "viscous": s["viscous"] / s["share"], "wall": s["wall_mu"], "restitution": 0.4 if s["soft"] else s["rest"],
+        "hold": 0.01, "spin": 2.0, "tilt_beta": lean["beta"], "tilt_gamma": lean["gamma"],
+        "delay": model.camera_delay, "noise": max(noise, 5e-5), "plane": 1e-5 + 0.05 * s["heavy"] ** 2,
+    })  # fmt: skip
+    return with_body(model, ball, {})
+
+
+def against_truth(name: str, model: Any, maze: Any, runs: int) -> dict[str, Any]:
+    """Runs of a drawn rig: without a model, learned, with the true model, and with that and perfect sensors."""
+    from mazeplan.learning.rig_model import RigModel
+
+    strange = importlib.import_module("strange_rigs")
+    s = strange.USUAL | strange.drawn(int(name.split()[1]))
+    seen, textbook = true_model(s | PERFECT, maze), RigModel.nominal(maze)
+    models = {"before": textbook, "after": model, "true": true_model(s, maze)}
+    out = {word: summary(drive(name, one, maze, runs)) for word, one in models.items()}
+    return out | {"perfect": summary(drive(name, seen, maze, runs, more=PERFECT))}
+
+
+def trial(name: str, runs: int, seed: int, seconds: float = SECONDS, truth: bool = False) -> dict[str, Any]:
     """What one rig showed.
 
-    runs: with and without the model; 0: only what `learn` writes"""
+    runs: with and without the model; 0: only what `learn` writes
+    truth: beside the true model, too (`against_truth`)"""
     from mazeplan.core.errors import MazeplanError
     from mazeplan.core.logs.table import read_table
     from mazeplan.diagnosis.rig.reference_file import load_reference, save_reference
@@ -76,20 +134,22 @@ def trial(name: str, runs: int, seed: int, seconds: float = SECONDS) -> dict[str
     out |= {"fits": done.fits(), "judged": done.judgement.document(), "delay_s": round(model.camera_delay, 4)}
     axes = model.stage.beta, model.stage.gamma
     out["stage"] = [(a.order, round(a.natural_frequency, 1), round(a.dead_time, 4)) for a in axes]
+    if truth:
+        return out | against_truth(name, model, maze, runs)
     for word, one in (("before", RigModel.nominal(maze)), ("after", model)) if runs else ():
         out[word] = summary(drive(name, one, maze, runs))
     return out
 
 
-def drive(name: str, model: Any, maze: Any, runs: int, seed: int = 0) -> list[Any]:
-    """Runs with the starts and seeds of `evaluate`."""
+def drive(name: str, model: Any, maze: Any, runs: int, seed: int = 0, more: dict[str, Any] | None = None) -> list[Any]:
+    """Runs with the starts and seeds of `evaluate`. more: settings of the rig"""
     from mazeplan.run.campaign.one_run import start_angle
     from mazeplan.run.execution import run_job
     from mazeplan.run.settings import load_settings
     from mazeplan.run.specification import Job, Setup
 
     setup = Setup(maze, model, "navigate", name, settings=load_settings())
-    return [run_job(make(name, maze), setup, Job(1, 5, start_angle(i), seed + i, 20.0)) for i in range(runs)]
+    return [run_job(make(name, maze, more), setup, Job(1, 5, start_angle(i), seed + i, 20.0)) for i in range(runs)]
 
 
 def summary(done: Sequence[Any]) -> dict[str, Any]:
@@ -186,6 +246,22 @@ def drawn_section(quick: bool) -> Section:
     return Section("Learning on rigs drawn at random (simulated)", notes, (table,))
 
 
+def beside_truth(rows: Sequence[dict[str, Any]]) -> str:
+    """How many runs arrive, and mean times: of all rigs, and of those on which all runs of all kinds arrive."""
+    kinds = ("before", "after", "true", "perfect")
+    good = [row for row in rows if "error" not in row]
+    runs = sum(row["after"]["runs"] for row in good)
+    whole = [row for row in good if all(row[kind]["success"] == row[kind]["runs"] for kind in kinds)]
+    arrive = ", ".join(f"{kind} {sum(row[kind]['success'] for row in good)}" for kind in kinds)
+    times = {kind: float(np.mean([row[kind]["mean"] for row in whole if row[kind]["mean"]])) for kind in kinds}
+    ratio = float(np.mean([row["after"]["mean"] for row in whole])) / times["true"]
+    return (
+        f"{len(rows)} rigs, {len(rows) - len(good)} not learned, {runs} runs: {arrive} arrive; "
+        f"{len(whole)} rigs on which all do: {', '.join(f'{kind} {t:.3f} s' for kind, t in times.items())}; "
+        f"learned over true {ratio:.3f}"
+    )
+
+
 def listed(names: Sequence[str]) -> str:
     """How many, and which."""
     return f"{len(names)}{f' ({names[0]} ...)' if names else ''}"
@@ -217,10 +293,15 @@ def main() -> None:
     p.add_argument("--seed", type=int, default=0, help="of the records")
     p.add_argument("--logs", type=int, default=1, help="records of each rig, with this seed and the next ones")
     p.add_argument("--seconds", type=float, default=SECONDS, help="of each record")
+    p.add_argument("--truth", action="store_true", help="beside the true model")
     p.add_argument("rigs", nargs="*")
     o = p.parse_args()
     names = [*o.rigs, *(f"drawn {o.first + i}" for i in range(o.drawn))]
-    rows = measured([(name, o.runs, o.seed + i, o.seconds) for name in names for i in range(o.logs)], o.workers)
+    tasks = [(name, o.runs, o.seed + i, o.seconds, o.truth) for name in names for i in range(o.logs)]
+    rows = measured(tasks, o.workers)
+    if o.truth:
+        print(beside_truth(rows))
+        return
     good = [row for row in rows if "after" in row]
     after, before = (sum(row[when]["success"] == o.runs for row in good) for when in ("after", "before"))
     bad, failed = [row["rig"] for row in good if slower(row)], [row["rig"] for row in rows if "error" in row]
