@@ -231,7 +231,8 @@ def _level(trial: RigTrial) -> str | None:
     samples = [trial.observe() for _ in range(max(2, round((SETTLE_S + 0.4) / trial.dt)))]
     late = samples[-max(2, round(0.4 / trial.dt)) :]
     worst = max(abs(float(np.mean([getattr(o, axis) for o in late]))) for axis in ("beta", "gamma"))
-    return None if not worst >= SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"
+    hint = "if it looks level, set the tilt sensor to zero"
+    return None if not worst >= SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg: {hint}"
 
 
 def _refuses(trial: RigTrial, value: float) -> str | None:
