@@ -37,6 +37,7 @@ SETTLE_TIMES = 3.5  # time constants of the slowest pole left out there (3 % rem
 BLOCK_S, HELD_OUT = 10.0, 4  # s of a block; every how many-th block is held out
 CLEAR, TIMES = 15.0, 2.5  # minimum gain of -2 log L on held-out blocks, and in its standard errors; or CLEAR in each
 PLAYS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064)  # rad, backlash tried
+LIKELY = 2  # number of these at which fits start
 SEEN = (0.0, 1.5, 1.2)  # fastest pole that samples usually show, times their rate, by order
 DETERMINED = 0.5  # maximum standard error of a frequency, a damping or a rate limit, as a share of it
 CORRELATED_S, STEADY_S = 1.0, 0.3  # s; residuals are alike over this time at most; what the floor stands for is
@@ -248,9 +249,11 @@ class _Data:
 
     def with_play(self, axis: StageAxis, behind: tuple[bool, ...] = (False, True)) -> StageAxis:
         """The axis with the backlash that fits best, in front of its lag or behind."""
-        few = self.few()
-        plays = [self.fit(replace(axis, backlash=b, behind=at), few) for at, b in itertools.product(behind, PLAYS)]
-        return self.fit(min(plays, key=lambda one: self.rms(one, few)), self.fitted)
+        few, fits = self.few(), []
+        for at in behind:
+            loose = [replace(axis, backlash=b, behind=at) for b in PLAYS]
+            fits += [self.fit(one, few) for one in sorted(loose, key=lambda one: self.rms(one, few))[:LIKELY]]
+        return self.fit(min(fits, key=lambda one: self.rms(one, few)), self.fitted)
 
     def _stderr(
         self, axis: StageAxis, names: tuple[str, ...], jac: Array, e: Array, rows: np.ndarray
