@@ -56,7 +56,13 @@ def true_model(s: dict[str, Any], maze: Any) -> Any:
     from mazeplan.control.estimation.rigid_body_parameters import with_body, with_values
     from mazeplan.learning.rig_model import RigModel
     from mazeplan.physics.ball_model import BallModel
-    from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+    from mazeplan.physics.effects.ball import (
+        dry_friction,
+        rolling_inertia,
+        tilt_offset,
+        viscous_friction,
+        wall_friction,
+    )
     from mazeplan.physics.rig.stage import StageAxis, StageModel
 
     tilt_late = s["tilt_late_ms"] if s["measured"] else 0.0
@@ -74,7 +80,7 @@ def true_model(s: dict[str, Any], maze: Any) -> Any:
     balls = {
         ring.number: BallModel((
             rolling_inertia(s["share"]), viscous_friction(s["viscous"]), tilt_offset(**lean),
-            dry_friction(s["mu"] / max(ring.track_radius, 0.5 * ring.outer_radius)),
+            dry_friction(s["mu"] / max(ring.track_radius, 0.5 * ring.outer_radius)), wall_friction(s["wall_mu"]),
         )) for ring in maze.rings
     }  # fmt: skip
     delay = 1e-3 * (s["late_ms"] - tilt_late)
