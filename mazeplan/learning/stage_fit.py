@@ -39,6 +39,8 @@ CLEAR, TIMES = 15.0, 2.5  # minimum gain of -2 log L on held-out blocks, and in 
 PLAYS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064)  # rad, backlash tried
 LIKELY = 2  # number of these at which fits start
 SEEN = (0.0, 1.5, 1.2)  # fastest pole that samples usually show, times their rate, by order
+LAG, FASTEST = 3, 0.995  # samples; quantile of rates that counts as the fastest turn
+REACHED = 1.1  # times the fastest turn of a record: it does not show a limit beyond
 DETERMINED = 0.5  # maximum standard error of a frequency, a damping or a rate limit, as a share of it
 CORRELATED_S, STEADY_S = 1.0, 0.3  # s; residuals are alike over this time at most; what the floor stands for is
 FREE = (
@@ -80,6 +82,11 @@ def resolution_of(angle: Array) -> float:
     if len(values) < 2 or len(values) > len(angle) / 4:
         return 0.0
     return float(np.median(np.diff(values)))
+
+
+def fastest_turn(angle: Array, dt: float) -> float:
+    """A rate that angles (N,), rad, hardly exceed, rad/s: over LAG samples, because noise seems fast."""
+    return float(np.nanquantile(np.abs(angle[LAG:] - angle[:-LAG]) / (LAG * dt), FASTEST))
 
 
 def fit_axis(
@@ -217,8 +224,7 @@ class _Data:
 
     def fastest_rate(self) -> float:
         """A rate that the plate hardly exceeds, rad/s."""
-        rate = np.abs(np.diff(self.angle)) / self.dt
-        return float(np.clip(np.nanquantile(rate[self.used[1:]], 0.98), *LIMITS["rate_limit"]))
+        return float(np.clip(fastest_turn(np.where(self.used, self.angle, math.nan), self.dt), *LIMITS["rate_limit"]))
 
     def fit(self, start: StageAxis, rows: np.ndarray, only: tuple[str, ...] | None = None) -> StageAxis:
         """The axis of the same kind that fits some rows best, with standard errors."""
@@ -283,6 +289,8 @@ class _Data:
             value, (low, high) = getattr(axis, name), LIMITS[name]
             if name in LOGARITHMIC:
                 if not 1.01 * low < value < 0.99 * high or axis.stderr[name] > DETERMINED * value:
+                    return False
+                if name == "rate_limit" and value > REACHED * self.fastest_rate():
                     return False
             elif name == "backlash" and not value > 2.0 * axis.stderr[name]:
                 return False

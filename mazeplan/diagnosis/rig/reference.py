@@ -92,7 +92,7 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     known = Known({}, {})
     if stage is not None:
         known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
-        known = replace(known, times_noise=max(stage.beta.times_noise, stage.gamma.times_noise))
+        known = replace(known, times_noise=max(stage.beta.times_noise, stage.gamma.times_noise)).seen_in(table)
     return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
 
 

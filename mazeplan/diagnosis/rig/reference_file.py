@@ -156,7 +156,7 @@ def _kept_record(document: Mapping[str, Any], path: Path, model: RigModel) -> tu
             table = Table({name: file[name] for name in KEPT}, {"file": RECORD}, str(path.parent / RECORD))
     except (TypeError, ValueError, KeyError, OSError, BadZipFile) as problem:
         raise ModelError(str(problem), file=path, key="stage") from None
-    return table, Known.of_model(replace(model, stage=stage))
+    return table, Known.of_model(replace(model, stage=stage)).seen_in(table)
 
 
 def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:

@@ -163,10 +163,15 @@ def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
 def errors_by_ring(
     body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
 ) -> dict[int, RingError]:
-    """Mean of the last of the errors (AHEAD, W), by the ring of the start, for rings with FEWEST starts or more."""
-    r, last = np.hypot(*filtered.state[starts, :2].T), errors[-1]
+    """Mean of the last of the errors (AHEAD, W), by ring, for rings with FEWEST roll-outs or more.
+
+    A ball that has left its ring by then does not count: whether it passes an opening depends on tenths of a mm."""
+    r, then = (np.hypot(*filtered.state[rows, :2].T) for rows in (starts, starts + AHEAD))
+    last = errors[-1]
     block = starts // round(BLOCK_S / body.pictures.dt)
-    here = {ring.number: (r > ring.inner_radius) & (r < ring.outer_radius) & np.isfinite(last) for ring in maze.rings}
+    within = {ring.number: (ring.inner_radius, ring.outer_radius) for ring in maze.rings}
+    here = {n: (np.minimum(r, then) > low) & (np.maximum(r, then) < high) for n, (low, high) in within.items()}
+    here = {number: rows & np.isfinite(last) for number, rows in here.items()}
     return {number: _ring_error(last[rows], block[rows]) for number, rows in here.items() if rows.sum() >= FEWEST}
 
 

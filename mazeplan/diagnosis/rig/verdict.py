@@ -86,7 +86,9 @@ def verdict_on(
     else:
         record = whole_record(table)
         kind = was.stage.kind if was.body.start is None else kind_of(table)
-        stage = settled_on(fit_stage(record, np.ones(len(record), dtype=bool), kind), record, was.stage)
+        stage = fit_stage(record, np.ones(len(record), dtype=bool), kind)
+        was = replace(was, stage=was.stage.beside(stage))
+        stage = settled_on(stage, record, was.stage)
         moves = moved_by(stage, was.stage)
     overtaxed = stage is not None and stage.servos_overtaxed
     body = filter_of(table, record, maze, moves)

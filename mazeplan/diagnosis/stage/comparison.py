@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.stage_fit import StageFit, fit_axis, free_numbers
+from mazeplan.learning.stage_fit import StageFit, fastest_turn, fit_axis, free_numbers
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.entries import declared_parts, part_stderr
@@ -26,6 +27,7 @@ PLAY_ERROR = 1e-4  # rad; error of play, in addition to that of the fit
 ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts only above this share of the larger one
 DIFFERENT = 1.5  # residual of a known axis over that of a free fit from which its lag or dead time changed: on one
 # rig (dead time, limited rate, coarse tilt) it is 1.0 to 1.1 in healthy records, 2 to 3 with 20 instead of 35 rad/s
+SLOW_TURN = 0.9  # of the fastest turn of a reference: a limit below this would have shown there
 MOST_CHANGES = 2  # of effects of the stage that explain a record together
 NUMBERS_OF = {  # the numbers of an axis that belong to an effect
     rig.servo_lag.name: ("natural_frequency", "damping"), rig.command_delay.name: ("dead_time",),
@@ -43,12 +45,14 @@ COMPARED_EFFECTS = (rig.servo_lag, rig.rate_limit, rig.axis_coupling, rig.comman
 class Known:
     """The stage of the model: values of its effects, standard errors if known, and the kind of its axes.
 
-    times_noise: rms of its fit over the noise when the model was right; NaN if unknown"""
+    times_noise: rms of its fit over the noise when the model was right; NaN if unknown
+    fastest: rate that each axis hardly exceeded in the record of that time, rad/s; NaN without one"""
 
     values: Values
     stderr: Values
     kind: StageModel = field(default_factory=StageModel)
     times_noise: float = math.nan
+    fastest: tuple[float, float] = (math.nan, math.nan)
 
     @classmethod
     def of_model(cls, model: RigModel) -> Known:
@@ -56,6 +60,23 @@ class Known:
         values = declared_parts(model)
         stderr = {e.name: part_stderr(model, e) for e in rig.FAMILY if e.name in values}
         return cls(values, stderr, model.stage, (model.scores.get("fits") or {}).get("stage", math.nan))
+
+    def seen_in(self, table: Table) -> Known:
+        """With the fastest turns of the record of that time."""
+        return replace(self, fastest=(fastest_turn(table["beta"], table.dt), fastest_turn(table["gamma"], table.dt)))
+
+    def beside(self, stage: Stage | None) -> Known:
+        """With the limited rates of a record that the record of that time was too slow to show: they are no news."""
+        if stage is None:
+            return self
+        kind, values = self.kind, dict(self.values)
+        for axis, now, fastest in zip(AXES, stage.axes, self.fastest, strict=True):
+            old = getattr(kind, axis)
+            if math.isinf(old.rate_limit) and not now.rate_limit < SLOW_TURN * fastest:
+                kind = replace(kind, **{axis: replace(old, rate_limit=now.rate_limit)})
+        most = {name: p.high for name, p in rig.rate_limit.parameters.items()}
+        values[rig.rate_limit.name] = {axis: min(getattr(kind, axis).rate_limit, most[axis]) for axis in AXES}
+        return replace(self, kind=kind, values=values)
 
     def axes(self) -> StageModel | None:
         """The axes, in measured tilt; None if only a part of them is known."""
