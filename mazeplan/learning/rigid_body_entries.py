@@ -87,7 +87,7 @@ PARAMETERS: dict[str, Number] = {
     "wall": _named("ball", "wall", "wall_friction.coefficient", 2e-2, "friction at walls"),
     "wall_rolling": _own("ball", "wall_rolling", "1", (0.0, 1.0), 2e-3, "rolling friction at walls"),
     "restitution": _own("ball", "restitution", "1", (0.0, 0.95), 4e-2, "speed kept by a slow impact"),
-    "hold": _own("ball", "hold", "m/s", (0.0, 1.0), 3e-3, "grip of the floor in an impact"),
+    "hold": _own("ball", "hold", "m/s", (1e-3, 1.0), 3e-3, "grip of the floor in an impact"),
     "spin": _own("ball", "spin", "m/s^2", (0.0, 2.0), 4e-3, "friction against spinning"),
     "height": _own("ball", "height", "m", (-0.2, 0.2), 1e-3, "ball above the pivot"),
     "gain_beta": _named("tilting", "gain_beta", "tilt_gain.beta", 5e-3, "true tilt over measured, beta", SCALE),
@@ -114,19 +114,21 @@ KEPT = (
 )  # fmt: skip
 
 
-# numbers that a file leaves out are 0: what the record does not show does not act; a noise is the usual one then
-ABSENT = dict.fromkeys(
-    ("rolling", "viscous", "quadratic", "wall", "wall_rolling", "restitution", "hold", "spin", "delay"), 0.0
-)
+# numbers that a file leaves out do not act: they are 0, and from a `hold` of 1 m/s on, walls return all that the
+# restitution says; a noise is the usual one then
+ABSENT = {
+    **dict.fromkeys(("rolling", "viscous", "quadratic", "wall", "wall_rolling", "restitution", "spin", "delay"), 0.0),
+    "hold": 1.0,
+}
 NEAR = 1e-6  # share of its range by which a number is at its bound
 
 
 def determined(name: str, value: float, stderr: float | None) -> bool:
-    """Whether a record determines a number: it is not 0 for want of an effect, not at its upper bound, and not as
-    uncertain as its range. A noise is not at its lower bound, either."""
+    """Whether a record determines a number: it does not have the value without effect, is not at its upper bound, and
+    not as uncertain as its range. A noise is not at its lower bound, either."""
     number = PARAMETERS[name]
     wide = number.high - number.low
-    at_end = name in ABSENT and name != "delay" and min(value, number.high - value) < NEAR * wide
+    at_end = name in ABSENT and name != "delay" and min(abs(value - ABSENT[name]), number.high - value) < NEAR * wide
     at_end |= number.log and not (1.0 + NEAR) * number.low < value < (1.0 - NEAR) * number.high
     return math.isfinite(value) and not at_end and not (stderr is not None and stderr > wide)
 
