@@ -34,6 +34,7 @@ from mazeplan.learning.delay import best_delay, usable_starts
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.samples import rings_of
 from mazeplan.learning.smoothing import smoothed
+from mazeplan.learning.stage_coupling import coupling, significant
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
@@ -343,7 +344,7 @@ def fit_rig(
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     if stage is None:
         _check_axes(table)
-        beta, gamma = (fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+        beta, gamma = (_coupled_axis(table, *names, breaks) for names in (("beta", "gamma"), ("gamma", "beta")))
         stage = StageModel(beta.axis, gamma.axis)
     else:
         beta, gamma = (StageFit(axis, math.nan, 0) for axis in (stage.beta, stage.gamma))
@@ -379,6 +380,18 @@ def fit_rig(
         scores=scores,
     )
     return RigFit(model, (beta, gamma), {w.ring: len(w.start) for w in train})
+
+
+def _coupled_axis(table: Table, name: str, other: str, breaks: np.ndarray) -> StageFit:
+    """The fit of an axis, with the share of the other axis's command that it surely follows."""
+    own, angle, dt = table[f"u_{name}"], table[name], table.dt
+    found = fit_axis(own, angle, dt, breaks)
+    share, sigma, follows = coupling(found.axis, own, table[f"u_{other}"], angle, dt, np.isfinite(angle))
+    if not significant(share, sigma):
+        return found
+    again = fit_axis(own, angle - found.axis.gain * share * follows, dt, breaks)
+    stderr = {**again.axis.stderr, "coupling": sigma}
+    return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
 
 def _part(windows: WeakWindows, table: Table, train: bool) -> WeakWindows:

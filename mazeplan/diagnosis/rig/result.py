@@ -35,7 +35,7 @@ REPAIRS = {
     "sensor_delay": "Look for what delays the camera's pictures", "servo_gain": "Check the linkage of the servo",
     "servo_lag": "Check the servo's supply and load",
     "rate_limit": "Check the servo's supply and load",
-    "backlash": "Tighten the linkage, or look for a servo that stops short of its command",
+    "backlash": "Look for play, or for a servo that stops short, in the linkage",
     "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
     "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
     "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
@@ -335,6 +335,8 @@ def _place(effect: Entry) -> str:
         axes = [axis for axis in ("beta", "gamma") if axis in _changed(effect)]
         return f" of {axes[0]}" if effect["name"] in OF_AN_AXIS and len(axes) == 1 else ""
     ring = next(iter(effect["rings"]), "")
+    if not all(effect["parameters"][key].get("determined", True) for key in at):
+        return f" in ring {ring}" if ring else ""
     angles = " to ".join(f"{place_deg(angle, 0):.0f}" for angle in at.values())
     return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
 

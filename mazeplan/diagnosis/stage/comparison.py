@@ -18,7 +18,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.stage_fit import StageFit, fastest_turn, fit_axis, free_numbers
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
-from mazeplan.physics.rig.entries import declared_parts, part_stderr
+from mazeplan.physics.rig.entries import DEAD_TIME, declared_parts, part_stderr
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
@@ -86,12 +86,14 @@ class Known:
 
     def _axis(self, axis: str) -> StageAxis:
         gain, lag = self.values["servo_gain"][axis], self.values["servo_lag"]
+        mean = 0.5 * (self.kind.beta.dead_time + self.kind.gamma.dead_time)  # `command_delay` is that of both axes
+        later = self.values.get("command_delay", {}).get("delay", mean if mean <= DEAD_TIME else 0.0) - mean
         return replace(
             getattr(self.kind, axis),
             gain=gain,
             natural_frequency=lag[f"{axis}_natural_frequency"],
             damping=lag[f"{axis}_damping"],
-            dead_time=self.values.get("command_delay", {}).get("delay", 0.0),
+            dead_time=max(getattr(self.kind, axis).dead_time + later, 0.0),
             offset=getattr(self.kind, axis).offset,
             stderr={},
             backlash=self.values.get("backlash", {}).get(axis, 0.0),
@@ -128,12 +130,14 @@ def changed(stage: Stage, effect: Effect, known: Known, least: float = 1.0) -> E
     was = known.stderr.get(effect.name, {})
     for name, p in effect.parameters.items():
         error = was.get(name)
-        sigma = math.hypot(stderr[name], error if error is not None and math.isfinite(error) else 0.0)
+        if effect.name in stage.differs or error is None or not math.isfinite(error):
+            error = 0.0  # the motion has changed, however uncertain this number was
+        sigma = math.hypot(stderr[name], error)
         sure = SURE * sigma
         if effect is rig.command_delay and all(axis.order == 0 for axis in stage.axes):
             # uniform over a sample, and the same in all records of a rig: a change is one of a whole sample
             sure = WHOLE * math.sqrt(12.0) * max(axis.stderr.get("dead_time", math.inf) for axis in stage.axes)
-        if effect.name in stage.differs or abs(values[name] - had[name]) > max(least * p.smallest, sure):
+        if abs(values[name] - had[name]) > max(least * p.smallest, sure):
             return effect_entry(effect, values, stderr, had)
     return None
 

@@ -16,17 +16,14 @@ from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 from mazeplan.learning.smoothing import Smoothing, derivatives
+from mazeplan.learning.stage_coupling import coupling, significant
 from mazeplan.learning.stage_fit import StageFit
-from mazeplan.physics.effects.rig import axis_coupling
 from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion, simulate_axis
+from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives: three relative ones, s, rad
-BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
-SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
-MOST_COUPLING = axis_coupling.parameters["beta_from_gamma"].high
 OVERTAXED_RESIDUAL = (
     3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
 )
@@ -81,7 +78,7 @@ class Stage:
     beta, gamma: fits
     directions: by name, the axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
     their covariance
-    differs: effects by which it surely differs from a known stage (`comparison.settled_on`)
+    differs: effects by which the motion surely differs from that of a known stage (`comparison.settled_on`)
 
     The errors along different directions are independent. The errors of the parameters are not: a faster axis that
     starts later moves nearly alike."""
@@ -135,17 +132,8 @@ def _with_coupling(
 
     A significant coupling changes the other numbers of the axis, so these are fitted again."""
     axis = found.axis
-    follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), actuator_output(other, axis), record.dt)
-    left = angle - simulate_axis(axis, actuator_output(own, axis), record.dt)
-    A = np.column_stack([follows, simulate_axis(axis, actuator_output(own, axis), record.dt), np.ones(len(own))])[rows]
-    w, *_ = np.linalg.lstsq(A, left[rows], rcond=None)
-    e = left[rows] - A @ w
-    inverse = np.linalg.inv(A.T @ A)
-    block = np.arange(len(e)) // max(round(BLOCK_S / record.dt), 1)
-    scores = np.stack([np.bincount(block, weights=column * e) for column in A.T], axis=1)
-    sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # for correlated neighbours
-    share = min(max(float(w[0]) / axis.gain, -MOST_COUPLING), MOST_COUPLING)
-    if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
+    share, sigma, follows = coupling(axis, own, other, angle, record.dt, rows)
+    if not significant(share, sigma):
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
     begins = record.begins & rows
