@@ -60,7 +60,9 @@ HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 # above all at walls, against which it leans the ball more or less than before
 BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
 WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
-FLOOR = {"rolling", "viscous", "quadratic"}  # a ball that is braked at walls looks like one that the floor brakes more
+# a ball that is braked at walls looks like one that the floor brakes more; another ball has another friction
+FLOOR = {"rolling", "viscous", "quadratic"}
+ONE_BALL, BOTH_SENSORS = "rolling_inertia", "tilt_gain"  # another ball, or two sensors that change alike
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
@@ -227,7 +229,9 @@ def _or_a_rival(
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
         alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
-        worth = NEEDED * (len(chosen) - 1) - PRICE * (len(rival.free) - len(chosen[0].candidate.free))
+        several = chosen[0].candidate.effect == ONE_BALL and rival.effect == BOTH_SENSORS  # likelier is one ball
+        price = NEEDED if several else PRICE * (len(rival.free) - len(chosen[0].candidate.free))
+        worth = NEEDED * (len(chosen) - 1) - price
         if alone.minus2 - best.minus2 < worth:
             gain = first.minus2 - alone.minus2
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
@@ -238,7 +242,7 @@ def _or_a_rival(
 def _share_beside(larger: Candidate, new: Candidate) -> float:
     """The share of an earlier finding's gain that a further one needs beside it."""
     free = set(new.free)
-    alike = free <= WALLS or (free <= FLOOR and set(larger.free) <= WALLS)
+    alike = free <= WALLS or (free <= FLOOR and set(larger.free) <= {*WALLS, "inertia"})
     return WALLS_SHARE if alike else BESIDE_SHARE
 
 
