@@ -34,14 +34,14 @@ from mazeplan.learning.delay import best_delay, usable_starts
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.samples import rings_of
 from mazeplan.learning.smoothing import smoothed
-from mazeplan.learning.stage_coupling import coupling, significant
-from mazeplan.learning.stage_fit import StageFit, fit_axis
+from mazeplan.learning.stage_axes import fit_axes
+from mazeplan.learning.stage_fit import StageFit
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
-from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage import StageModel
 
 WINDOW = 13  # samples; 0.4 s at 30 Hz
 HOP = 3  # samples between windows
@@ -54,8 +54,6 @@ MIN_WINDOWS = 20
 FEWEST_WINDOWS = 8  # if no ring has more: the rigid ball is fitted to all rings afterwards
 FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
 LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; size of a correlation that only exchanged or turned tilts have
-AXES = (("beta", "gamma"), ("gamma", "beta"))  # each axis, and the other one
-NEARLY = 1.1  # times the rms of a fit: another one of the axis that leaves less is as good
 USUAL_DELAY_S = 0.06  # s, of the camera: sharp enough to tell whether the ball follows the tilt
 LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
@@ -346,8 +344,8 @@ def fit_rig(
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     if stage is None:
         _check_axes(table)
-        beta, gamma = (_coupled_axis(table, *names, breaks) for names in AXES)
-        beta, gamma = _of_one_order(table, beta, gamma, breaks)
+        u, angles = (np.column_stack([table[f"{kind}{axis}"] for axis in ("beta", "gamma")]) for kind in ("u_", ""))
+        beta, gamma = fit_axes(u, angles, dt, breaks)
         stage = StageModel(beta.axis, gamma.axis)
     else:
         beta, gamma = (StageFit(axis, math.nan, 0) for axis in (stage.beta, stage.gamma))
@@ -383,30 +381,6 @@ def fit_rig(
         scores=scores,
     )
     return RigFit(model, (beta, gamma), {w.ring: len(w.start) for w in train})
-
-
-def _of_one_order(table: Table, beta: StageFit, gamma: StageFit, breaks: np.ndarray) -> tuple[StageFit, StageFit]:
-    """Both axes, of the same order if that fits nearly as well: the servos of a rig are of one kind."""
-    if beta.axis.order == gamma.axis.order:
-        return beta, gamma
-    like_gamma, like_beta = (
-        _coupled_axis(table, *names, breaks, one.axis) for names, one in zip(AXES, (gamma, beta), strict=True)
-    )
-    ways = [(like_gamma.rms / beta.rms, like_gamma, gamma), (like_beta.rms / gamma.rms, beta, like_beta)]
-    more, *both = min(ways, key=lambda way: way[0])
-    return (both[0], both[1]) if more < NEARLY else (beta, gamma)
-
-
-def _coupled_axis(table: Table, name: str, other: str, breaks: np.ndarray, kind: StageAxis | None = None) -> StageFit:
-    """The fit of an axis, with the share of the other axis's command that it surely follows. kind: as in `fit_axis`"""
-    own, angle, dt = table[f"u_{name}"], table[name], table.dt
-    found = fit_axis(own, angle, dt, breaks, kind=kind)
-    share, sigma, follows = coupling(found.axis, own, table[f"u_{other}"], angle, dt, np.isfinite(angle))
-    if not significant(share, sigma):
-        return found
-    again = fit_axis(own, angle - found.axis.gain * share * follows, dt, breaks, kind=kind)
-    stderr = {**again.axis.stderr, "coupling": sigma}
-    return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
 
 def _part(windows: WeakWindows, table: Table, train: bool) -> WeakWindows:

@@ -284,17 +284,9 @@ class _Data:
         return out
 
     def determines(self, axis: StageAxis) -> bool:
-        """Whether the record determines all numbers: none is at its bound, or as uncertain as it is large."""
-        for name in free_numbers(axis):
-            value, (low, high) = getattr(axis, name), LIMITS[name]
-            if name in LOGARITHMIC:
-                if not 1.01 * low < value < 0.99 * high or axis.stderr[name] > DETERMINED * value:
-                    return False
-                if name == "rate_limit" and value > REACHED * self.fastest_rate():
-                    return False
-            elif name == "backlash" and not value > 2.0 * axis.stderr[name]:
-                return False
-        return True
+        """Whether the record determines all numbers of an axis, and reaches its limited rate."""
+        reached = math.isinf(axis.rate_limit) or axis.rate_limit < REACHED * self.fastest_rate()
+        return reached and determined(axis)
 
     def beats(self, other: StageAxis, axis: StageAxis) -> bool:
         """Whether `other` predicts the held-out blocks better beyond doubt."""
@@ -352,6 +344,18 @@ class _Data:
         white = math.sqrt(float(np.mean(bend**2)) / 6.0) if len(bend) else 0.0  # a second difference has 6 times this
         rms = float(np.sqrt(np.sum(residual**2) / max(n - freedom, 1)))
         return StageFit(axis, rms, n, max(self.noise, min(white, rms)))
+
+
+def determined(axis: StageAxis) -> bool:
+    """Whether a record determines all numbers of an axis: none is at its bound, or as uncertain as it is large."""
+    for name in free_numbers(axis):
+        value, (low, high) = getattr(axis, name), LIMITS[name]
+        if name in LOGARITHMIC:
+            if not 1.01 * low < value < 0.99 * high or axis.stderr[name] > DETERMINED * value:
+                return False
+        elif name == "backlash" and not value > 2.0 * axis.stderr[name]:
+            return False
+    return True
 
 
 def free_numbers(axis: StageAxis) -> tuple[str, ...]:

@@ -195,6 +195,14 @@ def test_a_model_file_holds_it(tmp_path):
         load_model(tmp_path)
 
 
+def test_what_a_record_does_not_determine_does_not_act():
+    """Without a known grip of the floor, walls return what the restitution says."""
+    known = with_body(bodied(), body_of(bodied()), {"hold": 2000.0, "wall": 50.0})
+    ball = body_of(known).ball
+    assert (ball.hold, ball.wall) == (1.0, 0.0)
+    assert ball.restitution == FOUND["restitution"]
+
+
 def test_a_model_file_holds_the_terms_of_a_body(tmp_path):
     model = bodied()
     warp = floor_warp(0.02, -0.1, 0.0)

@@ -16,7 +16,7 @@ from mazeplan.run.excitation import multisine
 
 MAZE = load_map("cme")
 DT, FINE = 1.0 / 30.0, 10
-TRUE = {"factor": 0.6, "viscous": 0.3, "dry": 0.3, "beta": 0.004, "gamma": -0.003, "delay": 0.067}
+TRUE = {"factor": 0.6, "viscous": 0.3, "dry": 0.3, "beta": 0.004, "gamma": -0.003, "delay": 0.067, "coupling": 0.04}
 
 
 def record(ring, seconds, seed):
@@ -24,7 +24,7 @@ def record(ring, seconds, seed):
     rng = np.random.default_rng(seed)
     radius, axis = MAZE.track_radius(ring), StageAxis(1.0, 26.0, 0.9)
     u = multisine(rng, seconds, 1.0 / DT, MAZE.tilt_limit)
-    held = np.repeat(u, FINE, axis=0)
+    held = np.repeat(u + TRUE["coupling"] * u[:, ::-1], FINE, axis=0)
     tilt = np.stack([simulate_axis(axis, held[:, i], DT / FINE) for i in range(2)], axis=1)
     rates = np.gradient(tilt, DT / FINE, axis=0)
     accelerations = np.gradient(rates, DT / FINE, axis=0)
@@ -100,6 +100,7 @@ def test_the_stage_is_found(fitted):
         assert axis.gain == pytest.approx(1.0, abs=0.01)
         assert axis.natural_frequency == pytest.approx(26.0, rel=0.15)
         assert axis.dead_time < 0.012
+        assert axis.coupling == pytest.approx(TRUE["coupling"], abs=0.003)
 
 
 @pytest.mark.slow

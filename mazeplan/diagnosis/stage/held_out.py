@@ -15,7 +15,7 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
-from mazeplan.learning.stage_coupling import BLOCK_S
+from mazeplan.learning.stage_axes import BLOCK_S
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 

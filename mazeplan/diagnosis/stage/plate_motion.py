@@ -16,7 +16,7 @@ from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 from mazeplan.learning.smoothing import Smoothing, derivatives
-from mazeplan.learning.stage_coupling import coupling, significant
+from mazeplan.learning.stage_axes import coupling, significant
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion

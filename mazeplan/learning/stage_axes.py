@@ -1,21 +1,55 @@
-"""The share of the other axis's command that an axis of the stage follows, too.
+"""Both axes of the stage: of one order, each with the share of the other one's command that it follows, too.
 
 What a fitted axis leaves of the measured angle is regressed on how it follows its own command and the other one's."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from mazeplan.core.records import Array
+from mazeplan.learning.stage_fit import StageFit, determined, fit_axis
 from mazeplan.physics.effects.rig import axis_coupling
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 
 BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
+NEARLY = 1.1  # times the rms of a fit: another fit of the axis that leaves less is as good
 MOST_COUPLING = axis_coupling.parameters["beta_from_gamma"].high
+
+
+def fit_axes(u: Array, angles: Array, dt: float, breaks: np.ndarray) -> tuple[StageFit, StageFit]:
+    """The fits of beta and gamma. The servos of a rig are of one kind: both axes get the same order if the axis that
+    changes for it fits nearly as well. Raises ValueError as `fit_axis`.
+
+    u, angles: commands and measured angles (N, 2), rad
+    breaks: True (N,) where a new record begins"""
+
+    def fitted(i: int, kind: StageAxis | None = None) -> StageFit:
+        return _coupled(u[:, i], u[:, 1 - i], angles[:, i], dt, breaks, kind)
+
+    beta, gamma = fitted(0), fitted(1)
+    if beta.axis.order == gamma.axis.order:
+        return beta, gamma
+    like_gamma, like_beta = fitted(0, gamma.axis), fitted(1, beta.axis)
+    ways = [(like_gamma, beta, (like_gamma, gamma)), (like_beta, gamma, (beta, like_beta))]
+    alike = [(new.rms / old.rms, both) for new, old, both in ways if determined(new.axis)]
+    more, both = min(alike, default=(math.inf, (beta, gamma)), key=lambda way: way[0])
+    return both if more < NEARLY else (beta, gamma)
+
+
+def _coupled(own: Array, other: Array, angle: Array, dt: float, breaks: np.ndarray, kind: StageAxis | None) -> StageFit:
+    """The fit of an axis, with the share of the other axis's command that it surely follows."""
+    found = fit_axis(own, angle, dt, breaks, kind=kind)
+    share, sigma, follows = coupling(found.axis, own, other, angle, dt, np.isfinite(angle))
+    if not significant(share, sigma):
+        return found
+    again = fit_axis(own, angle - found.axis.gain * share * follows, dt, breaks, kind=kind)
+    stderr = {**again.axis.stderr, "coupling": sigma}
+    return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
 
 def coupling(
