@@ -26,7 +26,7 @@ from mazeplan.diagnosis.rig.search import HALF_GAIN_SHARE, NEEDED, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rigid_body_entries import LEAST_INERTIA
+from mazeplan.learning.rigid_body_entries import ABSENT, LEAST_INERTIA
 from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
@@ -48,6 +48,7 @@ DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes
 WALLS_AT = tuple(
     {"restitution": e, "hold": hold} for e, hold in product((0.1, 0.2, 0.35, 0.5, 0.7), (0.01, 0.05, 0.12, 0.25))
 )
+HELD = 3e-3  # m/s; with less grip, the floor holds the ball in every impact
 MOST_JUMPS = 20  # maximum number of jumps of a fit to one of these
 TEXTBOOK_BALL = "a textbook ball"  # source of a reference without a model
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
@@ -135,6 +136,7 @@ def fit_reference(body: BodyFilter, guess: BodyModel) -> BodyFit:
     near = _near(part, guess)
     kind = min(KINDS, key=lambda inertia: abs(math.log((1.0 + inertia) / (1.0 + near.value("inertia")))))
     near = fit_body(part, with_values(near.model, {"inertia": kind}), REST, enough=ENOUGH)  # costs less than on all
+    near = _with_free_walls(part, near)
     held = fit_body(body, near.model, REST, enough=ROUGH)
     free = fit_body(part, held.model, FITTED, enough=ROUGH)
     if part.innovations(held.model).minus2 - free.minus2 > HALF_GAIN_SHARE * NEEDED:
@@ -143,6 +145,18 @@ def fit_reference(body: BodyFilter, guess: BodyModel) -> BodyFit:
             return whole
     wider = math.sqrt(len(part.pictures) / len(body.pictures))  # a standard error of a part of the pictures
     return replace(held, stderr={**held.stderr, "inertia": wider * free.stderr["inertia"]})
+
+
+def _with_free_walls(part: BodyFilter, fit: BodyFit) -> BodyFit:
+    """The fit without a floor that holds the ball in every impact, if walls that return less explain as much.
+
+    Both are the same for all but the slowest impacts (`rigid_body`), and only the restitution says what walls do."""
+    ball = fit.model.ball
+    if ball.hold > HELD:
+        return fit
+    walls = {"restitution": max((ball.restitution - ball.inertia) / (1.0 + ball.inertia), 0.0), "hold": ABSENT["hold"]}
+    other = fit_body(part, with_values(fit.model, walls), REST, enough=ENOUGH)
+    return other if other.minus2 < fit.minus2 + HALF_GAIN_SHARE * NEEDED else fit
 
 
 def _near(part: BodyFilter, guess: BodyModel) -> BodyFit:
