@@ -87,7 +87,7 @@ PARAMETERS: dict[str, Number] = {
     "wall": _named("ball", "wall", "wall_friction.coefficient", 2e-2, "friction at walls"),
     "wall_rolling": _own("ball", "wall_rolling", "1", (0.0, 1.0), 2e-3, "rolling friction at walls"),
     "restitution": _own("ball", "restitution", "1", (0.0, 0.95), 4e-2, "speed kept by a slow impact"),
-    "hold": _own("ball", "hold", "m/s", (1e-3, 1.0), 3e-3, "grip of the floor in an impact"),
+    "hold": _own("ball", "hold", "m/s", (0.0, 1.0), 3e-3, "grip of the floor in an impact"),
     "spin": _own("ball", "spin", "m/s^2", (0.0, 2.0), 4e-3, "friction against spinning"),
     "height": _own("ball", "height", "m", (-0.2, 0.2), 1e-3, "ball above the pivot"),
     "gain_beta": _named("tilting", "gain_beta", "tilt_gain.beta", 5e-3, "true tilt over measured, beta", SCALE),

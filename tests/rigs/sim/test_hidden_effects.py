@@ -14,10 +14,13 @@ from mazeplan.physics.registry import PACKAGED
 from mazeplan.rigs.sim.settings import settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
-NO_KIND = dict.fromkeys(
-    ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
-    "edges of openings are walls, which every rig with contacts has: there is none without them to compare with",
-)
+NO_KIND = {
+    **dict.fromkeys(
+        ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
+        "edges of openings are walls, which every rig with contacts has: there is none without them to compare with",
+    ),
+    "rate_limit": "the servos of the packaged rigs are limited by their torque; `test_stage_effects` has a limited rate",
+}
 
 
 # -- the table of kinds ----------------------------------------------------------------------------------------------
