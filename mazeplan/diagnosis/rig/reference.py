@@ -48,7 +48,7 @@ DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes
 WALLS_AT = tuple(
     {"restitution": e, "hold": hold} for e, hold in product((0.1, 0.2, 0.35, 0.5, 0.7), (0.01, 0.05, 0.12, 0.25))
 )
-HELD = 3e-3  # m/s; with less grip, the floor holds the ball in every impact
+SLIPS = 3e-3  # m/s; with less grip of the floor, the ball slips in all but the slowest impacts
 MOST_JUMPS = 20  # maximum number of jumps of a fit to one of these
 TEXTBOOK_BALL = "a textbook ball"  # source of a reference without a model
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
@@ -148,11 +148,11 @@ def fit_reference(body: BodyFilter, guess: BodyModel) -> BodyFit:
 
 
 def _with_free_walls(part: BodyFilter, fit: BodyFit) -> BodyFit:
-    """The fit without a floor that holds the ball in every impact, if walls that return less explain as much.
+    """The fit without a floor on which the ball slips in every impact, if walls that return less explain as much.
 
-    Both are the same for all but the slowest impacts (`rigid_body`), and only the restitution says what walls do."""
+    Both are the same for all but the slowest impacts (`rigid_body`), and the second one says what walls do."""
     ball = fit.model.ball
-    if ball.hold > HELD:
+    if ball.hold > SLIPS:
         return fit
     walls = {"restitution": max((ball.restitution - ball.inertia) / (1.0 + ball.inertia), 0.0), "hold": ABSENT["hold"]}
     other = fit_body(part, with_values(fit.model, walls), REST, enough=ENOUGH)

@@ -19,7 +19,7 @@ NO_KIND = {
         ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
         "edges of openings are walls, which every rig with contacts has: there is none without them to compare with",
     ),
-    "rate_limit": "the servos of the packaged rigs are limited by their torque; `test_stage_effects` has a limited rate",
+    "rate_limit": "torque limits the servos of the packaged rigs; `test_stage_effects` has a limited rate",
 }
 
 
