@@ -11,6 +11,7 @@ import pytest
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, autocorrelation, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.diagnosis.rig.reference import fit_reference
 from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
 from mazeplan.physics.effect import FORCE, Effect, Parameter
@@ -80,3 +81,13 @@ def test_a_users_effect_is_found_as_large_as_it_is():
     assert fit.value("mine.a") == pytest.approx(2.0, abs=5.0 * fit.stderr["mine.a"] + 0.03)
     assert without.minus2 - fit.minus2 > 100.0
     assert fit.value("wall") == pytest.approx(0.22, abs=0.04)
+
+
+def test_walls_that_return_little_are_not_explained_by_a_floor_that_slips():
+    """With no grip of the floor, an impact returns (e - k) / (1 + k): as much as of a smaller e, where it holds."""
+    toy = plainball.Toy(e=0.05)
+    body, guess = recorded(toy)
+    slips = with_values(guess, {"restitution": toy.k + 0.05 * (1.0 + toy.k), "hold": 0.0})
+    ball = fit_reference(body, slips).model.ball
+    assert ball.hold > 0.01
+    assert ball.restitution == pytest.approx(0.05, abs=0.03)
