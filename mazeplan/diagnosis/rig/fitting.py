@@ -17,6 +17,7 @@ from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Term
 
+SOLID, HOLLOW = 0.4, 2.0 / 3.0  # inertia over m R^2 of a solid and a hollow ball
 NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 STEPS = 8  # maximum number of steps of a fit that compares candidates
 POLISH = 20  # maximum number of steps of a fit whose numbers are kept

@@ -18,7 +18,7 @@ from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fi
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.side_by_side import side_by_side
-from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, Reference
+from mazeplan.diagnosis.rig.fitting import ENOUGH, HOLLOW, NOISE, SOLID, Reference
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
@@ -41,7 +41,7 @@ SCALED = tuple(name for name in FITTED if name not in GAINS)
 ROUGH = 20.0  # of -2 log L; a fit ends when a step gains less: the likelihood is rougher than that
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
-SOLID, HOLLOW, ROUND = 0.4, 2.0 / 3.0, 0.02  # inertia over m R^2 of a solid and a hollow ball; its standard error
+ROUND = 0.02  # standard error of the inertia of a solid or a hollow ball
 SLIDES = 1.2 * LEAST_INERTIA  # inertia of a ball that slides
 KINDS = (SLIDES, SOLID, HOLLOW)
 DELAYS = tuple(0.004 * i for i in (*range(-10, 0), *range(1, 11)))  # s, changes of the delay that a fit tries

@@ -25,8 +25,10 @@ from mazeplan.diagnosis.rig.camera import camera_starts
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
 from mazeplan.diagnosis.rig.fitting import (
     ENOUGH,
+    HOLLOW,
     NOISE,
     POLISH,
+    SOLID,
     STEPS,
     Reference,
     fit_start,
@@ -62,7 +64,8 @@ BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
 WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 # a ball that is braked at walls looks like one that the floor brakes more; another ball has another friction
 FLOOR = {"rolling", "viscous", "quadratic"}
-ONE_BALL, BOTH_SENSORS = "rolling_inertia", "tilt_gain"  # another ball, or two sensors that change alike
+# another ball, or two sensors that change alike: the ball is likelier if it is nearly a solid or a hollow one
+ONE_BALL, BOTH_SENSORS, USUAL = "rolling_inertia", "tilt_gain", 0.03
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
@@ -229,8 +232,9 @@ def _or_a_rival(
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
         alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
-        several = chosen[0].candidate.effect == ONE_BALL and rival.effect == BOTH_SENSORS  # likelier is one ball
-        price = NEEDED if several else PRICE * (len(rival.free) - len(chosen[0].candidate.free))
+        several = chosen[0].candidate.effect == ONE_BALL and rival.effect == BOTH_SENSORS
+        usual = several and min(abs(best.value("inertia") - kind) for kind in (SOLID, HOLLOW)) < USUAL
+        price = NEEDED if usual else PRICE * (len(rival.free) - len(chosen[0].candidate.free))
         worth = NEEDED * (len(chosen) - 1) - price
         if alone.minus2 - best.minus2 < worth:
             gain = first.minus2 - alone.minus2
