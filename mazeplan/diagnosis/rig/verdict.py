@@ -27,6 +27,7 @@ from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
 from mazeplan.diagnosis.rig.differences import search_against
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, POLISH
 from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalanced
+from mazeplan.diagnosis.rig.notes import notes_on
 from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference, fit_reference, kind_of
 from mazeplan.diagnosis.rig.registry import registry_entry
@@ -46,11 +47,9 @@ from mazeplan.diagnosis.stage.comparison import (
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,
     gain_in_navigation,
-    hidden_gain,
     servos_look_changed,
 )
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
-from mazeplan.learning.stage_fit import LEAST_RANGE
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
@@ -141,7 +140,7 @@ def verdict_on(
         memory, remaining = residual_summary(body, standing.fit)
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, body, stage, was,
-        (*_notes(table, stage, was, blind), *refused), sensor=sensor, moves=moves, table=table,
+        (*notes_on(table, stage, was, blind), *refused), sensor=sensor, moves=moves, table=table,
     )  # fmt: skip
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
@@ -230,43 +229,6 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     new = new if done.sensor is None else felt(new, done.sensor)
     old = _as_it_was(test, maze, done.was, done.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
-
-
-def _why_no_stage(table: Table) -> str:
-    """Why the commands of a record do not show the stage."""
-    commands = [f"u_{axis}" for axis in AXES]
-    if not all(name in table for name in commands):
-        return f"no commands {', '.join(commands)} in this record"
-    still = [axis for axis, name in zip(AXES, commands, strict=True) if np.ptp(table[name]) < LEAST_RANGE]
-    if len(still) > 1:
-        return f"the commands of {' and '.join(still)} never change"
-    return f"the command of {still[0]} never changes" if still else "the commands are too few"
-
-
-def _notes(table: Table, stage: Stage | None, was: RigReference, blind: bool = False) -> list[str]:
-    """Notes on what could not be compared."""
-    notes = []
-    if was.body.start is not None:
-        notes.append(
-            "what differs from a textbook ball need not be a fault: to find faults, learn a model while the rig is in "
-            "order, and name it with --model"
-        )
-    if stage is None:
-        why = "nobody measures the tilt" if blind else _why_no_stage(table)
-        notes.append(f"{why}: servos cannot be checked{'' if blind else ', and the tilt is smoothed'}")
-    if stage is not None and stage.servos_overtaxed:
-        notes.append(
-            "the servos cannot follow the commands of this record, as in navigation, or with a servo that became slow "
-            "or loose, so only large changes of the servos were looked for"
-        )
-        if hidden_gain(stage, was.stage):
-            notes.append("gains of the servos were not compared: play or a dead band makes them look smaller")
-    if was.body.open and was.friction is not None:
-        notes.append(
-            "the model keeps no record of the rig as it was: walls were not compared, and friction only "
-            "roughly; name a log of that time with --reference, or learn the model again"
-        )
-    return notes
 
 
 def _gain(
