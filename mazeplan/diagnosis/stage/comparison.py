@@ -18,7 +18,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.stage_fit import StageFit, fastest_turn, fit_axis, free_numbers
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
-from mazeplan.physics.rig.entries import DEAD_TIME, declared_parts, part_stderr
+from mazeplan.physics.rig.entries import declared_parts, part_stderr
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
@@ -87,7 +87,7 @@ class Known:
     def _axis(self, axis: str) -> StageAxis:
         gain, lag = self.values["servo_gain"][axis], self.values["servo_lag"]
         mean = 0.5 * (self.kind.beta.dead_time + self.kind.gamma.dead_time)  # `command_delay` is that of both axes
-        later = self.values.get("command_delay", {}).get("delay", mean if mean <= DEAD_TIME else 0.0) - mean
+        later = self.values.get("command_delay", {}).get("delay", 0.0) - mean
         return replace(
             getattr(self.kind, axis),
             gain=gain,
