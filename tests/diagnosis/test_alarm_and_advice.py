@@ -11,6 +11,7 @@ from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import effect_entry
 from mazeplan.diagnosis.rig import verdict
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
+from mazeplan.diagnosis.rig.notes import notes_on
 from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
 from mazeplan.diagnosis.rig.search import SearchResult
@@ -49,7 +50,7 @@ def test_a_note_says_why_the_servos_are_not_checked(moving, words):
         {"t": np.arange(900) / 30.0, **{n: u * wave for n, u in zip(("u_beta", "u_gamma"), moving, strict=False)}}
     )
     was = SimpleNamespace(body=SimpleNamespace(open=(), start=None), friction=None)
-    assert verdict._notes(table, None, was) == [f"{words}: servos cannot be checked, and the tilt is smoothed"]
+    assert notes_on(table, None, was, blind=False) == [f"{words}: servos cannot be checked, and the tilt is smoothed"]
 
 
 def test_numbers_of_the_ball_that_were_refused_go_into_no_model():
