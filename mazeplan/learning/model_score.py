@@ -185,8 +185,8 @@ def score_document(rings: dict[int, RingError], model: str, log: str, asked: Ite
         because += f"; the log says nothing of ring {', '.join(unseen)}"
     advice = {
         "good": f"drive with it: mazeplan evaluate --rig RIG --model {model}",
-        "fair": "a run looks ahead a fifth as far, so drive with it: mazeplan evaluate --rig RIG --model "
-        f"{model}; or see what it lacks: mazeplan diagnose {log} --model {model}",
+        "fair": "a run plans for a fifth of this time only, so drive with it: mazeplan evaluate --rig RIG "
+        f"--model {model}; or see what it lacks: mazeplan diagnose {log} --model {model}",
         "poor": f"check map, signs and camera of the rig, then see what is missing: mazeplan diagnose {log} --model "
         f"{model}",
         "unknown": "collect a longer log: mazeplan collect --rig RIG --rings --seconds 300 -o NEW.mcap",

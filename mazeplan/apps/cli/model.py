@@ -60,7 +60,7 @@ def model_lines(model: RigModel) -> list[str]:
     body = document.get("body", {})
     body.pop("of", None)  # a stamp, for programs
     if "delay" in body:
-        body["delay beyond camera_delay_s"] = body.pop("delay")
+        body["delay in addition to camera_delay_s"] = body.pop("delay")
     for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
         if key in document:
             lines += _ring_lines(document[key]) if key == "rings" else _lines(key, document[key], "")

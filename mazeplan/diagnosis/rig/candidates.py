@@ -122,7 +122,7 @@ CANDIDATES = (
         simpler=FRICTIONS, look="Look for what holds the ball back while the plate moves, like static charge",
     ),
     Candidate(
-        "", ("restitution", "hold"), (), "walls throw the ball back differently", (CONTACT,),
+        "", ("restitution", "hold"), (), "walls return another share of the speed of the ball", (CONTACT,),
         ((-0.3,), (-0.15,), (0.15,), (0.3,)), look="Look whether the walls are clean and fixed",
     ),
     Candidate(
@@ -130,7 +130,7 @@ CANDIDATES = (
         look="Look whether ball and floor are clean",
     ),
     Candidate(
-        "", ("cross_beta", "cross_gamma"), (), "the plate tilts about other axes than it is measured in", ("tilt",),
+        "", ("cross_beta", "cross_gamma"), (), "the axes of the tilt sensor are not those of the plate", ("tilt",),
         look="Check that the tilt sensor sits straight on the plate",
     ),
 )  # fmt: skip

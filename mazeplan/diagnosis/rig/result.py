@@ -214,7 +214,8 @@ def sentence(done: RigVerdict) -> str:
         what = done.unknown.description
         parts += [what if done.unknown.cause else f"something without a name ({what})"] if what else []
         parts += done.unknown.servos
-    doubt = "".join(f" But this record {untold(map(_plain, group))}." for group in done.alike)
+    groups = "; it ".join(untold(map(_plain, group)) for group in done.alike)
+    doubt = f" But this record {groups}." if groups else ""
     error = ""
     if round(DEG * after, 1) != round(DEG * before, 1) and not _by_tilt_alone(done):
         error = f" {_errors(done, done.held.ahead, before, after)} on held-out parts."
@@ -263,7 +264,10 @@ def _surely(done: RigVerdict) -> str:
         return ""
     word = "likely" if size <= CERTAIN or done.misfit else "certain"
     errors = "1 standard error" if f"{size:.0f}" == "1" else f"{size:.0f} standard errors"
-    return f" The finding is {word}: it {why.format(errors if size < 1000.0 else 'over 1000 standard errors')}."
+    errors = errors if size < 1000.0 else "over 1000 standard errors"
+    if len(done.effects) > 1 and math.isfinite(done.held.z_score):
+        return f" Together, the findings are {word}: they {why.replace('predicts', 'predict').format(errors)}."
+    return f" The finding is {word}: it {why.format(errors)}."
 
 
 def _ratio(effect: Entry) -> float:
