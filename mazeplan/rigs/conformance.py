@@ -25,6 +25,7 @@ SETTLED = math.radians(0.7)  # rad, allowed error of a tilt: servo, sensor noise
 SETTLE_S = 0.8  # s, twice the settling time of a slow servo
 RAISED = "raised "  # begins the detail of a check in which the rig raised an error
 CLOCK = 0.02  # largest relative error of a clock's period
+UNEVEN = 0.3  # largest relative error of one step: pictures of a camera come a little early or late
 LEAP = 4.5  # periods; a longer step between two samples means that the clock jumps or samples are lost
 PLACED = 0.5  # rad, largest error of the ball's angle: a person places the ball by eye
 
@@ -129,7 +130,8 @@ def _clock(trial: RigTrial) -> str | None:
     if abs(times[0]) > trial.dt:
         return f"the first sample after reset is at t = {times[0]:.4f} s, expected about 0"
     steps = np.diff(times)
-    if np.any(np.abs(steps - trial.dt) > CLOCK * trial.dt):
+    period = float(np.polyfit(np.arange(len(times)), times, 1)[0])
+    if abs(period - trial.dt) > CLOCK * trial.dt or np.any(np.abs(steps - trial.dt) > UNEVEN * trial.dt):
         return f"t goes up by {steps.min():.5f} to {steps.max():.5f} s, expected {trial.dt:.5f} s (1 / rate_hz)"
     return None
 

@@ -90,6 +90,7 @@ class ClosesOnce(SimulatedRig):
 
 BROKEN = {  # name: rig, checks that fail
     "late clock": (seen(lambda o: replace(o, t=1.1 * o.t)), {"clock"}),
+    "uneven clock": (seen(lambda o: replace(o, t=o.t + 0.003 * math.sin(1e3 * o.t))), set()),
     "clock stops": (seen(lambda o: replace(o, t=min(o.t, 0.9))), {"clock goes on"}),
     "clock jumps": (seen(lambda o: replace(o, t=o.t if o.t < 0.7 else o.t + 10.0)), {"clock goes on"}),
     "half a ball": (
