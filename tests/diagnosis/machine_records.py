@@ -44,13 +44,14 @@ def torque(t, rng, size=1.0, stop=np.inf):
 
 def play(
     seed, acceleration, *, seconds=30.0, rate=100.0, noise=1e-3, quantum=0.0, start=0.3, dry=0.0, late=0.0, lag=0.0,
-    stop=np.inf, size=1.0, jitter=0.0, offset=0.0, one_way=False,
+    stop=np.inf, size=1.0, jitter=0.0, offset=0.0, one_way=False, fine=20,
 ):  # fmt: skip
-    """A record of a machine with one coordinate: semi-implicit Euler with 20 steps a sample; friction is an impulse.
+    """A record of a machine with one coordinate: semi-implicit Euler; friction is an impulse.
 
-    acceleration(x, v, u): without dry friction; dry: its size; late, lag: of the input, s"""
+    acceleration(x, v, u): without dry friction; dry: its size; late, lag: of the input, s
+    fine: steps a sample"""
     rng = np.random.default_rng(seed)
-    n, fine = round(seconds * rate), 20
+    n = round(seconds * rate)
     h = 1.0 / (rate * fine)
     t = np.arange(n * fine) * h
     u = torque(t, rng, size, stop) + offset

@@ -56,7 +56,7 @@ def test_one_effect_is_named_with_its_size(what, name, true):
     assert done.remaining < 1.5
 
 
-@pytest.mark.parametrize("what", [{}, {"quantum": 5e-3}, {"jitter": 0.4}, {"rate": 40.0}, {"noise": 1e-4}])
+@pytest.mark.parametrize("what", [{}, {"quantum": 5e-3}, {"jitter": 0.4}, {"rate": 40.0}, {"noise": 1e-4, "fine": 400}])
 def test_where_nothing_is_missing_it_says_so(what):
     done = diagnose_motion(PENDULUM, swing(seed=3, **what), {})
     assert done.verdict == "nothing_missing", done.sentence()

@@ -25,7 +25,10 @@ FEWEST = 60  # samples
 GAP = 6.0  # usual steps; inputs that were not recorded for longer are unknown
 DOUBLED = 0.05  # maximum share of rows that may repeat the time of the row before
 SLOWEST = 5.0  # s; longer steps are another unit of time
-NEIGHBOURS = 7  # samples of the local parabola that measures the noise
+NEIGHBOURS = 7  # samples of the local polynomial that measures the noise
+# degree of the polynomial, and the median of its residual in multiples of white noise (chi distributions with 4, 2 and
+# 1 degrees of freedom): a parabola takes a swing of ten samples for noise, a higher degree follows it
+DEGREES = ((2, 0.916), (4, 0.833), (5, 0.674))
 
 
 @dataclass(frozen=True)
@@ -157,28 +160,28 @@ def _means(x: Array, group: np.ndarray) -> Array:
 def noise_of(record: Record) -> Array:
     """Standard deviation of the measurement noise of each coordinate (C,).
 
-    It is the residual of local parabolas (median absolute deviation), and not less than that of rounding: the smallest
-    change between samples over sqrt(12)."""
-    out = []
+    It is the residual of local polynomials (median absolute deviation), of the degree that leaves least, and not less
+    than that of rounding: the smallest change between samples over sqrt(12)."""
+    out, half = [], NEIGHBOURS // 2
     for y in record.y.T:
         seen = np.isfinite(y)
         t, x = record.t[seen], y[seen]
-        quantum = resolution(x)
-        left = []
-        half = NEIGHBOURS // 2
         index = np.arange(half, len(x) - half)[:, None] + np.arange(-half, half + 1)
         near = (t[index] - t[index[:, half]][:, None]) / record.step
-        design = np.stack([np.ones_like(near), near, near**2], axis=2)
         close = near[:, -1] - near[:, 0] < 1.5 * NEIGHBOURS
-        q, _ = np.linalg.qr(design[close])
-        z = x[index][close]
-        z = z - z.mean(axis=1, keepdims=True)
-        left = z - np.einsum("nij,nj->ni", q, np.einsum("nij,ni->nj", q, z))
-        rms = np.sqrt(np.sum(left**2, axis=1) / (NEIGHBOURS - 3))
-        moving = rms[rms > 0.0]
-        white = float(np.median(moving)) if len(moving) else 0.0
-        out.append(max(white, quantum / np.sqrt(12.0), 1e-9 * float(np.ptp(x))))
+        white = min(_left_by(degree, near[close], x[index][close]) / share for degree, share in DEGREES)
+        out.append(max(white, resolution(x) / np.sqrt(12.0), 1e-9 * float(np.ptp(x))))
     return np.array(out)
+
+
+def _left_by(degree: int, near: Array, x: Array) -> float:
+    """Median rms residual of polynomials through windows x (N, NEIGHBOURS) at times `near`; 0 if nothing moves."""
+    q, _ = np.linalg.qr(near[:, :, None] ** np.arange(degree + 1))
+    z = x - x.mean(axis=1, keepdims=True)
+    left = z - np.einsum("nij,nj->ni", q, np.einsum("nij,ni->nj", q, z))
+    rms = np.sqrt(np.sum(left**2, axis=1) / (NEIGHBOURS - 1 - degree))
+    moving = rms[rms > 1e-12 * float(np.ptp(x) if x.size else 0.0)]
+    return float(np.median(moving)) if len(moving) else 0.0
 
 
 def resolution(x: Array) -> float:
