@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.learning.stage_fit import StageFit, determined, fit_axis
+from mazeplan.learning.axis_record import determined
+from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.effects.rig import axis_coupling
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis

@@ -12,7 +12,8 @@ from plant import commands
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
+from mazeplan.learning.stage_fit import fit_axis
+from mazeplan.physics.rig.stage import StageAxis
 
 DT = 1.0 / 30.0
 
@@ -34,9 +35,7 @@ def plate(u, play, rng):
 def test_play_is_found_to_within_its_error(play):
     rng = np.random.default_rng(3)
     u = commands(rng, 1200)[:, 0]
-    found = fit_with_play_or_deadband(
-        u, plate(u, play, rng), DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)
-    ).axis
+    found = fit_axis(u, plate(u, play, rng), DT, kind=StageAxis()).axis
     if not play:
         assert found.backlash == 0.0
         return
@@ -54,7 +53,7 @@ def test_a_dead_band_is_found_and_is_no_play(band):
         at = value if abs(value - at) >= band else at
         kept[k] = at
     angle = plate(kept, 0.0, rng)
-    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)).axis
+    found = fit_axis(u, angle, DT, kind=StageAxis()).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(band, rel=0.05, abs=1e-9)
 
@@ -64,7 +63,7 @@ def test_play_is_no_dead_band():
     rng = np.random.default_rng(5)
     u = commands(rng, 1200)[:, 0]
     angle = plate(u, 0.0175, rng)
-    found = fit_with_play_or_deadband(u, angle, DT, np.zeros(1200, dtype=bool), np.ones(1200, dtype=bool)).axis
+    found = fit_axis(u, angle, DT, kind=StageAxis()).axis
     assert found.deadband == 0.0
     assert found.backlash > 0.015
 
@@ -75,6 +74,6 @@ def test_a_dead_band_of_another_rigs_servo_is_not_called_play():
     table = Table(record(replace(Rig(), beta=axis), 200.0, 2))
     rows = np.ones(len(table), dtype=bool)
     seen = record_of(table, rows)
-    found = fit_with_play_or_deadband(seen.u[:, 0], seen.beta, seen.dt, seen.begins, rows).axis
+    found = fit_axis(seen.u[:, 0], seen.beta, seen.dt, seen.begins.astype(float), kind=StageAxis()).axis
     assert found.backlash == 0.0
     assert found.deadband == pytest.approx(axis.deadband, rel=0.02)

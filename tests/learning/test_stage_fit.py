@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from stage_kinds import DEGREE, DT, KINDS, jumps
 
-from mazeplan.learning.stage_fit import FLOOR, LIMITS, STEADY_S, fit_axis
+from mazeplan.learning.axis_record import FLOOR, LIMITS, STEADY_S
+from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 from mazeplan.run.excitation import multisine

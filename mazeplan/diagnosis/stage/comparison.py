@@ -14,8 +14,9 @@ from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.axis_record import fastest_turn, free_numbers
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.stage_fit import StageFit, fastest_turn, fit_axis, free_numbers
+from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.entries import declared_parts, part_stderr
@@ -182,7 +183,8 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
         keys, out = {key for name in names for key in NUMBERS_OF[name]}, []
         for i, (fit, old) in enumerate(zip(free, olds, strict=True)):
             moved = {key: getattr(fit.axis, key) for key in keys}
-            near = replace(old, coupling=fit.axis.coupling, offset=fit.axis.offset, gain=fit.axis.gain, **moved)
+            now = fit.axis
+            near = replace(old, coupling=now.coupling, offset=now.offset, gain=now.gain, stderr=now.stderr, **moved)
             only = ("gain", "offset", *(key for key in sorted(keys) if key in free_numbers(near)))
             reaching = u[:, i] + fit.axis.coupling * u[:, 1 - i]
             out.append(fit_axis(reaching, angles[i], record.dt, record.begins.astype(float), near, only=only))

@@ -14,10 +14,9 @@ from numba import njit
 from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import RingRecord
-from mazeplan.diagnosis.stage.backlash import fit_with_play_or_deadband
 from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_axes import coupling, significant
-from mazeplan.learning.stage_fit import StageFit
+from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion
 
@@ -112,9 +111,10 @@ def fit_stage(record: RingRecord, rows: np.ndarray, kind: StageModel = USUAL) ->
     if record.u is None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
+    breaks = record.begins[rows].astype(float)
     try:
-        kinds, begins = (kind.beta, kind.gamma), record.begins & rows
-        alone = [fit_with_play_or_deadband(u[i], angles[i], record.dt, begins, rows, kinds[i]) for i in (0, 1)]
+        kinds = (kind.beta, kind.gamma)
+        alone = [fit_axis(u[i][rows], angles[i][rows], record.dt, breaks, kind=kinds[i]) for i in (0, 1)]
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
@@ -136,8 +136,8 @@ def _with_coupling(
     if not significant(share, sigma):
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
     # otherwise the motion by the other axis would look like play
-    begins = record.begins & rows
-    again = fit_with_play_or_deadband(own, angle - axis.gain * share * follows, record.dt, begins, rows, axis)
+    left = angle - axis.gain * share * follows
+    again = fit_axis(own[rows], left[rows], record.dt, record.begins[rows].astype(float), kind=axis)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
