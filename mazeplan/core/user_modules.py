@@ -48,8 +48,9 @@ def _broken(name: str, option: str, problem: BaseException) -> InputError:
 
 
 def reason(problem: BaseException) -> str:
-    """One line about an exception, with the innermost place in the code, or the place that a syntax error names."""
+    """One line about an exception, with the innermost place outside of libraries, or the place of a syntax error."""
     frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
+    frames = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
     if isinstance(problem, SyntaxError) and problem.filename:
         where = f"{problem.filename}:{problem.lineno}: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +17,20 @@ from mazeplan.diagnosis.engine.record import Record, noise_of, record_of
 from mazeplan.diagnosis.engine.sizes import scales
 from mazeplan.diagnosis.engine.system import system_of
 from mazeplan.diagnosis.engine.windows import Windows, cut
-from mazeplan.physics import Effect, Parameter
+from mazeplan.physics import Effect, Parameter, sin
 
 PENDULUM, SLIDER = system_of(Pendulum), system_of(Slider)
+
+
+class FreePendulum:
+    """A pendulum that nothing drives."""
+
+    position, unit = "theta", "rad"
+    parameters = {"stiffness": Parameter("1/s^2", 35.0, 1.0, 200.0)}  # noqa: RUF012
+
+    @staticmethod
+    def motion(s, p):
+        return -p.stiffness * sin(s.theta)
 
 
 def swing(**more):
@@ -54,6 +66,29 @@ def test_one_effect_is_named_with_its_size(what, name, true):
     assert value == pytest.approx(true, abs=max(5.0 * stderr, 0.03 * true))
     assert done.after.nrmse < 0.5 * done.before.nrmse
     assert done.remaining < 1.5
+
+
+def test_a_lag_of_a_held_input_is_no_delay():
+    done = diagnose_motion(replace(PENDULUM, held=("torque",)), swing(lag=0.1, rate=200.0), {})
+    assert found(done) == ["input_lag"], done.sentence()
+    value, stderr = size(done, "input_lag")
+    assert value == pytest.approx(0.1, abs=max(5.0 * stderr, 0.006))
+
+
+@pytest.mark.parametrize("rate", [6.0, 9.0])
+def test_few_samples_in_a_swing_are_no_noise(rate):
+    record = play(2, lambda x, v, u: -39.0 * math.sin(x), start=0.9, dry=0.1, noise=2e-3, rate=rate, size=0.0, fine=400,
+                  seconds=50.0)  # fmt: skip
+    done = diagnose_motion(system_of(FreePendulum), record, {})
+    assert found(done) == ["dry_friction"], done.sentence()
+    assert size(done, "dry_friction")[0] == pytest.approx(0.1, rel=0.05)
+    assert done.remaining == pytest.approx(1.0, abs=0.2)
+
+
+def test_friction_that_would_drive_is_not_taken():
+    record = swing(seed=6, extra=lambda x, v: 0.3 * abs(v))
+    done = diagnose_motion(replace(PENDULUM), record, {"viscous_friction": {"coefficient": 0.1}})
+    assert "viscous_asymmetry" not in found(done), done.sentence()
 
 
 @pytest.mark.parametrize("what", [{}, {"quantum": 5e-3}, {"jitter": 0.4}, {"rate": 40.0}, {"noise": 1e-4, "fine": 400}])

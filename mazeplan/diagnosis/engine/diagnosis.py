@@ -11,9 +11,11 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
+from mazeplan.diagnosis.engine.judge import LOST
+from mazeplan.diagnosis.engine.levels import Trial
 from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.record import Record, noise_of
-from mazeplan.diagnosis.engine.search import LOST, Finding, Search, Trial
+from mazeplan.diagnosis.engine.search import Finding, Search
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
 from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.diagnosis.engine.windows import Fit, Windows
@@ -22,6 +24,10 @@ from mazeplan.diagnosis.evidence import Evidence
 MOST_ROWS = 9000  # of a record that are simulated; of a cart at 1 kHz, half as many gave 15 % more friction
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
 DIVERGED = 10.0  # error over the movement from which on there is no number in the document
+BELOW, QUIETER = (
+    0.8,
+    3,
+)  # times the noise, below which the noise was too large; how often a search is repeated with less
 OPEN = 0.5  # standard error over the size of a parameter that the record leaves open
 
 
@@ -174,6 +180,12 @@ def diagnose_motion(
     tell = progress or (lambda text: None)
     model, search = _prepared(system, record, known, along, tell)
     finding = search.run()
+    for _ in range(QUIETER):
+        left = _least_left(finding)
+        if (left > BELOW).all():
+            break
+        model, search = _prepared(system, record, known, along, tell, model.noise * np.minimum(left, 1.0))
+        finding = search.run()
     tell("scores")
     level = _judged(search, finding)
     base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
@@ -212,13 +224,26 @@ def diagnose_motion(
     )  # fmt: skip
 
 
+def _least_left(finding: Finding) -> Array:
+    """What the best model leaves in windows of some length, in times the noise, of each coordinate (C,).
+
+    A few numbers cannot fit below the noise: if less is left, a fast swing was taken for noise."""
+    out = []
+    for fits in finding.final.fits:
+        square = sum(np.nansum(fit.residual**2, axis=0) for fit in fits)
+        count = sum(np.isfinite(fit.residual).sum(axis=0) - 2.0 * len(fit.states) for fit in fits)
+        out.append(np.sqrt(square / np.maximum(count, 1.0)))
+    return np.min(out, axis=0)
+
+
 def _prepared(
-    system: System, record: Record, known: Values, along: Sequence[str], tell: Callable[[str], None]
-) -> tuple[Model, Search]:
-    """The model of a record, with steps that are fine enough, and the search."""
+    system: System, record: Record, known: Values, along: Sequence[str], tell: Callable[[str], None],
+    noise: Array | None = None,
+) -> tuple[Model, Search]:  # fmt: skip
+    """The model of a record, with steps that are fine enough, and the search. noise: (C,), None: that of the record"""
     held = np.array([name in system.held for name in system.inputs], dtype=bool)
     record = thinned(record, MOST_ROWS, held)
-    noise = noise_of(record)
+    noise = noise_of(record) if noise is None else noise
     model = Model(system, record, noise, scales(system, record, noise))
     search = Search(model, known, along, tell)
     divide(model, search.values(search.always), search.levels[0].folds[0].windows)
@@ -230,7 +255,7 @@ def _judged(search: Search, finding: Finding) -> int:
     valid = finding.valid or (0,)
     if not finding.found:
         return valid[-1]
-    return max(valid, key=lambda i: min(search.clear(finding.final, name, i) for name in finding.found))
+    return max(valid, key=lambda i: min(search.judge.clear(finding.final, name, i) for name in finding.found))
 
 
 def _whole(search: Search, trial: Trial, level: int) -> Fit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,22 @@ class Level:
     folds: tuple[Windows, Windows]
     movement: Array
     bend: Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with some effects, fitted at each level.
+
+    fits: of both folds, by level; held: cost of each held-out window by level, folds one after the other"""
+
+    names: tuple[str, ...]
+    fits: tuple[tuple[Fit, Fit], ...]
+    held: tuple[Array, ...]
+    count: tuple[Array, ...]
+
+    def rms(self, level: int) -> float:
+        """Held-out error in times the noise."""
+        return math.sqrt(float(np.sum(self.held[level])) / float(np.sum(self.count[level])))
 
 
 def levels_of(model: Model) -> tuple[Level, ...]:

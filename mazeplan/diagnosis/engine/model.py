@@ -81,19 +81,18 @@ def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
     for i, name in enumerate(system.inputs):
         u = record.u[:, i]
         held = name in system.held or record.means
-        if lag > 0.0:
-            u, held = _lagged(t, u, lag, held), False
         if held and delay > 0.0:  # the mean over each step
             total = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
             edges = np.interp(t - delay, t, total, left=np.nan)
             early = t - delay < t[0]
             edges[early] = (t[early] - delay - t[0]) * u[0]
-            mean = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
-            out[:, 0, i] = out[:, 1, i] = mean
-        elif held:
-            out[:, 0, i] = out[:, 1, i] = u
+            u = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
+        elif delay > 0.0:
+            u = np.interp(t - delay, t, u)
+        if held:
+            out[:, :, i] = u[:, None] if lag == 0.0 else _held_behind_lag(t, u, lag)
         else:
-            at = u if delay == 0.0 else np.interp(t - delay, t, u)
+            at = _lagged(t, u, lag, False) if lag > 0.0 else u
             out[:, 0, i], out[:-1, 1, i], out[-1, 1, i] = at, at[1:], at[-1]
     return out
 
@@ -104,6 +103,18 @@ def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
     e = np.exp(-h / lag)
     slope = np.zeros(len(h)) if held else np.diff(u) / h
     return decayed(u[0], e, (u[:-1] - slope * lag) * (1.0 - e) + slope * h)
+
+
+def _held_behind_lag(t: Array, u: Array, lag: float) -> Array:
+    """A held input behind a first-order lag (N, 2): the line over each step with the mean and the first moment of the
+    exponential. So a lag that is much shorter than a step changes little, and a fit can start there."""
+    k = np.diff(t, append=2.0 * t[-1] - t[-2]) / lag
+    short = np.maximum(k, 0.01)  # below this the differences lose digits
+    e = np.exp(-short)
+    mean = np.where(k < 0.01, 1.0 - 0.5 * k, (1.0 - e) / short)
+    moment = np.where(k < 0.01, -k / 12.0, (1.0 - e * (1.0 + short)) / short**2 - 0.5 * mean)
+    away = _lagged(t, u, lag, True) - u
+    return u[:, None] + away[:, None] * (mean[:, None] + 6.0 * moment[:, None] * np.array([-1.0, 1.0]))
 
 
 def changed(values: Values, effect: str, name: str, number: float) -> Values:

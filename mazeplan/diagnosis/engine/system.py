@@ -211,7 +211,12 @@ def _terms(effect: Effect, system: System, coordinate: int | None) -> tuple[Term
             code = term_functions(part, inputs)
         except Exception as problem:  # a user's formula may raise anything
             why = str(problem) if isinstance(problem, ValueError) else reason(problem)
-            raise InputError(f"the formula of {effect.name} cannot be used: {why}") from None
+            known = ", ".join(effect.parameters) or "none"
+            raise InputError(
+                f"the formula of {effect.name} cannot be used: {why}; expected a static method of state and parameters "
+                "that returns a number, by sin, cos, sqrt, size, sign of mazeplan.physics, without if; "
+                f"parameters: {known}"
+            ) from None
         held = effect.acts == DRY
         out.append(Term(code.address["hold" if held else "term"], i, held, code))
     return tuple(out)

@@ -25,7 +25,7 @@ STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
 DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
 STRAIGHT, BENT = 0.75, 0.25  # gain of a step over the foreseen one: a longer or a shorter step is tried next
-START = 6  # samples whose line is the first guess of an initial state
+START, BOW = 6, 3  # samples whose line, and whose parabola, is a first guess of an initial state
 
 
 class Point(NamedTuple):
@@ -96,14 +96,15 @@ def cut(record: Record, rows: int) -> IntArray:
     return found[seen > 2 * START] if len(found) else found
 
 
-def first_states(record: Record, windows: IntArray) -> Array:
-    """First guess of the initial states (M, 2 C): lines through the first samples."""
+def first_states(record: Record, windows: IntArray, degree: int = 1) -> Array:
+    """First guess of the initial states (M, 2 C): lines or parabolas through the first samples."""
     c = record.y.shape[1]
     out = np.zeros((len(windows), 2 * c))
     for m, (a, b) in enumerate(windows):
+        count = max(START, (b - a) // 25) if degree == 1 else BOW
         for i in range(c):
-            seen = a + np.flatnonzero(np.isfinite(record.y[a:b, i]))[: max(START, (b - a) // 25)]
-            slope, level = np.polyfit(record.t[seen] - record.t[a], record.y[seen, i], 1)
+            seen = a + np.flatnonzero(np.isfinite(record.y[a:b, i]))[:count]
+            *_, slope, level = np.polyfit(record.t[seen] - record.t[a], record.y[seen, i], degree)
             out[m, i], out[m, c + i] = level, slope
     return out
 
@@ -131,6 +132,7 @@ class Windows:
         self.measured = y[self.row, self.coordinate]
         self.weight = 1.0 / model.noise[self.coordinate]
         self.guess = first_states(model.record, windows)
+        self.bent = first_states(model.record, windows, 2)  # nearer where a window begins in a fast swing
         # sizes of initial states at which they matter
         tiny = model.noise * math.sqrt(1e-4)
         last = max(float(np.median(model.record.t[windows[:, 1] - 1] - model.record.t[windows[:, 0]])), 1e-9)
@@ -180,7 +182,7 @@ class Windows:
 
     def settled(self, values: Values, states: Array | None = None, most: int = 12) -> tuple[Array, Array]:
         """Initial states (M, 2 C) fitted window by window, and the residual (K,)."""
-        starts = [self.guess, self.resting] if states is None else [states, self.guess, self.resting]
+        starts = [*([] if states is None else [states]), self.guess, self.bent, self.resting]
         states, r = starts[0].copy(), self.residual(values, starts[0])
         for other in starts[1:]:
             states, r = self._better(states, r, other, self.residual(values, other))
