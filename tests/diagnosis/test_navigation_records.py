@@ -64,7 +64,7 @@ def test_errors_of_roll_outs_that_have_lost_the_ball_do_not_decide():
     lost = held((0.2, 1.0), (0.18, 1.05), (0.13, 1.1))
     assert lost.ahead == AHEAD // 2
     assert lost.better
-    assert lost.ball_effects_not_worse
+    assert lost.ball_effects_not_worse()
     assert not held((0.2, 1.0), (0.2, 1.0), (0.25, 0.9)).better
 
 
@@ -72,12 +72,12 @@ def test_errors_of_near_roll_outs_decide_if_far_ones_are_worse():
     near = held((0.2, LOST - 0.1), (0.18, LOST - 0.1), (0.13, LOST - 0.05))
     assert near.ahead == AHEAD // 2
     assert near.better
-    assert near.ball_effects_not_worse
+    assert near.ball_effects_not_worse()
     assert held((0.2, 0.4), (0.2, 0.4), (0.25, 0.3)).ahead == AHEAD
     worse = held((0.2, 0.4), (0.2, 0.4), (0.25, 0.45))
     assert worse.ahead == AHEAD
     assert not worse.better
-    assert not worse.ball_effects_not_worse
+    assert not worse.ball_effects_not_worse()
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.016), (-0.006, 0.0), (0.004, -0.004)])

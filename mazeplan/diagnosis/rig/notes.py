@@ -32,8 +32,11 @@ def notes_on(table: Table, stage: Stage | None, was: RigReference, blind: bool) 
             "order, and name it with --model"
         )
     if stage is None:
-        why = "nobody measures the tilt" if blind else _why_no_stage(table)
-        notes.append(f"{why}: servos cannot be checked{'' if blind else ', and the tilt is smoothed'}")
+        notes.append(
+            "nobody measures the tilt: the servos show only through the ball"
+            if blind
+            else f"{_why_no_stage(table)}: servos cannot be checked, and the tilt is smoothed"
+        )
     if stage is not None and stage.servos_overtaxed:
         notes.append(
             "the servos cannot follow the commands of this record, as in navigation, or with a servo that became slow "

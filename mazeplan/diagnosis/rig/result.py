@@ -8,9 +8,9 @@ from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.core.logs.table import Table
-from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, untold, values_of
 from mazeplan.diagnosis.rig.candidates import Candidate
+from mazeplan.diagnosis.rig.entry_words import DEG, REPAIRS, change, place, plain, repair
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import SLIDES, TEXTBOOK_BALL, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
@@ -18,7 +18,6 @@ from mazeplan.diagnosis.rig.search import SearchResult, Tried
 from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.fits import FITS, kind_of_ball
-from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.stage import StageModel
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
@@ -26,31 +25,7 @@ REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the
 MANY = 5  # effects from which the model is probably of another rig
 LEAST_GAIN = 0.5  # of a tilt sensor; below this, or above its inverse, swapped columns are more likely
 CERTAIN, BARELY = 8.0, 0.5  # standard errors: minimum for "certain", for any word
-DEG = 180.0 / math.pi
-SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
-SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
-PLACES = ("centre", "start", "end", "angle")  # rad, of an effect on a ring
-REPAIRS = {
-    "tilt_offset": "Level the table", "axis_misalignment": "Turn the camera back", "camera_offset": "Centre the camera",
-    "sensor_delay": "Look for what delays the camera's pictures", "servo_gain": "Check the linkage of the servo",
-    "servo_lag": "Check the servo's supply and load",
-    "rate_limit": "Check the servo's supply and load",
-    "backlash": "Look for play, or for a servo that stops short, in the linkage",
-    "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
-    "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
-    "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
-    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor",
-    "friction_drift": "Look for what warms up or gets dirty", "constant_torque": "Look for a draught that goes round",
-    "surface_bump": "Look for a magnet or a dent", "surface_profile": "Check that the floor is flat",
-    "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
-    "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
-    "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
-    "surface_ripple": "Check that the floor is flat", "ball_imbalance": "Take a ball that is evenly heavy",
-}  # fmt: skip
-BY_SENSOR = {"by": "tilt sensor"}  # in the entry of a table that is not level: only the sensor says so
 NOT_PREDICTING = "held-out parts are predicted no better"
-# their advice names the axis
-OF_AN_AXIS = {"servo_gain", "servo_lag", "rate_limit", "backlash", "deadband", "tilt_gain"}
 OF_THE_STAGE = {"servo_gain", "tilt_gain", "axis_coupling"}  # what is found of overtaxed servos
 
 
@@ -209,12 +184,12 @@ def sentence(done: RigVerdict) -> str:
     if done.verdict == "nothing_missing":
         far, limits = _as_far_as(done)
         return f"{first}Nothing is missing{far}: the rig agrees with {done.was.source}. {left}.{limits}"
-    parts = [_change(effect) for effect in done.effects]
+    parts = [change(effect) for effect in done.effects]
     if done.unknown is not None:
         what = done.unknown.description
         parts += [what if done.unknown.cause else f"something without a name ({what})"] if what else []
         parts += done.unknown.servos
-    groups = "; it ".join(untold(map(_plain, group)) for group in done.alike)
+    groups = "; it ".join(untold(map(plain, group)) for group in done.alike)
     doubt = f" But this record {groups}." if groups else ""
     error = ""
     if round(DEG * after, 1) != round(DEG * before, 1) and not _by_tilt_alone(done):
@@ -263,11 +238,11 @@ def _surely(done: RigVerdict) -> str:
     if size < BARELY:
         return ""
     word = "likely" if size <= CERTAIN or done.misfit else "certain"
-    errors = "1 standard error" if f"{size:.0f}" == "1" else f"{size:.0f} standard errors"
-    errors = errors if size < 1000.0 else "over 1000 standard errors"
+    count = "over 1000" if size >= 1000.0 else f"{size:.0f}"
+    why = why.format(f"{count} standard error{'s' * (count != '1')}")
     if len(done.effects) > 1 and math.isfinite(done.held.z_score):
-        return f" Together, the findings are {word}: they {why.replace('predicts', 'predict').format(errors)}."
-    return f" The finding is {word}: it {why.format(errors)}."
+        return f" Together, the findings are {word}: they {why.replace('predicts', 'predict')}."
+    return f" The finding is {word}: it {why}."
 
 
 def _ratio(effect: Entry) -> float:
@@ -279,88 +254,6 @@ def _ratio(effect: Entry) -> float:
     return max((r for r in ratios if math.isfinite(r)), default=0.0)
 
 
-def _change(effect: Entry) -> str:
-    """An effect with its sizes before and now, and its place now."""
-    before, parts, places, changed = effect["known_before"], [], _places(effect), _changed(effect)
-    sizes = {str(both.get("after")) for both in effect["rings"].values()}
-    if len(sizes) > 1 or (places and len(effect["rings"]) == 1):  # otherwise the numbers are those of all rings
-        everywhere = "in all rings; " if len(effect["rings"]) > 1 and not places else ""
-        parts.append(f"{everywhere}in ring {next(iter(effect['rings']))}")
-    for key, number in effect["parameters"].items():
-        old, error = before.get(key, 0.0) or 0.0, number["stderr"]
-        if key not in places and key not in changed and len(effect["parameters"]) > 1:
-            continue
-        factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
-        if key in places:
-            at = place_deg(number["value"], 1) if key in PLACES else factor * number["value"]
-            at = f"{at:.3g} {unit}".rstrip()
-            at = at if number.get("determined", True) else f"not determined ({at} fits)"
-            parts.append(f"{_called(effect['name'], key)} {at}")
-            continue
-        digits = _digits(factor * error, factor * number["value"])
-        was, now = (_none(effect["name"], key, v) or f"{factor * v:.{digits}f}" for v in (old, number["value"]))
-        change = f"from {was if old else 0} to {now} ± {factor * error:.{digits}f} {unit}".rstrip()
-        parts.append(f"{_called(effect['name'], key)} {change}")
-    return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
-
-
-def _none(effect: str, key: str, value: float) -> str:
-    """ "none" for a limit at its highest value, which limits nothing."""
-    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
-    return "none" if known is not None and value == known.default == known.high else ""
-
-
-def _places(effect: Entry) -> tuple[str, ...]:
-    """Parameters of an effect that say where it is."""
-    return tuple(EFFECTS[effect["name"]].places) if effect["name"] in EFFECTS else ()
-
-
-def _digits(error: float, value: float) -> int:
-    """Decimal places that are meaningful with a standard error; three figures of a value without one."""
-    size = error if math.isfinite(error) and error > 0.0 else abs(value) / 10.0
-    return min(max(0, 1 - math.floor(math.log10(size))), 9) if size > 0.0 else 2
-
-
-def _called(effect: str, key: str) -> str:
-    """Words for a parameter of an effect."""
-    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
-    return known.words if known is not None and known.words else _plain(key)
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _place(effect: Entry) -> str:
-    """Where to look, if the effect has a place."""
-    places = _places(effect)
-    at = {key: p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
-    if not at:
-        axes = [axis for axis in ("beta", "gamma") if axis in _changed(effect)]
-        return f" of {axes[0]}" if effect["name"] in OF_AN_AXIS and len(axes) == 1 else ""
-    ring = next(iter(effect["rings"]), "")
-    if not all(effect["parameters"][key].get("determined", True) for key in at):
-        return f" in ring {ring}" if ring else ""
-    angles = " to ".join(f"{place_deg(angle, 0):.0f}" for angle in at.values())
-    return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
-
-
-def _changed(effect: Entry) -> list[str]:
-    """The numbers of an effect that a sentence gives: all if none has changed by three standard errors."""
-    before, numbers = effect.get("known_before", {}), effect["parameters"]
-    far = [key for key, p in numbers.items() if abs(p["value"] - (before.get(key, 0.0) or 0.0)) > 3.0 * p["stderr"]]
-    return far or list(numbers)
-
-
-def _repair(effect: Entry) -> str:
-    """What to repair."""
-    if effect["name"] == "surface_bump" and effect["parameters"]["height"]["value"] > 0.0:
-        return "Look for a hill or for dirt under the ball"
-    if "by" in effect:
-        return "Set the tilt sensor to zero: the ball feels no other tilt than before"
-    return REPAIRS[effect["name"]]
-
-
 def advice(
     done: RigVerdict, written: str | None = None, add: str = "--model MODEL -o FOLDER", logs: str = "LOG"
 ) -> list[str]:
@@ -369,7 +262,7 @@ def advice(
     written: folder of the new model, if there is one
     add: options that would write a new model
     logs: logs of the record, as words of a command"""
-    repairs = [(e, f"{_repair(e)}{_place(e)}.") for e in done.effects if e["name"] in REPAIRS]
+    repairs = [(e, f"{repair(e)}{place(e)}.") for e in done.effects if e["name"] in REPAIRS]
     out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip

@@ -63,25 +63,25 @@ class HeldOut:
         lost = min(_mean(errors[-1]) for errors in (self.before, self.plain, self.after)) > LOST
         return (AHEAD // 2,) if lost else (AHEAD, AHEAD // 2)
 
-    @property
-    def ball_effects_not_worse(self) -> bool:
-        """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without."""
-        return any(self._not_worse(self.plain, ahead) for ahead in self._horizons)
+    def ball_effects_not_worse(self, most: float = 1.0) -> bool:
+        """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without, within so
+        many standard errors."""
+        return any(self._not_worse(self.plain, ahead, most) for ahead in self._horizons)
 
     @property
     def better(self) -> bool:
         """Whether roll-outs with all effects, also of the stage, are at least as accurate as without."""
         return self._not_worse(self.before, self.ahead)
 
-    def _not_worse(self, than: Array, ahead: int) -> bool:
-        """Whether errors so many samples ahead are not larger, within the standard error of the difference.
+    def _not_worse(self, than: Array, ahead: int, most: float = 1.0) -> bool:
+        """Whether errors so many samples ahead are not larger, within so many standard errors of the difference.
 
         After many impacts, every roll-out has lost the ball, and the mean says little of what acts between them."""
         more = (self.after - than)[ahead - 1]
         more = more[np.isfinite(more)]
         parts = [part.mean() for part in np.array_split(more, PARTS) if len(part)]
         spread = float(np.std(parts, ddof=1)) / math.sqrt(len(parts)) if len(parts) > 1 else 0.0
-        return float(np.mean(more)) <= spread
+        return float(np.mean(more)) <= most * spread
 
     @property
     def z_score(self) -> float:

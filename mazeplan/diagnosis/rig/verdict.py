@@ -23,30 +23,28 @@ from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
-from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate
 from mazeplan.diagnosis.rig.differences import search_against
+from mazeplan.diagnosis.rig.entry_words import BY_SENSOR
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, POLISH
 from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.notes import notes_on
 from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference, fit_reference, kind_of
 from mazeplan.diagnosis.rig.registry import registry_entry
-from mazeplan.diagnosis.rig.result import BY_SENSOR, REMAINS, TWICE, RigVerdict, Unknown
-from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import NEEDED, SearchResult, surely_differs
+from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
+from mazeplan.diagnosis.rig.scores import BETTER, HeldOut, held_out, on_test
+from mazeplan.diagnosis.rig.search import NEEDED, SearchResult, one_ball_instead, surely_differs
+from mazeplan.diagnosis.rig.tilts import as_it_was, felt, gain_of
 from mazeplan.diagnosis.stage.comparison import (
     AXES,
-    DECISIVE,
-    changed_gain,
     moved_by,
     moved_zero,
-    on_known_zero,
     settled_on,
     stage_effects,
 )
 from mazeplan.diagnosis.stage.navigation import (
     coupling_in_navigation,
-    gain_in_navigation,
     servos_look_changed,
 )
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
@@ -61,6 +59,7 @@ LEAST_REMAINS = 1.1  # times the noise; in healthy records, small errors of the 
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
+LOUDER = 1.5  # times the camera's noise when the model was right
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
 
 
@@ -92,7 +91,7 @@ def verdict_on(
     overtaxed = stage is not None and stage.servos_overtaxed
     body = filter_of(table, record, maze, moves)
     check_map(body, maze, table.place)
-    servo, sensor = _gain(body, record, stage, was)
+    servo, sensor = gain_of(body, record, stage, was)
     measured, body = body, body if sensor is None else felt(body, sensor)
     begun = was.body
     if begun.start is not None:  # a textbook's numbers are far from those of any rig
@@ -102,12 +101,16 @@ def verdict_on(
         then = filter_of(was.table, whole_record(was.table), maze, None, then)
     # without a tilt sensor, another ball looks like another gain of both servos, which nobody sees
     known, searched = search_against(body, begun, then, maze, tell, own, ("rolling_inertia",) if blind else ())
+    if stage is not None and not overtaxed and servo is None and sensor is None:
+        searched = one_ball_instead(body, searched, known)
     was = replace(was, body=replace(known, start=was.body.start))
     tell("held-out part")
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
-    old = measured if sensor is not None else _as_it_was(table, maze, was, stage, body)
+    old = measured if sensor is not None else as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
-    found = searched.found if held.likelier and held.ball_effects_not_worse else ()
+    # roll-outs through impacts scatter: they refuse what acts at walls only if they are surely worse
+    most = BETTER if all(CONTACT in c.depends_on for c in searched.found) else 1.0
+    found = searched.found if held.likelier and held.ball_effects_not_worse(most) else ()
     radii = _radii(maze, searched.fit.filtered)
     staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
@@ -138,6 +141,9 @@ def verdict_on(
     standing = _standing(searched, found, effects)
     if standing is not searched:
         memory, remaining = residual_summary(body, standing.fit)
+    noises = [value_of(model, "noise") for model in (was.body.model, standing.fit.model)]
+    if noises[1] > LOUDER * noises[0]:
+        refused.append(f"the noise of the camera grew from {1e3 * noises[0]:.2g} to {1e3 * noises[1]:.2g} mm")
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, body, stage, was,
         (*notes_on(table, stage, was, blind), *refused), sensor=sensor, moves=moves, table=table,
@@ -194,11 +200,11 @@ def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:
     return Unknown(what, look=("Look at the ball: is it round, clean and evenly heavy?",))
 
 
-def _small(effect: Entry) -> bool:
-    """Whether all changes of an effect are near its smallest sizes."""
+def _small(effect: Entry, most: float = HARDLY) -> bool:
+    """Whether all changes of an effect are at most so many of its smallest sizes."""
     had, known = effect["known_before"], PACKAGED.get(effect["name"])
     return known is not None and all(
-        abs(value - had[key]) <= HARDLY * known.parameters[key].smallest for key, value in values_of(effect).items()
+        abs(value - had[key]) <= most * known.parameters[key].smallest for key, value in values_of(effect).items()
     )
 
 
@@ -215,45 +221,12 @@ def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
     return good, notes
 
 
-def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
-    """The filter with the plate moved by the old model's stage; `body` if one of the stages cannot be used."""
-    known = was.stage.axes()
-    if known is None or stage is None or stage.servos_overtaxed:
-        return body
-    return filter_of(table, record_of(table), maze, on_known_zero(stage, was.stage, known))
-
-
 def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     """Predictions of a further record, by the old model and by the new one."""
     new = filter_of(test, record_of(test), maze, done.moves)
     new = new if done.sensor is None else felt(new, done.sensor)
-    old = _as_it_was(test, maze, done.was, done.stage, new)
+    old = as_it_was(test, maze, done.was, done.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
-
-
-def _gain(
-    body: BodyFilter, record: RingRecord, stage: Stage | None, was: RigReference
-) -> tuple[Entry | None, Entry | None]:
-    """A changed gain as an entry of the servo, or of the tilt sensor; the other entry is None.
-
-    It belongs to the tilt sensor if the ball felt tilts of the old size."""
-    if stage is not None and stage.servos_overtaxed:
-        servo, sensor = gain_in_navigation(record, stage, was.stage)
-    else:
-        servo, sensor = changed_gain(stage, was.stage)
-    if servo is None or sensor is None:
-        return None, None
-    if was.body.start is not None:
-        return servo, None
-    by_servo, by_sensor = (one.run(was.body.model).minus2 for one in (body, felt(body, sensor)))
-    return (None, sensor) if by_servo - by_sensor > DECISIVE else (servo, None)
-
-
-def felt(body: BodyFilter, sensor: Entry) -> BodyFilter:
-    """The filter with true tilts, which are smaller than the measured ones by the growth of the sensor's scale."""
-    grown = [value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()]
-    plate = body.plate._replace(motion=body.plate.motion / np.repeat(grown, 3))
-    return BodyFilter(body.pictures, plate, body.walls, body.soonest)
 
 
 def _of_the_stage(
@@ -284,7 +257,10 @@ def _of_the_ball(
             continue
         if any(e["name"] == c.effect for e in effects):  # sliding and rolling at walls: two numbers of one effect
             continue
-        effects.append(registry_entry(c, searched.fit, was.body, radii))
+        entry = registry_entry(c, searched.fit, was.body, radii)
+        if _small(entry, 1.0):  # a number of the rigid ball changed with another one, and what it does hardly changed
+            continue
+        effects.append(entry)
         names = tuple(r.effect for r in rivals if r.effect)
         if names:
             alike.append((c.effect, *names))

@@ -137,7 +137,9 @@ def changed(stage: Stage, effect: Effect, known: Known, least: float = 1.0) -> E
         sure = SURE * sigma
         if effect is rig.command_delay and all(axis.order == 0 for axis in stage.axes):
             # uniform over a sample, and the same in all records of a rig: a change is one of a whole sample
-            sure = WHOLE * math.sqrt(12.0) * max(axis.stderr.get("dead_time", math.inf) for axis in stage.axes)
+            errors = [axis.stderr.get("dead_time", math.inf) for axis in stage.axes]
+            errors += [axis.stderr.get("dead_time", 0.0) for axis in (known.kind.beta, known.kind.gamma)]
+            sure = WHOLE * math.sqrt(12.0) * max(errors)
         if abs(values[name] - had[name]) > max(least * p.smallest, sure):
             return effect_entry(effect, values, stderr, had)
     return None
