@@ -14,12 +14,15 @@ from contacteffects import EFFECTS, changed, truth
 from contactrig import Rig, record
 from hidden_effects import write_hidden_rig
 from planar_rig import PATIENT
+from strange_rigs import StrangeRig
 
 import mazeplan
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig import search, verdict
 from mazeplan.diagnosis.rig.differences import THE_SAME
 from mazeplan.diagnosis.rig.imbalance import BALANCED
+from mazeplan.diagnosis.rig.record import filter_of, whole_record
 from mazeplan.diagnosis.rig.reference import reference_of, textbook
 from mazeplan.diagnosis.rig.reference_file import known_reference
 from mazeplan.diagnosis.rig.scores import HeldOut
@@ -30,6 +33,7 @@ from mazeplan.diagnosis.stage import navigation
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import DRAG, Effect, Parameter
+from mazeplan.run.collect import Collection, run_collection
 
 pytestmark = pytest.mark.slow
 
@@ -204,6 +208,27 @@ def test_a_healthy_rig_that_loses_pictures_is_left_alone():
     assert done.verdict == "nothing_missing"
     assert done.searched.without.filtered.starts < 60, "gaps are bridged"
     assert done.after == done.before
+
+
+def of_a_point(path, share):
+    """A minute of a rig whose ball is a point that feels a share of gravity, and meets walls without spin."""
+    plan = Collection(SECONDS, (1, 2, 3, 4), 3)
+    run_collection(StrangeRig(MAZE, {"share": share, "rest": 0.4}), MAZE, plan, path)
+    return read_table(path)
+
+
+def test_two_tilt_sensors_that_change_alike_are_one_ball(tmp_path):
+    was = reference_of([of_a_point(tmp_path / "was.mcap", 0.6)], MAZE, None).body
+    table = of_a_point(tmp_path / "now.mcap", 0.72)
+    body = filter_of(table, whole_record(table), MAZE, None)
+    sensors = search.search_rig(body, was, MAZE, without=("rolling_inertia",))
+    assert [c.effect for c in sensors.found] == ["tilt_gain"]
+    ball = search.one_ball_instead(body, sensors, was)
+    assert [c.effect for c in ball.found] == ["rolling_inertia"]
+    assert 1.0 / (1.0 + ball.fit.value("inertia")) == pytest.approx(0.72, rel=0.02)
+    model = with_values(sensors.fit.model, {"gain_beta": value_of(was.model, "gain_beta")})
+    one = replace(sensors, fit=replace(sensors.fit, model=model))
+    assert search.one_ball_instead(body, one, was) is one
 
 
 def test_a_textbook_ball_lacks_what_any_rig_has():
