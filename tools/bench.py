@@ -84,6 +84,7 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "What does learning bring on other rigs?": (
         Pick("strange", 0, ("without a model", "learned")),
         Pick("drawn", 0, TOTAL, "drawn rigs: {0}"),
+        Pick("drawn", 1, ("within 1.05", "arrived"), "{0}: models of 120 s of record beside those of 600 s"),
     ),
     "Does it find what is wrong?": (
         Pick("effects", 0, TOTAL, "record, diagnosis, new model: {0}"),

@@ -5,10 +5,11 @@ the folder that MAZEPLAN_RIGS names. Each gets 300 s of `collect --rings --place
 same starts and seeds without a model and with the model just learned. Alone, for a look at some rigs:
 
     python tools/bench_strange.py [--drawn N] [--first SEED] [--runs R] [--workers K] [--seed S] [--logs N]
-        [--seconds S] [--truth] [RIG ...]
+        [--seconds S] [--truth] [--short] [RIG ...]
 
 RIG: MODULE:CLASS. --truth: drawn rigs run without a model, with the model just learned, with the true numbers of
-the rig, and with these and perfect sensors.
+the rig, and with these and perfect sensors. --short: runs with models of SHORT s of record, --logs of them, beside
+those of LONG s.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ import yaml
 from bench_kit import Section, Table
 
 SECONDS = 300.0
+SHORT, LONG, NEARLY = 120.0, 600.0, 1.05  # s; mean time over that with long records that counts as the same
 SIX = tuple(f"strange_rigs:{name}" for name in ("Stepper", "Prompt", "Late", "Springy", "Blind", "Slow"))
 FIRST = 8000  # seed of the first drawn rig of the table; none of these had a part in the work on the program
 SIGMAS = 3.0  # standard errors of a difference of mean times from which learning made a rig slower
@@ -107,11 +109,14 @@ def against_truth(name: str, model: Any, maze: Any, runs: int) -> dict[str, Any]
     return out | {"perfect": summary(drive(name, seen, maze, runs, more=PERFECT))}
 
 
-def trial(name: str, runs: int, seed: int, seconds: float = SECONDS, truth: bool = False) -> dict[str, Any]:
+def trial(
+    name: str, runs: int, seed: int, seconds: float = SECONDS, truth: bool = False, before: bool = True
+) -> dict[str, Any]:
     """What one rig showed.
 
     runs: with and without the model; 0: only what `learn` writes
-    truth: beside the true model, too (`against_truth`)"""
+    truth: beside the true model, too (`against_truth`)
+    before: whether to run without the model"""
     from mazeplan.core.errors import MazeplanError
     from mazeplan.core.logs.table import read_table
     from mazeplan.diagnosis.rig.reference_file import load_reference, save_reference
@@ -142,7 +147,8 @@ def trial(name: str, runs: int, seed: int, seconds: float = SECONDS, truth: bool
     out["stage"] = [(a.order, round(a.natural_frequency, 1), round(a.dead_time, 4)) for a in axes]
     if truth:
         return out | against_truth(name, model, maze, runs)
-    for word, one in (("before", RigModel.nominal(maze)), ("after", model)) if runs else ():
+    models = {"before": RigModel.nominal(maze), "after": model} if before else {"after": model}
+    for word, one in models.items() if runs else ():
         out[word] = summary(drive(name, one, maze, runs))
     return out
 
@@ -245,11 +251,27 @@ def drawn_section(quick: bool) -> Section:
     table.add("numbers in them at a bound or as uncertain as their range", len(open_))
     longest = max(row.get("learn_s", 0.0) for row in (*many, *written))
     table.add("CPU s of `learn --kind pi` with any of all these records, at most", f"{longest:.1f}")
+    short = short_table((*others(), *SIX), 1 if quick else 20, 2 if quick else 16)
     notes = (
         "`MAZEPLAN_RIGS=FOLDER`: servos, balls, walls, tilt sensors and cameras of all kinds of tests/strange_rigs.py,",
         "300 s of record each, 8 runs before and after.",
     )
-    return Section("Learning on rigs drawn at random (simulated)", notes, (table,))
+    return Section("Learning on rigs drawn at random, and from short records (simulated)", notes, (table, short))
+
+
+def short_table(names: Sequence[str], logs: int, runs: int, workers: int = 2) -> Table:
+    """Mean times with models of short records beside those with long ones."""
+    table = Table(("rig", f"s after {LONG:g} s", f"s after {SHORT:g} s", f"within {NEARLY:g}", "arrived"))
+    for name in names:
+        tasks = [(name, runs, 500 + i, LONG, False, False) for i in range(2)]
+        long = float(np.mean([row["after"]["mean"] for row in measured(tasks, workers)]))
+        rows = [row["after"] for row in measured([(name, runs, i, SHORT, False, False) for i in range(logs)], workers)]
+        times = [row["mean"] or math.inf for row in rows]
+        same = sum(mean <= NEARLY * long and row["success"] == runs for mean, row in zip(times, rows, strict=True))
+        arrived = f"{sum(row['success'] for row in rows)}/{runs * len(rows)}"
+        spread = f"{min(times):.2f} to {max(times):.2f}"
+        table.add(f"`{name}`", f"{long:.2f}", spread, f"{same} of {len(rows)} records", arrived)
+    return table
 
 
 def beside_truth(rows: Sequence[dict[str, Any]]) -> str:
@@ -300,10 +322,15 @@ def main() -> None:
     p.add_argument("--logs", type=int, default=1, help="records of each rig, with this seed and the next ones")
     p.add_argument("--seconds", type=float, default=SECONDS, help="of each record")
     p.add_argument("--truth", action="store_true", help="beside the true model")
+    p.add_argument("--short", action="store_true", help="short records beside long ones")
     p.add_argument("rigs", nargs="*")
     o = p.parse_args()
     names = [*o.rigs, *(f"drawn {o.first + i}" for i in range(o.drawn))]
     tasks = [(name, o.runs, o.seed + i, o.seconds, o.truth) for name in names for i in range(o.logs)]
+    if o.short:
+        for figures in short_table(names, o.logs, o.runs, o.workers).rows:
+            print(" | ".join(figures))
+        return
     rows = measured(tasks, o.workers)
     if o.truth:
         print(beside_truth(rows))

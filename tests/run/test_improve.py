@@ -103,5 +103,8 @@ def test_a_rig_without_a_model_learns_one_first(tmp_path):
     assert (diagnosis["verdict"], diagnosis["effects"]) == ("nothing_missing", [])
     assert (tmp_path / "first" / "record.mcap").is_file()
     assert diagnosis["model"] == str(tmp_path / "first" / "model")
+    assert diagnosis["advice"] == [
+        f"Plan with the model that was learned: mazeplan navigate --rig RIG --model {diagnosis['model']}."
+    ]
     assert load_model(diagnosis["model"]).stage.beta.order == 1
     assert entry["navigation"]["after"]["success"] == 1

@@ -55,15 +55,20 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
 def model_lines(model: RigModel) -> list[str]:
     """Plate, camera and effects in each ring, with standard errors and units."""
     from mazeplan.learning.model_document import model_document
+    from mazeplan.learning.rigid_body_entries import PARAMETERS
 
     document, lines = model_document(model), list[str]()
     body = document.get("body", {})
     body.pop("of", None)  # a stamp, for programs
-    if "delay" in body:
-        body["delay in addition to camera_delay_s"] = body.pop("delay")
-    for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body"):
+    for key in ("camera_delay_s", "stage", "camera", "tilt_sensor", "rings"):
         if key in document:
             lines += _ring_lines(document[key]) if key == "rings" else _lines(key, document[key], "")
+    lines += ["body (a rigid ball; forces by its mass: its spin makes accelerations smaller):"] if body else []
+    for name, value in body.items():
+        words = {"delay": "camera, beyond camera_delay_s"}.get(
+            name, PARAMETERS[name].words if name in PARAMETERS else ""
+        )
+        lines += [f"{line:48s}{words}".rstrip() for line in _lines(name, value, "  ")]
     return lines + [f"learned part of ring {n}: {len(part)} rows" for n, part in sorted(model.processes.items())]
 
 

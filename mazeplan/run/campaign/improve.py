@@ -118,6 +118,9 @@ def improve(
                 document["advice"] = advice(done, document["model"])
             elif learned and number == 1:
                 document["model"] = learned
+                document["advice"] = [
+                    f"Plan with the model that was learned: mazeplan navigate --rig RIG --model {learned}."
+                ]
             was = replace(was, imbalance=max(was.imbalance, done.imbalance))  # no news in the next round
             new = document["model"]
             before = before or _navigate(rig, path, options, tell, "before", working, advance)
