@@ -34,6 +34,7 @@ from mazeplan.learning.rollout import (
 )
 from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_samples
 from mazeplan.learning.smoothing import Smoothing
+from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
@@ -75,6 +76,8 @@ class RingError:
 def ring_errors(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingError]:
     """The errors in each ring that has windows. Raises InputError if no ring has enough samples."""
     found = {}
+    told = (tilt_is_measured(t) or "u_beta" not in t for t in tables)
+    tables = [t if good else with_tilt_by_commands(t, model.stage) for t, good in zip(tables, told, strict=True)]
     for ring, samples in samples_of(model, tables, maze).items():
         openings = np.array([opening.angle for opening in maze.openings_of(ring)])
         # the filter that finds the start of a roll-out looks back PAST samples, all of which must be good

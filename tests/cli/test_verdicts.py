@@ -65,6 +65,14 @@ def test_lost_pictures_cost_a_score_hardly_any_windows(log, fitted):
     assert now.error == pytest.approx(before.error, rel=0.1)
 
 
+def test_a_log_without_tilts_is_judged_by_its_commands(log, fitted):
+    whole = read_table(log)
+    blind = replace(whole, columns={**whole.columns, **dict.fromkeys(("beta", "gamma"), np.full(len(whole), np.nan))})
+    now, before = (ring_errors(fitted, [table], MAZE)[2] for table in (blind, whole))
+    assert now.windows == before.windows
+    assert now.error == pytest.approx(before.error, rel=0.2)
+
+
 def test_score_prints_the_errors_and_the_verdict(call, log, fitted, tmp_path):
     save_model(fitted, tmp_path / "model")
     code, out, _ = call("score", tmp_path / "model", log)
