@@ -72,6 +72,17 @@ def test_a_place_is_where_to_look_and_an_angle_of_the_camera_is_none():
     assert advice(done(TURNED))[0] == "Turn the camera back."
 
 
+def test_nothing_is_to_be_repaired_where_a_fault_has_gone():
+    numbers = {"coefficient": FRICTION["parameters"]["coefficient"] | {"value": 0.1}}
+    assert "Clean" in advice(done(FRICTION))[0]
+    assert not any("Clean" in line for line in advice(done(FRICTION | {"parameters": numbers})))
+
+
+def test_what_only_a_tilt_sensor_can_tell_apart_needs_no_longer_record():
+    (line,) = [line for line in advice(done(FRICTION, alike=(("sensor_delay", "command_delay"),))) if "tell" in line]
+    assert "tilt sensor" in line
+
+
 def test_a_plan_can_use_it_or_the_reason_why_not_is_told():
     assert advice(done(FRICTION), "out/model")[-1].endswith(": mazeplan navigate --rig RIG --model out/model.")
     assert "-o FOLDER" in advice(done(FRICTION))[-1]

@@ -109,7 +109,12 @@ def _changed(effect: Entry) -> list[str]:
 
 
 def repair(effect: Entry) -> str:
-    """What to repair."""
+    """What to repair; empty if the effect became smaller."""
+    known, before = EFFECTS[effect["name"]].parameters, effect.get("known_before", {})
+    sizes = {key: p["value"] for key, p in effect["parameters"].items() if key not in _places(effect)}
+    fault = any(known[key].default for key in sizes if key in known)
+    if sizes and not fault and all(abs(value) <= abs(before.get(key, 0.0) or 0.0) for key, value in sizes.items()):
+        return ""
     if effect["name"] == "surface_bump" and effect["parameters"]["height"]["value"] > 0.0:
         return "Look for a hill or for dirt under the ball"
     if "by" in effect:

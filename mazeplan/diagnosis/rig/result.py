@@ -262,7 +262,8 @@ def advice(
     written: folder of the new model, if there is one
     add: options that would write a new model
     logs: logs of the record, as words of a command"""
-    repairs = [(e, f"{repair(e)}{place(e)}.") for e in done.effects if e["name"] in REPAIRS]
+    words = [(e, repair(e)) for e in done.effects if e["name"] in REPAIRS]
+    repairs = [(e, f"{what}{place(e)}.") for e, what in words if what]
     out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip
@@ -276,7 +277,9 @@ def advice(
         out.append(f"Or leave the rig as it is, and {way}.")
     if any(e["name"] == "tilt_offset" and "by" not in e for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
-    if done.alike:
+    if any({"command_delay", "servo_gain"} & set(group) for group in done.alike):
+        out.append("Only a tilt sensor can tell the causes apart.")
+    elif done.alike:
         out.append(
             "Record longer, in all rings, to tell the causes apart: "
             "mazeplan collect --rig RIG --rings --seconds 900 -o LOG."
