@@ -59,7 +59,7 @@ def test_the_folder_of_a_stored_campaign(call, report, tmp_path):
     code, _, err = report(tmp_path / "kept", "-o", tmp_path / "kept.html")
     assert code == 0, err
     page = alone(tmp_path / "kept.html")
-    assert f"2 of 2 arrived, on average after {mean:.2f} s." in page
+    assert f"2 of 2 arrived, on average after {mean:.2f} ± " in page
     assert "first seed</dt><dd>5</dd>" in page
 
 

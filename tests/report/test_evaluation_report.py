@@ -38,7 +38,7 @@ def test_success_times_and_failures_of_runs():
 
 def test_the_table_and_the_lead():
     section = evaluation_section(given())
-    assert section.lead == "3 of 4 arrived, on average after 3.33 s."
+    assert section.lead == "3 of 4 arrived, on average after 3.33 ± 0.88 s."
     rows = {row[0]: row[1:] for row in kept(section.parts, PageTable)[0].rows}
     assert (rows["arrived"], rows["mean time"], rows["worst"]) == (["3 of 4"], ["3.33 s"], ["5.00 s"])
     assert rows["runs that did not arrive ended with"] == ["out of time 1"]

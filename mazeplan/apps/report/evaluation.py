@@ -87,8 +87,9 @@ def evaluation_section(given: Input) -> PageSection:
                 partial(_places, runs=runs, maze=_maze_of(given)), (6.0, 6.4),
             )
         )  # fmt: skip
-    mean = f", on average after {runs.figures()['mean']:.2f} s" if runs.arrived.any() else ""
-    lead = f"{int(runs.arrived.sum())} of {len(runs.time)} arrived{mean}."
+    mean, count = f", on average after {runs.figures()['mean']:.2f}" if runs.arrived.any() else "", runs.arrived.sum()
+    stderr = f" ± {runs.time[runs.arrived].std(ddof=1) / math.sqrt(count):.2f}" if count > 1 else ""
+    lead = f"{count} of {len(runs.time)} arrived{mean}{stderr}{' s' * bool(mean)}."
     return PageSection(f"Evaluation {given.name}", lead, setup_facts(runs.setup, seed="first seed"), parts)
 
 
