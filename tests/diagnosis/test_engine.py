@@ -13,7 +13,7 @@ from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table_checks import Rows
 from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
 from mazeplan.diagnosis.engine.model import Model
-from mazeplan.diagnosis.engine.record import Record, noise_of, record_of
+from mazeplan.diagnosis.engine.record import Record, noise_of, record_of, resolution
 from mazeplan.diagnosis.engine.sizes import scales
 from mazeplan.diagnosis.engine.system import system_of
 from mazeplan.diagnosis.engine.windows import Windows, cut
@@ -190,6 +190,12 @@ def test_the_noise_is_that_of_the_sensor():
     assert noise_of(Record(t, y[:, None], np.empty((3000, 0))))[0] == pytest.approx(2e-3, rel=0.1)
     rounded = 0.01 * np.round(np.sin(3.0 * t) / 0.01)
     assert noise_of(Record(t, rounded[:, None], np.empty((3000, 0))))[0] == pytest.approx(0.01 / np.sqrt(12.0), rel=0.4)
+
+
+def test_a_fast_encoder_skips_steps():
+    steps = np.random.default_rng(1).choice([2, 3, 4], 400, p=[0.6, 0.3, 0.1])
+    assert resolution(1e-3 * np.cumsum(steps)) == pytest.approx(1e-3)
+    assert resolution(np.random.default_rng(1).standard_normal(400)) == 0.0
 
 
 def test_a_fit_of_windows_agrees_with_a_plain_least_squares():
