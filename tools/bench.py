@@ -73,13 +73,13 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "Does the ball arrive, and how fast?": (
         Pick("drive", 0, TIMES),
         Pick("realtime", 0, ("arrived", "mean s", "p99 ms"), "toy in real time, machine: {0}"),
-        Pick("rig", 0, ("arrived", "s", "failures on the way"), "firmware and camera emulated, seed {0}"),
+        Pick("rig", 0, ("arrived", "s", "failures on the way"), "firmware and camera emulated, seed {0}", (" 0 ",)),
         Pick("balls", 0, ("arrived", "mean, s", "longest, s"), "two balls on {0}"),
         Pick("policy", 0, ("arrived", "mean s", "worst"), "learned policy: {0}"),
     ),
     "What happens when something fails?": (
         Pick("faults", 0, TOTAL),
-        Pick("rig", 1, ("level pulses after ms",), "program killed in a run, trial {0}"),
+        Pick("rig", 1, ("level pulses after ms",), "program killed in a run, trial {0}", (" 0 ",)),
     ),
     "What does learning bring on other rigs?": (
         Pick("strange", 0, ("without a model", "learned")),
@@ -103,14 +103,17 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     ),
     "How fast is the program?": (
         Pick("drive", 1, ("p99 ms (worst run)", "longest ms"), "a tick on {0}"),
-        Pick("policy", 1, TOTAL, "learned policy: {0}"),
+        Pick("policy", 1, TOTAL, "learned policy: {0}", ("time of", "mean error", "one decision")),
         Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
     ),
     "How long do people wait?": (
         Pick("waiting", 0, ("earlier, s", "s"), "{0}", ("navigate", "learn of", "diagnose", "all")),
     ),
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
-    "What does each part bring? (toy)": (Pick("drive", 2, ("arrived", "mean s", "worst")),),
+    "What does each part bring? (toy)": (
+        Pick("drive", 2, ("arrived", "mean s", "worst")),
+        Pick("drive", 3, ("arrived", "mean s"), "{0}, camera: {1}", (" as it is ", " neither ")),
+    ),
     "What do damaged files do?": (Pick("trees", 1, ("loads", "error at a line", "anything else"), "{0}", (" all ",)),),
 }
 

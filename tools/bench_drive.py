@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
+import yaml
 from bench_kit import Section, Table, arrivals
 from random_rigs import RANGES, draw, drive, packaged_model
 
@@ -15,12 +17,19 @@ from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.execution import run_job
 from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import Job, Setup
 
 HELD_OUT = 500_000_000  # first seed of the drawn rigs; these seeds had no part in tuning
+FRESH = 31_000  # first seed of the runs with another camera
+SHARP = {"camera_noise_mm": 0.0, "ball_lost_probability": 0.0, "tilt_noise_deg": 0.0}
+CAMERAS = (  # what is changed of a rig
+    ("as it is", {}), ("no noise, no lost picture", SHARP), ("no delay", {"camera_delay_frames": 0}),
+    ("neither", {**SHARP, "camera_delay_frames": 0}),
+)  # fmt: skip
 COLUMNS = ("arrived", "mean s", "p50", "p95", "worst", "failures on the way")
 
 
@@ -63,12 +72,39 @@ def drive_section(quick: bool) -> Section:
     off = Table(("what", *COLUMNS, "changed"), caption="What each part brings: toy, one part off at a time")
     for name, changed, outcomes in parts(8 if quick else 32):
         off.add(name, *cells(outcomes()), changed)
+    seen = camera_table(8 if quick else 100)
     ranges = ", ".join(f"{key} {low:g} to {high:g}" for key, (low, high) in RANGES.items())
     notes = (
         f"Rigs are drawn uniformly from: {ranges}.",
         "Their seeds had no part in tuning. Their models are the truth with errors such as identification makes.",
     )
-    return Section("Navigation on three rigs with the same settings (simulated)", notes, (table, ticks, off))
+    return Section("Navigation on three rigs with the same settings (simulated)", notes, (table, ticks, off, seen))
+
+
+def camera_table(runs: int) -> Table:
+    """What noise and delay of the camera cost, ring by ring. With a delay, the arrival is seen that much later."""
+    maze = load_map("cme")
+    table = Table(
+        ("rig", "camera", "arrived", "mean s", *(f"ring {ring.number}, s" for ring in maze.rings)),
+        caption="What the camera costs",
+    )
+    for rig in ("toy", "rough"):
+        settings = yaml.safe_load((files("mazeplan.rigs") / f"{rig}.yaml").read_text(encoding="utf-8"))
+        for name, changed in CAMERAS:
+            model = packaged_model(rig)
+            if "camera_delay_frames" in changed:
+                model, was = replace(model, camera_delay=0.0), settings["camera_delay_frames"]
+                name += f" (instead of {1e3 * was / model.rate_hz:.0f} ms)"
+            setup, done = Setup(maze, model, "navigate", rig, settings=load_settings()), []
+            for i in range(runs):
+                machine = SimulatedRig(maze, settings | changed)
+                done.append(run_job(machine, setup, Job(1, 5, None, FRESH + i, 20.0)))
+                machine.close()
+            whole = [[ring.time_s for ring in one.rings] for one in done if one.success]
+            rings = np.mean([times for times in whole if len(times) == len(maze.rings)], axis=0)
+            arrived, times, _ = arrivals(done)
+            table.add(rig, name, arrived, f"{np.mean(times):.3f}", *(f"{seconds:.3f}" for seconds in rings))
+    return table
 
 
 def longest(outcomes: list[NavigationResult]) -> tuple[str, ...]:
