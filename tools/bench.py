@@ -112,7 +112,7 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
     "What does each part bring? (toy)": (
         Pick("drive", 2, ("arrived", "mean s", "worst")),
-        Pick("drive", 3, ("arrived", "mean s"), "{0}, camera: {1}", (" as it is ", " neither ")),
+        Pick("drive", 3, ("arrived", "mean s"), "{0}, camera: {1}", (" neither ",)),
     ),
     "What do damaged files do?": (Pick("trees", 1, ("loads", "error at a line", "anything else"), "{0}", (" all ",)),),
 }

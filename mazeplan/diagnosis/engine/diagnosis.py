@@ -12,9 +12,9 @@ import numpy as np
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
 from mazeplan.diagnosis.engine.judge import LOST
-from mazeplan.diagnosis.engine.levels import Trial
+from mazeplan.diagnosis.engine.levels import Trial, least_left
 from mazeplan.diagnosis.engine.model import Model
-from mazeplan.diagnosis.engine.record import Record, noise_of
+from mazeplan.diagnosis.engine.record import Record, least_noise, noise_of
 from mazeplan.diagnosis.engine.search import Finding, Search
 from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
 from mazeplan.diagnosis.engine.system import System, Values
@@ -24,10 +24,8 @@ from mazeplan.diagnosis.evidence import Evidence
 MOST_ROWS = 9000  # of a record that are simulated; of a cart at 1 kHz, half as many gave 15 % more friction
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
 DIVERGED = 10.0  # error over the movement from which on there is no number in the document
-BELOW, QUIETER = (
-    0.8,
-    3,
-)  # times the noise, below which the noise was too large; how often a search is repeated with less
+BELOW = 0.8  # times the noise: what leaves less shows that the noise was taken for too large
+QUIETER = 3  # searches with less noise, at most
 OPEN = 0.5  # standard error over the size of a parameter that the record leaves open
 
 
@@ -181,10 +179,10 @@ def diagnose_motion(
     model, search = _prepared(system, record, known, along, tell)
     finding = search.run()
     for _ in range(QUIETER):
-        left = _least_left(finding)
-        if (left > BELOW).all():
+        noise = np.maximum(model.noise * least_left(finding.levels, finding.final), least_noise(model.record))
+        if (noise > BELOW * model.noise).all():
             break
-        model, search = _prepared(system, record, known, along, tell, model.noise * np.minimum(left, 1.0))
+        model, search = _prepared(system, record, known, along, tell, noise)
         finding = search.run()
     tell("scores")
     level = _judged(search, finding)
@@ -222,18 +220,6 @@ def diagnose_motion(
         _notes(search, finding, final, remaining, loose, after), (_evidence(model, base), _evidence(model, final)),
         floor, (base, final), lost, further,
     )  # fmt: skip
-
-
-def _least_left(finding: Finding) -> Array:
-    """What the best model leaves in windows of some length, in times the noise, of each coordinate (C,).
-
-    A few numbers cannot fit below the noise: if less is left, a fast swing was taken for noise."""
-    out = []
-    for fits in finding.final.fits:
-        square = sum(np.nansum(fit.residual**2, axis=0) for fit in fits)
-        count = sum(np.isfinite(fit.residual).sum(axis=0) - 2.0 * len(fit.states) for fit in fits)
-        out.append(np.sqrt(square / np.maximum(count, 1.0)))
-    return np.min(out, axis=0)
 
 
 def _prepared(

@@ -78,3 +78,23 @@ def track_of(level: Level, fits: Sequence[Fit]) -> Array:
     """Simulated states along the record (N, 2 C), each window with its own fit; NaN where there is none."""
     parts = [w.model.simulate(f.values, w.windows, f.states) for w, f in zip(level.folds, fits, strict=True)]
     return np.where(np.isfinite(parts[0]), parts[0], parts[1])
+
+
+def least_left(levels: Sequence[Level], trial: Trial) -> Array:
+    """What a model leaves in windows of some length that move, in times the noise, of each coordinate (C,);
+    at most 1.
+
+    A few numbers cannot fit below the noise: if less is left, a fast swing was taken for noise."""
+    out = [np.ones(trial.fits[0][0].residual.shape[1])]
+    for level, fits in zip(levels, trial.fits, strict=True):
+        moving = np.split(level.movement > 2.0 * np.concatenate([fit.count for fit in fits]), [len(fits[0].count)])
+        parts = [
+            fit.residual[a + 1 : b]
+            for fold, fit, moves in zip(level.folds, fits, moving, strict=True)
+            for a, b in fold.windows[moves]
+        ]
+        if parts:
+            square = np.sum([np.nansum(part**2, axis=0) for part in parts], axis=0)
+            count = np.sum([np.isfinite(part).sum(axis=0) - 2.0 for part in parts], axis=0)
+            out.append(np.sqrt(square / np.maximum(count, 1.0)))
+    return np.min(out, axis=0)

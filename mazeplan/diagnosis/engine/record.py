@@ -24,6 +24,7 @@ from mazeplan.core.records import Array
 FEWEST = 60  # samples
 GAP = 6.0  # usual steps; inputs that were not recorded for longer are unknown
 DOUBLED = 0.05  # maximum share of rows that may repeat the time of the row before
+FINEST = 1e-8  # share of its range that a sensor shows at best
 SLOWEST = 5.0  # s; longer steps are another unit of time
 NEIGHBOURS = 7  # samples of the local polynomial that measures the noise
 # degree of the polynomial, and the median of its residual in multiples of white noise (chi distributions with 4, 2 and
@@ -170,8 +171,14 @@ def noise_of(record: Record) -> Array:
         near = (t[index] - t[index[:, half]][:, None]) / record.step
         close = near[:, -1] - near[:, 0] < 1.5 * NEIGHBOURS
         white = min(_left_by(degree, near[close], x[index][close]) / share for degree, share in DEGREES)
-        out.append(max(white, resolution(x) / np.sqrt(12.0), 1e-9 * float(np.ptp(x))))
-    return np.array(out)
+        out.append(white)
+    return np.maximum(out, least_noise(record))
+
+
+def least_noise(record: Record) -> Array:
+    """The noise of each coordinate (C,) that rounding causes, and at least FINEST of its range."""
+    seen = [y[np.isfinite(y)] for y in record.y.T]
+    return np.array([max(resolution(x) / np.sqrt(12.0), FINEST * float(np.ptp(x))) for x in seen])
 
 
 def _left_by(degree: int, near: Array, x: Array) -> float:
