@@ -48,6 +48,7 @@ HOP = 3  # samples between windows
 BLOCK_S = 5.0  # s; windows within one block count as one observation for standard errors
 PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # of a ring around the pooled fit: factor, viscous 1/s, dry m/s^2
 POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
+LEVEL = (np.zeros(2), 0.1)  # rad, prior of the table's tilt: mean and standard deviation
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
@@ -211,7 +212,9 @@ class _BallFit:
         return {ring.number: self.ball(ring.number, maze) for ring in maze.rings}
 
 
-def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float) -> _BallFit:
+def _fit_balls(
+    table: Table, windows: list[WeakWindows], delay: float, dt: float, tilt: tuple[Array, float] = LEVEL
+) -> _BallFit:
     """All rings at one delay: first pooled, then each ring around the pooled fit, with a common tilt of the table."""
     tilts = smooth_tilt(table)
     data = {w.ring: weak_rows(table, tilts, w, delay, dt) for w in windows}
@@ -221,8 +224,8 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
     y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
     X = np.concatenate([F * per_radius(radius[ring]) for ring, (_, F) in data.items()])
     block = np.concatenate([blocks[ring] for ring in data])
-    mean = np.array([WALL_ROLLING, 0.0, 0.0, 0.0, 0.0])
-    pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, 0.1, 0.1]), block)
+    mean = np.array([WALL_ROLLING, 0.0, 0.0, *(WALL_ROLLING * tilt[0])])
+    pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, tilt[1], tilt[1]]), block)
     offset, offset_variance = pooled[3:] / pooled[0], variance[3:] / pooled[0] ** 2
     weights, sigma = {}, {}
     for _ in range(3):
@@ -238,7 +241,7 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
             tilt_X.append(weights[ring][0] * F[:, 3:])
             tilt_b.append(blocks[ring])
         offset, offset_variance, _ = ridge(
-            np.concatenate(tilt_X), np.concatenate(tilt_y), np.zeros(2), np.full(2, 0.1), np.concatenate(tilt_b)
+            np.concatenate(tilt_X), np.concatenate(tilt_y), tilt[0], np.full(2, tilt[1]), np.concatenate(tilt_b)
         )
     for ring, found in weights.items():
         _check_follows(ring, float(found[0]))
@@ -323,12 +326,14 @@ def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float
 
 def fit_rig(
     table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, stage: StageModel | None = None,
-    progress: Words = no_words,
+    late: tuple[float, float] | None = None, tilt: tuple[Array, float] = LEVEL, progress: Words = no_words,
 ) -> RigFit:  # fmt: skip
     """Fit stage, ball and camera delay to a table.
 
     sources:   files of the table, for the model file
     stage:     the stage, where the table has no measured tilt to fit it to
+    late:      camera delay and its standard error, s, if they are known
+    tilt:      prior of the table's tilt: mean (2,) and standard deviation, rad
     progress:  receives each step in words
 
     Raises ValueError if the table lacks a column or free motion of the ball. Raises TableError if the table has a ring
@@ -363,9 +368,9 @@ def fit_rig(
             f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
         )
     progress("how late the camera is")
-    delay, delay_sigma = _best_delay(table, train, maze, dt, stage)
+    delay, delay_sigma = late or _best_delay(table, train, maze, dt, stage)
     progress("ball")
-    fit = _fit_balls(table, train, delay, dt)
+    fit = _fit_balls(table, train, delay, dt, tilt)
     scores: dict[str, Any] = {
         f"weak_nrmse_{name}": _score(table, windows, fit, delay, dt)
         for name, windows in (("train", train), ("test", test))

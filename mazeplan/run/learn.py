@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import fit_body
-from mazeplan.control.estimation.rigid_body_parameters import with_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array
@@ -31,7 +31,7 @@ from mazeplan.diagnosis.rig.search import PART, alternate
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
-from mazeplan.learning.identification import TEST_SHARE, RigFit, fit_rig
+from mazeplan.learning.identification import LEVEL, TEST_SHARE, RigFit, fit_rig
 from mazeplan.learning.rig_gp import RingLearning, learn_processes
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
@@ -43,6 +43,9 @@ WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leav
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
 LATER = (0.024, 0.032, 0.040, 0.048)  # s, further ones for an axis whose rate is limited
 FAR = 100.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
+# s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
+# ball: a short record has few stretches in which a bead moves freely
+MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
@@ -72,19 +75,22 @@ class Learned:
 
 def learn(
     tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
+    late: tuple[float, float] | None = None, tilt: tuple[Array, float] = LEVEL,
     progress: Words = no_words, advance: Advance = no_advance,
 ) -> Learned:  # fmt: skip
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
-    kind: one of `modelfile.KINDS`"""
+    kind: one of `modelfile.KINDS`
+    late: camera delay and its standard error, s, if they are known
+    tilt: prior of the table's tilt: mean (2,) and standard deviation, rad"""
     table, sources, ball = join(tables), tuple(one.source for one in tables), None
     if tilt_is_measured(table):
-        fit = fit_rig(table, maze, sources, progress=progress)
+        fit = fit_rig(table, maze, sources, late=late, tilt=tilt, progress=progress)
     else:
         progress("stage, by the ball")
         stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
         table = with_tilt_by_commands(table, stage)
-        fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
+        fit = fit_rig(table, maze, sources, stage=stage, late=late, tilt=tilt, progress=progress)
     model, rings = fit.model, {}
     if kind == "p":
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
@@ -97,7 +103,11 @@ def learn(
         progress("rigid ball")
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
         reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model, ball), table=short)
-        remaining = reference.remaining
+        remaining, seen = reference.remaining, reference.body
+        if late is None and _far_off(fit.model, seen.model):
+            late = seen.model.view.delay, seen.stderr.get("delay", math.nan)
+            tilt = np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT
+            return learn(tables, maze, kind, options, late=late, tilt=tilt, progress=progress, advance=advance)
         if kind in WITH_BODY:
             model = with_body(model, reference.body.model, reference.body.stderr)
     progress("judging as a run would use it")
@@ -107,6 +117,15 @@ def learn(
     done = Learned(model, fit, reference, why, rings, judgement, remaining)
     scores: dict[str, Any] = {**model.scores, "fits": done.fits(), "judged": judgement.document()}
     return replace(done, model=replace(model, scores=scores))
+
+
+def _far_off(beads: RigModel, ball: BodyModel) -> bool:
+    """Whether delay or tilt of the beads are far from those of the rigid ball."""
+    one = next(iter(beads.balls.values()))
+    tilts = [
+        abs(one.parameter("tilt_offset", axis, 0.0) - value_of(ball, f"tilt_{axis}")) for axis in ("beta", "gamma")
+    ]
+    return abs(ball.view.delay - beads.camera_delay) > MISSED_DELAY or max(tilts) > MISSED_TILT
 
 
 def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageModel, BodyModel | None]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 from planar_rig import PATIENT
-from strange_rigs import SIX, StrangeRig, drawn
+from strange_rigs import SIX, Stepper, StrangeRig, drawn
 
 from mazeplan.core.logs.table import read_table
 from mazeplan.core.records import FailureKind
+from mazeplan.learning import identification
 from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -46,6 +47,18 @@ def test_with_the_model_of_two_minutes_a_run_arrives(rig, tmp_path):
         learned.kind, learned.stage.beta.order, learned.stage.gamma.order
     )  # fmt: skip
     assert [result.reason for result in runs(rig, model)] == ["arrived"] * 3
+
+
+def test_beads_that_are_far_off_are_fitted_again_with_the_delay_and_the_tilt_of_the_rigid_ball(tmp_path, monkeypatch):
+    log = tmp_path / "log.mcap"
+    run_collection(Stepper(MAZE, {}), MAZE, Collection(90.0, (1, 2, 3, 4), seed=0), log)
+    monkeypatch.setattr(identification, "_best_delay", lambda *given: (0.17, 0.002))
+    done = learn([read_table(log)], MAZE, "pi")
+    assert done.model.camera_delay < 0.05  # 33 ms, less what the steps of the servos stand in for
+    assert done.fit.model.camera_delay == done.model.camera_delay
+    for axis in ("beta", "gamma"):
+        lean = done.model.balls[2].parameter("tilt_offset", axis, 0.0)
+        assert lean == pytest.approx(done.model.body.values[f"tilt_{axis}"], abs=1e-3)
 
 
 @pytest.mark.parametrize("start", [3, 7])
