@@ -59,7 +59,7 @@ LEAST_REMAINS = 1.1  # times the noise; in healthy records, small errors of the 
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
 HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
-SURELY = 5.0  # standard errors of the gain in held-out blocks
+SURELY = 4.0  # standard errors of the gain in held-out blocks
 LOUDER = 1.5  # times the camera's noise when the model was right
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
 
@@ -109,10 +109,11 @@ def verdict_on(
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
     old = measured if sensor is not None else as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
-    # roll-outs through impacts scatter: they refuse what surely acts at walls only if they are surely worse
-    at_walls = all(CONTACT in c.depends_on for c in searched.found) and held.z_score > SURELY
-    most = BETTER if at_walls else 1.0
-    found = searched.found if held.likelier and held.ball_effects_not_worse(most) else ()
+    # roll-outs through impacts scatter: they refuse what acts at walls only if they are surely worse, so that the gain
+    # in held-out blocks has to be sure
+    at_walls = all(CONTACT in c.depends_on for c in searched.found)
+    sure = held.likelier and (held.z_score > SURELY or not at_walls)
+    found = searched.found if sure and held.ball_effects_not_worse(BETTER if at_walls else 1.0) else ()
     radii = _radii(maze, searched.fit.filtered)
     staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
