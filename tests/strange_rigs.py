@@ -23,8 +23,8 @@ USUAL = {
     # servo: one of SERVOS
     "servo": "second", "servo_ms": 0.0, "servo_hz": 4.0, "damping": 0.9, "slew_deg_s": 0.0, "step_deg": 0.0,
     "play_beta_deg": 0.0, "play_gamma_deg": 0.0, "gain": 1.0,
-    # tilt sensor; measured: False gives None
-    "measured": True, "tilt_noise_deg": 0.0, "tilt_step_deg": 0.0, "tilt_late_ms": 0.0,
+    # tilt sensor; measured: False gives None; counted: it sees the servo, in front of the play
+    "measured": True, "counted": False, "tilt_noise_deg": 0.0, "tilt_step_deg": 0.0, "tilt_late_ms": 0.0,
     # ball: share of gravity, m/s^2, 1/s, 1/m, heavy side m/s^2
     "share": 5.0 / 7.0, "mu": 0.02, "viscous": 0.1, "drag": 0.0, "heavy": 0.0, "lean_x_deg": 0.0, "lean_y_deg": 0.0,
     # walls; soft: stiffness 1/s^2 instead of impacts, 0: hard
@@ -113,7 +113,7 @@ class StrangeRig:
             self.ball, tilt[0] + lean[0], tilt[1] + lean[1], s["push"], s["sticky"], s["share"], s["mu"], s["viscous"],
             s["drag"], s["heavy"], s["rest"], s["wall_mu"], s["soft"], self.maze.ball.radius, self.walls, self.gaps,
         )  # fmt: skip
-        self.trail.append((self.ball[0], self.ball[1], *tilt))
+        self.trail.append((self.ball[0], self.ball[1], *(self.servo[:, 0] if s["counted"] else tilt)))
 
 
 class Stepper(StrangeRig):

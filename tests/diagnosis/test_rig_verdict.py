@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -210,11 +211,15 @@ def test_a_healthy_rig_that_loses_pictures_is_left_alone():
     assert done.after == done.before
 
 
+def recorded(path, settings, seed):
+    """A minute of a rig as strangers build it."""
+    run_collection(StrangeRig(MAZE, settings), MAZE, Collection(SECONDS, (1, 2, 3, 4), seed), path)
+    return read_table(path)
+
+
 def of_a_point(path, share):
     """A minute of a rig whose ball is a point that feels a share of gravity, and meets walls without spin."""
-    plan = Collection(SECONDS, (1, 2, 3, 4), 3)
-    run_collection(StrangeRig(MAZE, {"share": share, "rest": 0.4}), MAZE, plan, path)
-    return read_table(path)
+    return recorded(path, {"share": share, "rest": 0.4}, 3)
 
 
 def test_two_tilt_sensors_that_change_alike_are_one_ball(tmp_path):
@@ -229,6 +234,21 @@ def test_two_tilt_sensors_that_change_alike_are_one_ball(tmp_path):
     model = with_values(sensors.fit.model, {"gain_beta": value_of(was.model, "gain_beta")})
     one = replace(sensors, fit=replace(sensors.fit, model=model))
     assert search.one_ball_instead(body, one, was) is one
+
+
+@pytest.mark.parametrize("measured", [True, False], ids=["behind the sensor", "without a sensor"])
+def test_play_that_no_sensor_sees_is_no_later_camera(measured, tmp_path):
+    healthy = {"servo": "stepper", "slew_deg_s": 60.0, "measured": measured, "counted": True, "late_ms": 20.0}
+    now = {
+        "backlash": healthy | {"play_beta_deg": 0.5, "play_gamma_deg": 0.5}, "sensor_delay": healthy | {"late_ms": 50.0}
+    }  # fmt: skip
+    was = reference_of([recorded(tmp_path / "was.mcap", healthy, 1)], MAZE, None)
+    for name, settings in now.items():
+        done = verdict_on(recorded(tmp_path / f"{name}.mcap", settings, 2), MAZE, was)
+        assert [effect["name"] for effect in done.effects] == [name]
+    (play,) = verdict_on(read_table(tmp_path / "backlash.mcap"), MAZE, was).effects
+    for number in play["parameters"].values():
+        assert math.degrees(number["value"]) == pytest.approx(0.5, abs=0.1)
 
 
 def test_a_textbook_ball_lacks_what_any_rig_has():

@@ -2,6 +2,7 @@
 
 1. Commands and measured tilt alone show what differs in the stage.
 2. The fitted stage moves the plate. The search finds what differs in ball, table and camera (`search`).
+   Where the camera seems later, a change of the stage that no tilt sensor shows is tried instead (`unseen_stage`).
 3. A changed gain of the stage belongs to the servo. If the ball felt tilts of the old size, it belongs to the tilt
    sensor, whose scale is wrong.
 4. The findings have to predict: held-out blocks of time must be likelier with the findings than without.
@@ -36,6 +37,7 @@ from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import BETTER, HeldOut, held_out, on_test
 from mazeplan.diagnosis.rig.search import NEEDED, SearchResult, one_ball_instead, surely_differs
 from mazeplan.diagnosis.rig.tilts import as_it_was, felt, gain_of
+from mazeplan.diagnosis.rig.unseen_stage import UnseenChange, unseen_change
 from mazeplan.diagnosis.stage.comparison import (
     AXES,
     moved_by,
@@ -104,10 +106,19 @@ def verdict_on(
     known, searched = search_against(body, begun, then, maze, tell, own, ("rolling_inertia",) if blind else ())
     if stage is not None and not overtaxed and servo is None and sensor is None:
         searched = one_ball_instead(body, searched, known)
+    unseen = None
+    if not overtaxed and (stage is None or not stage.differs):
+        like = body
+        unseen = unseen_change(
+            searched, known, body, moves, lambda axes: filter_of(table, record, maze, axes, like), not blind
+        )
+    if unseen is not None:
+        body, moves = unseen.body, unseen.moves
+        known, searched = search_against(body, begun, then, maze, tell, own, ("rolling_inertia",) if blind else ())
     was = replace(was, body=replace(known, start=was.body.start))
     tell("held-out part")
     # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
-    old = measured if sensor is not None else as_it_was(table, maze, was, stage, body)
+    old = measured if sensor is not None or unseen is not None else as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
     # roll-outs through impacts scatter: they refuse what acts at walls only if they are surely worse, so that the gain
     # in held-out blocks has to be sure
@@ -115,7 +126,7 @@ def verdict_on(
     sure = held.likelier and (held.z_score > SURELY or not at_walls)
     found = searched.found if sure and held.ball_effects_not_worse(BETTER if at_walls else 1.0) else ()
     radii = _radii(maze, searched.fit.filtered)
-    staged = _of_the_stage(record, stage, was, radii, servo, sensor, found)
+    staged = _of_the_stage(record, stage, was, radii, servo, sensor, found, unseen)
     ball, alike = _of_the_ball(was, searched, found, radii, sensor)
     if blind:
         ball, alike = _by_servos(ball, alike, was)
@@ -234,7 +245,7 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
 
 def _of_the_stage(
     record: RingRecord, stage: Stage | None, was: RigReference, radii: dict[int, float],
-    servo: Entry | None, sensor: Entry | None, found: Sequence[Candidate],
+    servo: Entry | None, sensor: Entry | None, found: Sequence[Candidate], unseen: UnseenChange | None,
 ) -> list[Entry]:  # fmt: skip
     """Effects of stage and tilt sensor, the same in all rings."""
     if stage is not None and stage.servos_overtaxed:
@@ -245,6 +256,7 @@ def _of_the_stage(
         effects.append(sensor)
     elif servo is not None and not any(c.effect == "tilt_gain" for c in found):
         effects.append(servo)
+    effects += [] if unseen is None else [unseen.entry]
     for e in effects:
         e["rings"] = {str(ring): {"after": values_of(e), "before": e["known_before"]} for ring in radii}
     return effects
