@@ -9,7 +9,7 @@ import pytest
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import effect_entry
-from mazeplan.diagnosis.rig import verdict
+from mazeplan.diagnosis.rig import findings, verdict
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
 from mazeplan.diagnosis.rig.notes import notes_on
 from mazeplan.diagnosis.rig.result import advice
@@ -91,7 +91,7 @@ def test_without_a_tilt_sensor_the_same_gain_of_both_servos_looks_like_another_b
     both = {"beta": 1.0, "gamma": 1.0}
     error = dict.fromkeys(both, 0.02)
     seen = effect_entry(PACKAGED["tilt_gain"], {"beta": 1.18, "gamma": gamma}, error, both, rings={"1": {}})
-    (servo,), found = verdict._by_servos([seen], [], SimpleNamespace(stage=SimpleNamespace(values={})))
+    (servo,), found = findings.by_servos([seen], [], SimpleNamespace(stage=SimpleNamespace(values={})))
     assert servo["name"] == "servo_gain"
     assert servo["parameters"]["beta"]["value"] == pytest.approx(1.0 / 1.18)
     assert found == alike

@@ -42,16 +42,16 @@ class UnseenChange:
 
 
 def unseen_change(
-    searched: SearchResult, was: Reference, body: BodyFilter, moves: StageModel | None,
-    filter_on: Callable[[StageModel], BodyFilter], measured: bool,
+    searched: SearchResult, was: Reference, moves: StageModel, filter_on: Callable[[StageModel], BodyFilter],
+    measured: bool,
 ) -> UnseenChange | None:  # fmt: skip
     """The change of the stage that explains a record better than a later camera, or None.
 
-    moves: the stage that moves the plate of `body`; None: the measured tilt moves it
+    moves: the stage that moves the plate
     filter_on: makes the filter of the same record with another stage
     measured: whether the tilt is measured, so that only play behind the sensor stays unseen"""
     later = next((c for c in searched.found if c.effect == LATER), None)
-    if later is None or moves is None or searched.fit.value("delay") <= value_of(was.model, "delay"):
+    if later is None or searched.fit.value("delay") <= value_of(was.model, "delay"):
         return None
     model = without_finding(searched.fit.model, was, later)
     beside = tuple(name for c in searched.found if c is not later for name in c.fitted)
