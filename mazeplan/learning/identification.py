@@ -19,7 +19,7 @@ have large residuals and therefore small weights (Huber). Standard errors are ro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,12 +43,11 @@ from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 
-WINDOW = 13  # samples; 0.4 s at 30 Hz
+WINDOW_S, WINDOWS = 0.4, (7, 13)  # s; fewest and most samples of a window, below 15 Hz and from 30 Hz on
 HOP = 3  # samples between windows
 BLOCK_S = 5.0  # s; windows within one block count as one observation for standard errors
 PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # of a ring around the pooled fit: factor, viscous 1/s, dry m/s^2
-POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
-LEVEL = (np.zeros(2), 0.1)  # rad, prior of the table's tilt: mean and standard deviation
+POOLED_SIGMA = np.array([2.0, 0.5])  # of the friction of the pooled fit, around 0
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
@@ -74,6 +73,19 @@ class WeakWindows:
 
 
 @dataclass(frozen=True)
+class BallPrior:
+    """What is known of the ball before the fit of the beads.
+
+    factor:  rolling factor of a ball that rolls along walls, and its standard deviation
+    tilt:    tilt of the table (2,), rad, and its standard deviation
+    late:    camera delay and its standard error, s; None: it is fitted"""
+
+    factor: tuple[float, float] = (WALL_ROLLING, 0.3)
+    tilt: tuple[Array, float] = field(default_factory=lambda: (np.zeros(2), 0.1))
+    late: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class RigFit:
     """Result of `fit_rig`: the model, the fits of both axes, the number of windows by ring."""
 
@@ -82,7 +94,12 @@ class RigFit:
     windows: dict[int, int]
 
 
-def weak_function(dt: float, n: int = WINDOW) -> tuple[Array, Array, Array]:
+def window_of(dt: float) -> int:
+    """Samples of a window, an odd number."""
+    return min(max(int(WINDOW_S / dt + 1e-9) | 1, WINDOWS[0]), WINDOWS[1])
+
+
+def weak_function(dt: float, n: int) -> tuple[Array, Array, Array]:
     """phi, phi', phi'' (n,) of (1 - s^2)^5 over a window of n samples, s from -1 to 1.
 
     Because of the fifth power, four derivatives vanish at the ends. Sums over samples are then as good as integrals."""
@@ -100,22 +117,22 @@ def find_windows(table: Table, maze: Maze, ring: int, dt: float) -> WeakWindows:
     r, theta = table["r"], table["theta"]
     reach = maze.ball.radius - 2e-3  # m; noise of the camera may move the ball into a wall
     good = np.isfinite(theta) & (r > here.inner_radius + reach) & (r < here.outer_radius - reach)
-    segment = table.segment
-    starts = np.arange(0, len(r) - WINDOW + 1, HOP)
-    inside = np.lib.stride_tricks.sliding_window_view(good, WINDOW)[starts].all(axis=1)
-    inside &= segment[starts] == segment[starts + WINDOW - 1]
+    segment, n = table.segment, window_of(dt)
+    starts = np.arange(0, len(r) - n + 1, HOP)
+    inside = np.lib.stride_tricks.sliding_window_view(good, n)[starts].all(axis=1)
+    inside &= segment[starts] == segment[starts + n - 1]
     starts = starts[inside]
     if len(starts):
-        moved = _unwrapped(theta, starts)
+        moved = _unwrapped(theta, starts, n)
         speed = np.abs(moved[:, 4:] - moved[:, :-4]).min(axis=1) * here.track_radius / (4.0 * dt)
         starts = starts[speed > MOVING]
     return WeakWindows(ring, here.track_radius, starts, (starts * dt // BLOCK_S).astype(int))
 
 
-def _unwrapped(theta: Array, starts: IntArray) -> Array:
-    """theta of each window, continuous, (K, WINDOW)."""
-    rows = starts[:, None] + np.arange(WINDOW)
-    return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, WINDOW))
+def _unwrapped(theta: Array, starts: IntArray, n: int) -> Array:
+    """theta of each window of n samples, continuous, (K, n)."""
+    rows = starts[:, None] + np.arange(n)
+    return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, n))
 
 
 def smooth_tilt(table: Table) -> dict[str, Array]:
@@ -133,9 +150,10 @@ def weak_rows(
     """Targets (K,) and features (K, 5): gravity, viscous, dry, d gravity / d beta, d gravity / d gamma.
 
     tilts: see `smooth_tilt`"""
-    phi, slope, curve = weak_function(dt)
-    rows = windows.start[:, None] + np.arange(WINDOW)
-    theta = _unwrapped(table["theta"], windows.start)
+    n = window_of(dt)
+    phi, slope, curve = weak_function(dt, n)
+    rows = windows.start[:, None] + np.arange(n)
+    theta = _unwrapped(table["theta"], windows.start, n)
     late, grid = np.clip(rows - delay / dt, 0, len(table) - 1).ravel(), np.arange(len(table))
     flat = {name: np.interp(late, grid, values) for name, values in tilts.items()}
     theta_dot = np.gradient(theta, dt, axis=1)
@@ -143,9 +161,9 @@ def weak_rows(
     shape, weight = theta.shape, phi * dt
     gravity = gravity_part(k).reshape(shape)
     by_tilt = np.einsum("kwi,w->ki", gravity_jacobian(k)[:, [2, 4]].reshape(*shape, 2), weight)
-    theta = theta - theta[:, WINDOW // 2, None]  # the sums of phi' and phi'' vanish but for rounding
+    theta = theta - theta[:, n // 2, None]  # the sums of phi' and phi'' vanish but for rounding
     target = theta @ curve * dt - kinematic_terms(k).reshape(shape) @ weight
-    direction = np.sign(theta[:, -1] - theta[:, 0])[:, None] * np.ones(WINDOW)
+    direction = np.sign(theta[:, -1] - theta[:, 0])[:, None] * np.ones(n)
     columns = [gravity @ weight, theta @ slope * dt, -direction @ weight, by_tilt[:, 0], by_tilt[:, 1]]
     return target, np.stack(columns, axis=1)
 
@@ -212,9 +230,7 @@ class _BallFit:
         return {ring.number: self.ball(ring.number, maze) for ring in maze.rings}
 
 
-def _fit_balls(
-    table: Table, windows: list[WeakWindows], delay: float, dt: float, tilt: tuple[Array, float] = LEVEL
-) -> _BallFit:
+def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float, prior: BallPrior) -> _BallFit:
     """All rings at one delay: first pooled, then each ring around the pooled fit, with a common tilt of the table."""
     tilts = smooth_tilt(table)
     data = {w.ring: weak_rows(table, tilts, w, delay, dt) for w in windows}
@@ -224,24 +240,25 @@ def _fit_balls(
     y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
     X = np.concatenate([F * per_radius(radius[ring]) for ring, (_, F) in data.items()])
     block = np.concatenate([blocks[ring] for ring in data])
-    mean = np.array([WALL_ROLLING, 0.0, 0.0, *(WALL_ROLLING * tilt[0])])
-    pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, tilt[1], tilt[1]]), block)
+    (factor, factor_sigma), (tilt, tilt_sigma) = prior.factor, prior.tilt
+    mean = np.array([factor, 0.0, 0.0, *(factor * tilt)])
+    pooled, variance, _ = ridge(X, y, mean, np.array([factor_sigma, *POOLED_SIGMA, tilt_sigma, tilt_sigma]), block)
     offset, offset_variance = pooled[3:] / pooled[0], variance[3:] / pooled[0] ** 2
     weights, sigma = {}, {}
     for _ in range(3):
         tilt_y, tilt_X, tilt_b = [], [], []
         for ring, (target, F) in data.items():
             corrected = np.column_stack([F[:, 0] + F[:, 3:] @ offset, F[:, 1:3]])
-            prior = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) / radius[ring]])
+            mean = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) / radius[ring]])
             width = PRIOR_SIGMA / np.array([1.0, 1.0, radius[ring]])
-            weights[ring], variance, _ = ridge(corrected, target, prior, width, blocks[ring])
+            weights[ring], variance, _ = ridge(corrected, target, mean, width, blocks[ring])
             weights[ring] = np.concatenate([weights[ring][:1], np.maximum(weights[ring][1:], 0.0)])
             sigma[ring] = np.sqrt(variance)
             tilt_y.append(target - np.column_stack([F[:, 0], F[:, 1:3]]) @ weights[ring])
             tilt_X.append(weights[ring][0] * F[:, 3:])
             tilt_b.append(blocks[ring])
         offset, offset_variance, _ = ridge(
-            np.concatenate(tilt_X), np.concatenate(tilt_y), tilt[0], np.full(2, tilt[1]), np.concatenate(tilt_b)
+            np.concatenate(tilt_X), np.concatenate(tilt_y), tilt, np.full(2, tilt_sigma), np.concatenate(tilt_b)
         )
     for ring, found in weights.items():
         _check_follows(ring, float(found[0]))
@@ -254,12 +271,12 @@ def check_record(table: Table, maze: Maze | None) -> None:
     What the table does not show is not checked. maze: None if the ball is not to be checked"""
     if "u_beta" in table and "u_gamma" in table:
         _check_axes(table)
-    if maze is None or len(table) < WINDOW or "r" not in table or "theta" not in table:
+    if maze is None or len(table) < window_of(table.dt) or "r" not in table or "theta" not in table:
         return
     found = (find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc)
     enough = [w for w in found if len(w.start) >= MIN_WINDOWS]
     if enough:
-        _fit_balls(table, enough, USUAL_DELAY_S, table.dt)
+        _fit_balls(table, enough, USUAL_DELAY_S, table.dt, BallPrior())
 
 
 def _check_axes(table: Table) -> None:
@@ -300,7 +317,7 @@ def _check_follows(ring: int, factor: float) -> None:
 
 
 def _best_delay(
-    table: Table, windows: list[WeakWindows], maze: Maze, dt: float, stage: StageModel
+    table: Table, windows: list[WeakWindows], maze: Maze, dt: float, stage: StageModel, prior: BallPrior
 ) -> tuple[float, float]:
     """Delay of the camera and its standard error, s, with the ball fitted anew at each delay."""
     starts = np.concatenate([w.start for w in windows])
@@ -308,7 +325,7 @@ def _best_delay(
     usable = np.isin(starts, usable_starts(table, starts))
 
     def model_at(delay: float) -> PlanarModel:
-        return PlanarModel.build(maze, RigModel(StageModel(), _fit_balls(table, windows, delay, dt).balls(maze)))
+        return PlanarModel.build(maze, RigModel(StageModel(), _fit_balls(table, windows, delay, dt, prior).balls(maze)))
 
     return best_delay(table, starts[usable], blocks[usable], model_at, dt, -stage.dead_time)
 
@@ -326,14 +343,13 @@ def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float
 
 def fit_rig(
     table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, stage: StageModel | None = None,
-    late: tuple[float, float] | None = None, tilt: tuple[Array, float] = LEVEL, progress: Words = no_words,
+    prior: BallPrior | None = None, progress: Words = no_words,
 ) -> RigFit:  # fmt: skip
     """Fit stage, ball and camera delay to a table.
 
     sources:   files of the table, for the model file
     stage:     the stage, where the table has no measured tilt to fit it to
-    late:      camera delay and its standard error, s, if they are known
-    tilt:      prior of the table's tilt: mean (2,) and standard deviation, rad
+    prior:     what is known of the ball
     progress:  receives each step in words
 
     Raises ValueError if the table lacks a column or free motion of the ball. Raises TableError if the table has a ring
@@ -363,14 +379,15 @@ def fit_rig(
     test = [w for w in (_part(w, table, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
         raise ValueError(
-            f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {WINDOW} samples in "
+            f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {window_of(dt)} samples in "
             f"{len(table) * dt:.3g} s, expected at least {FEWEST_WINDOWS} in one ring; "
             f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
         )
     progress("how late the camera is")
-    delay, delay_sigma = late or _best_delay(table, train, maze, dt, stage)
+    prior = prior or BallPrior()
+    delay, delay_sigma = prior.late or _best_delay(table, train, maze, dt, stage, prior)
     progress("ball")
-    fit = _fit_balls(table, train, delay, dt, tilt)
+    fit = _fit_balls(table, train, delay, dt, prior)
     scores: dict[str, Any] = {
         f"weak_nrmse_{name}": _score(table, windows, fit, delay, dt)
         for name, windows in (("train", train), ("test", test))
@@ -393,6 +410,6 @@ def _part(windows: WeakWindows, table: Table, train: bool) -> WeakWindows:
     segment = table.segment
     numbers, first, count = np.unique(segment, return_index=True, return_counts=True)
     at = np.searchsorted(numbers, segment[windows.start])
-    place = (windows.start + (0 if not train else WINDOW) - first[at]) / count[at]
+    place = (windows.start + (0 if not train else window_of(table.dt)) - first[at]) / count[at]
     keep = place <= 1.0 - TEST_SHARE if train else place > 1.0 - TEST_SHARE
     return WeakWindows(windows.ring, windows.radius, windows.start[keep], windows.block[keep])

@@ -31,7 +31,7 @@ from mazeplan.diagnosis.rig.search import PART, alternate
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
-from mazeplan.learning.identification import LEVEL, TEST_SHARE, RigFit, fit_rig
+from mazeplan.learning.identification import TEST_SHARE, BallPrior, RigFit, fit_rig
 from mazeplan.learning.rig_gp import RingLearning, learn_processes
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
@@ -46,6 +46,9 @@ FAR = 100.0  # of -2 log L by half of the pictures, beyond the best; an axis tha
 # s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
 # ball: a short record has few stretches in which a bead moves freely
 MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
+# a bead rolls along walls, which hold it back: its factor is at most that of a ball without walls, and in records of
+# 600 s .85 to .97 of it. From MISSED_FACTOR times it on, few stretches have misled the fit
+MISSED_FACTOR, NEAR_WALLS, SURE_FACTOR = 1.05, 0.92, 0.04
 COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
@@ -75,8 +78,7 @@ class Learned:
 
 def learn(
     tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
-    late: tuple[float, float] | None = None, tilt: tuple[Array, float] = LEVEL,
-    progress: Words = no_words, advance: Advance = no_advance,
+    prior: BallPrior | None = None, progress: Words = no_words, advance: Advance = no_advance,
 ) -> Learned:  # fmt: skip
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
@@ -85,12 +87,12 @@ def learn(
     tilt: prior of the table's tilt: mean (2,) and standard deviation, rad"""
     table, sources, ball = join(tables), tuple(one.source for one in tables), None
     if tilt_is_measured(table):
-        fit = fit_rig(table, maze, sources, late=late, tilt=tilt, progress=progress)
+        fit = fit_rig(table, maze, sources, prior=prior, progress=progress)
     else:
         progress("stage, by the ball")
         stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
         table = with_tilt_by_commands(table, stage)
-        fit = fit_rig(table, maze, sources, stage=stage, late=late, tilt=tilt, progress=progress)
+        fit = fit_rig(table, maze, sources, stage=stage, prior=prior, progress=progress)
     model, rings = fit.model, {}
     if kind == "p":
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
@@ -104,10 +106,13 @@ def learn(
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
         reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model, ball), table=short)
         remaining, seen = reference.remaining, reference.body
-        if late is None and _far_off(fit.model, seen.model):
-            late = seen.model.view.delay, seen.stderr.get("delay", math.nan)
-            tilt = np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT
-            return learn(tables, maze, kind, options, late=late, tilt=tilt, progress=progress, advance=advance)
+        if prior is None and _far_off(fit.model, seen.model):
+            known = BallPrior(
+                (NEAR_WALLS * rolling_factor(seen.model), SURE_FACTOR),
+                (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT),
+                (seen.model.view.delay, seen.stderr.get("delay", math.nan)),
+            )
+            return learn(tables, maze, kind, options, prior=known, progress=progress, advance=advance)
         if kind in WITH_BODY:
             model = with_body(model, reference.body.model, reference.body.stderr)
     progress("judging as a run would use it")
@@ -120,12 +125,19 @@ def learn(
 
 
 def _far_off(beads: RigModel, ball: BodyModel) -> bool:
-    """Whether delay or tilt of the beads are far from those of the rigid ball."""
-    one = next(iter(beads.balls.values()))
+    """Whether delay, tilt or rolling factor of the beads are far from those of the rigid ball."""
+    one, free = next(iter(beads.balls.values())), rolling_factor(ball)
     tilts = [
         abs(one.parameter("tilt_offset", axis, 0.0) - value_of(ball, f"tilt_{axis}")) for axis in ("beta", "gamma")
     ]
-    return abs(ball.view.delay - beads.camera_delay) > MISSED_DELAY or max(tilts) > MISSED_TILT
+    factor = one.parameter("rolling_inertia", "factor", free)
+    late = abs(ball.view.delay - beads.camera_delay)
+    return late > MISSED_DELAY or max(tilts) > MISSED_TILT or factor > MISSED_FACTOR * free
+
+
+def rolling_factor(ball: BodyModel) -> float:
+    """Rolling factor of a ball on a floor without walls."""
+    return 1.0 / (1.0 + ball.ball.inertia)
 
 
 def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageModel, BodyModel | None]:
