@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mazeplan.core.logs.table import Table
-from mazeplan.learning.identification import find_windows, fit_rig, ridge, weak_function
+from mazeplan.learning.identification import find_windows, fit_rig, ridge, weak_function, window_of
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import simulate_axis
@@ -136,6 +136,16 @@ def test_missing_columns_and_balls_are_said():
     columns["r"] = np.full_like(columns["r"], 0.5)
     with pytest.raises(ValueError, match=r"hardly ever seen .* got \d+ windows .*, expected at least 8 in one ring"):
         fit_rig(Table(columns), MAZE)
+
+
+def test_at_a_low_rate_windows_are_as_long_as_usual():
+    whole = table((1,), 120.0)
+    half = Table({name: column[::2] for name, column in whole.columns.items()})
+    assert [window_of(1.0 / rate) for rate in (10.0, 15.0, 20.0, 30.0, 60.0)] == [7, 7, 9, 13, 13]
+    assert len(find_windows(half, MAZE, 1, half.dt).start) > 0.4 * len(find_windows(whole, MAZE, 1, DT).start)
+    ball = fit_rig(half, MAZE).model.ball(1)
+    assert ball.parameter("rolling_inertia", "factor", 0.0) == pytest.approx(TRUE["factor"], rel=0.06)
+    assert ball.parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(TRUE["viscous"], abs=0.15)
 
 
 def test_a_record_with_few_windows_is_enough():

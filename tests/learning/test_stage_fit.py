@@ -39,6 +39,17 @@ def test_fit_finds_the_axis_through_noise(name):
     assert fit.samples == len(u) - 15  # the first half second is left out
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_doubtful_dead_time_is_none(seed):
+    """Pictures at 15 Hz: a faster lag that starts later moves nearly alike."""
+    true, rng = StageAxis(1.0, 31.4, 1.0, order=1), np.random.default_rng(seed)
+    u = multisine(rng, 80.0, 15.0, 0.087)[:, 0]
+    axis = fit_axis(u, simulate_axis(true, u, 1.0 / 15.0) + 5e-4 * rng.standard_normal(len(u)), 1.0 / 15.0).axis
+    assert (axis.order, axis.dead_time) == (1, 0.0)
+    assert axis.natural_frequency == pytest.approx(31.4, rel=0.03)
+    assert 0.0 < axis.stderr["dead_time"] < 0.03
+
+
 HARD = {
     "slow and late": StageAxis(1.0, 4.0, 0.7, 0.15, 0.002),
     "slow, late, overdamped": StageAxis(1.3, 4.0, 2.0, 0.15, 0.003),
