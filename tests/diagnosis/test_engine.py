@@ -85,6 +85,37 @@ def test_few_samples_in_a_swing_are_no_noise(rate):
     assert done.remaining == pytest.approx(1.0, abs=0.2)
 
 
+def test_two_effects_that_only_together_explain_a_record_are_found():
+    record = play(
+        5, lambda x, v, u: -39.0 * math.sin(x) - 0.05 * v * abs(v), start=2.6, dry=0.4, noise=0.0,
+        quantum=math.tau / 4000.0, rate=50.0, size=0.0, fine=200,
+    )  # fmt: skip
+    done = diagnose_motion(system_of(FreePendulum), record, {})
+    assert sorted(found(done)) == ["dry_friction", "quadratic_drag"], done.sentence()
+    assert size(done, "dry_friction")[0] == pytest.approx(0.4, rel=0.05)
+    assert size(done, "quadratic_drag")[0] == pytest.approx(0.05, rel=0.05)
+
+
+def test_lines_between_samples_of_a_smooth_input_are_no_gain():
+    """Twelve samples in the shortest period: lines lose 2 % of it."""
+    record = play(4, lambda x, v, u: 2.0 * u - 0.4 * v, rate=15.0, fine=400, noise=2e-4)
+    done = diagnose_motion(SLIDER, record, {"motion": {"gain": 2.0}})
+    assert found(done) == ["viscous_friction"], done.sentence()
+    assert size(done, "viscous_friction")[0] == pytest.approx(0.4, rel=0.01)
+
+
+def test_inputs_that_are_held_without_a_word_are_pointed_at():
+    t, rng = np.arange(3000) / 100.0, np.random.default_rng(3)
+    given = np.repeat(rng.normal(0.0, 3.0, 300), 10)
+    speed = np.concatenate([[0.0], np.cumsum(2.0 * given[:-1]) / 100.0])
+    place = np.concatenate([[0.0], np.cumsum(speed[:-1] / 100.0 + given[:-1] / 1e4)])
+    record = Record(t, (place + 1e-4 * rng.standard_normal(3000))[:, None], given[:, None])
+    done = diagnose_motion(SLIDER, record, {})
+    assert found(done) == []
+    assert any("held = (" in note for note in done.notes)
+    assert diagnose_motion(replace(SLIDER, held=("force",)), record, {}).verdict == "nothing_missing"
+
+
 def test_friction_that_would_drive_is_not_taken():
     record = swing(seed=6, extra=lambda x, v: 0.3 * abs(v))
     done = diagnose_motion(replace(PENDULUM), record, {"viscous_friction": {"coefficient": 0.1}})
@@ -201,6 +232,7 @@ def test_a_fast_encoder_skips_steps():
 def test_a_fit_of_windows_agrees_with_a_plain_least_squares():
     """Independently: scipy on all parameters and initial states at once, with another integrator."""
     from scipy.integrate import solve_ivp
+    from scipy.interpolate import CubicSpline
     from scipy.optimize import least_squares
 
     record = swing(seed=9, seconds=6.0, rate=50.0, extra=lambda x, v: -0.5 * v)
@@ -211,12 +243,14 @@ def test_a_fit_of_windows_agrees_with_a_plain_least_squares():
     free = (("motion", "stiffness"), ("motion", "gain"), ("viscous_friction", "coefficient"))
     ours = Windows(model, windows).fit(values, free)
 
+    given = CubicSpline(record.t, record.u[:, 0])
+
     def residual(p):
         out = []
         for m, (a, b) in enumerate(windows):
 
             def motion(t, z):
-                u = np.interp(t, record.t, record.u[:, 0])
+                u = given(t)
                 return z[1], p[1] * u - p[0] * np.sin(z[0]) - p[2] * z[1]
 
             x = solve_ivp(motion, (record.t[a], record.t[b - 1]), p[3 + 2 * m : 5 + 2 * m], t_eval=record.t[a:b],

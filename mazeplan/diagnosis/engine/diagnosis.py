@@ -11,7 +11,7 @@ import numpy as np
 
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
-from mazeplan.diagnosis.engine.judge import LOST
+from mazeplan.diagnosis.engine.judge import LOST, WITHIN_A_SAMPLE
 from mazeplan.diagnosis.engine.levels import Trial, least_left
 from mazeplan.diagnosis.engine.model import Model
 from mazeplan.diagnosis.engine.record import Record, least_noise, noise_of
@@ -26,6 +26,7 @@ NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
 DIVERGED = 10.0  # error over the movement from which on there is no number in the document
 BELOW = 0.8  # times the noise: what leaves less shows that the noise was taken for too large
 QUIETER = 3  # searches with less noise, at most
+HELD_GAIN = 0.2  # of a delay shorter than a sample, from which inputs may be held
 OPEN = 0.5  # standard error over the size of a parameter that the record leaves open
 
 
@@ -191,7 +192,7 @@ def diagnose_motion(
     shown = (*places, 0)[0]  # the coordinate of the free run
     pairs = ((finding.base, base), (finding.final, final))
     before, after = (_score(search, trial, fit, level, shown) for trial, fit in pairs)
-    remaining = finding.final.rms(level)
+    remaining = max(finding.final.rms(level), *(finding.final.usual(i) for i in finding.valid))
     without = {
         name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
     }
@@ -269,14 +270,8 @@ def _relative(search: Search, trial: Trial, level: int) -> float:
 def free_run(model: Model, values: Values, coordinate: int = 0) -> float:
     """Rms error of a coordinate over the whole record (each stretch), NaN if the simulation leaves it."""
     record = model.record
-    whole = Windows(model, np.array(record.stretches, dtype=np.int64))
-    states = whole.guess
-    for share in (0.02, 0.05, 0.1, 0.25, 0.5, 1.0):  # longer and longer, so that it does not lose the way
-        parts = [(a, max(a + 20, a + round(share * (b - a)))) for a, b in record.stretches]
-        windows = Windows(
-            model, np.array([(a, min(b, c)) for (a, c), (_, b) in zip(parts, record.stretches, strict=True)])
-        )
-        states, r = windows.settled(values, states)
+    windows = Windows(model, np.array(record.stretches, dtype=np.int64))
+    r = windows.residual(values, windows.grown(values))
     own = windows.coordinate == coordinate
     off = float(np.sqrt(np.mean((r[own] * model.noise[coordinate]) ** 2)))
     y = record.y[:, coordinate]
@@ -342,6 +337,12 @@ def _notes(
     if len(finding.valid) < len(finding.levels):
         lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
+    if any(t.why_not == WITHIN_A_SAMPLE and t.gain > HELD_GAIN for t in finding.tried) and remaining > NOISE_LEFT:
+        names = ", ".join(f'"{name}"' for name in search.model.system.inputs)
+        out.append(
+            "the inputs act later by a part of a sample: if each keeps its value until the next sample, say so in the "
+            f"class, as held = ({names},)"
+        )
     if not math.isfinite(after.free_run):
         out.append("the free run leaves the record: small errors grow in this motion, or something is missing")
     values = final.values

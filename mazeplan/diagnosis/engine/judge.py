@@ -18,8 +18,13 @@ CLEAR = 4.0  # standard errors
 BETTER = 2.0  # standard errors of the gain between held-out windows
 WORSE = 0.02  # relative growth of the held-out error that counts as worse
 WORTH = 0.25  # fall of the squared error, over the noise and over what remains, that is worth a word
+EXPLAINS = 1.3  # times the noise: an error below this has no other cause
 FAR = 5.0  # times the noise: an error above this has causes that no effect found so far explains
 LOST = 0.5  # error over the movement at which a simulation has left the record
+HELD = 0.6  # of a sample; how inputs are held between samples makes them later by up to half a sample
+WITHIN_A_SAMPLE = "how the inputs change between samples does the same"
+ALL = 0.9  # share of the error that is hardly less than all of it
+HALF = 0.5  # share of the error, far above the noise, that an effect may leave
 DRIVES = "friction would drive the motion in one direction"
 
 
@@ -63,7 +68,7 @@ class Judge:
         if self._drives(after, name, valid):
             return total, DRIVES
         if self._within_a_sample(after, name, valid):
-            return total, "it is shorter than a sample: how inputs are held between samples does the same"
+            return total, WITHIN_A_SAMPLE
         if not better:
             return total, "the gain in the held-out windows is not beyond chance"
         if not sure:
@@ -71,17 +76,28 @@ class Judge:
         if worse:
             return total, "held-out windows of another length get worse"
         far = min(after.rms(i) for i in sure) > FAR
-        if before.names and far and len(sure) == 1 < len(valid):
+        if far and all(after.rms(i) > HALF * before.rms(i) for i in sure):
+            return total, "most of the error remains, far above the noise"
+        elsewhere = [i for i in valid if after.rms(i) > FAR and after.rms(i) > ALL * before.rms(i)]
+        if len(sure) == 1 < len(valid) and (elsewhere or (before.names and far)):
             return total, "only windows of one length show it, and much remains unexplained"
         if not any(self._worth(before, after, i) for i in sure):
             return total, "it changes the predictions by less than the noise, or than what remains unexplained"
         return total, ""
 
+    def explains(self, base: Trial, trial: Trial) -> bool:
+        """Whether a model leaves hardly more than the noise, in windows of each length."""
+        valid = self.valid(base, trial)
+        return bool(valid) and all(trial.usual(i) < EXPLAINS for i in valid)
+
     def clearly_better(self, one: Trial, other: Trial) -> bool:
-        """Whether a model predicts held-out windows better than another one, beyond chance and by more than noise."""
-        return any(
-            self._t(self.gains(other, one, i)) > BETTER and self._worth(other, one, i) for i in self.valid(other, one)
-        )
+        """Whether a model predicts held-out windows better than another one: beyond chance and by more than noise, or
+        beyond doubt."""
+        for i in self.valid(other, one):
+            t = self._t(self.gains(other, one, i))
+            if t > BETTER and (t > CLEAR or self._worth(other, one, i)):
+                return True
+        return False
 
     def gains(self, before: Trial, after: Trial, level: int) -> Array:
         """Gains of the held-out windows that move."""
@@ -122,13 +138,13 @@ class Judge:
         return float(np.median(least)) < 0.0
 
     def _within_a_sample(self, trial: Trial, name: str, valid: Sequence[int]) -> bool:
-        """Whether a delay or lag of the inputs is shorter than the time between two samples."""
+        """Whether a delay or lag of the inputs is shorter than the time between two samples, or a gain hardly one."""
         effect = self.model.effects[name]
-        if effect.acts != INPUT or "factor" in effect.parameters:
+        if effect.acts != INPUT:
             return False
-        (n,) = effect.parameters
-        sizes = [fit.values[name][n] for i in valid for fit in trial.fits[i]]
-        return float(np.median(sizes)) < self.model.record.step
+        ((n, p),) = effect.parameters.items()
+        size = float(np.median([fit.values[name][n] for i in valid for fit in trial.fits[i]]))
+        return abs(size - 1.0) < p.smallest if n == "factor" else size < HELD * self.model.record.step
 
     def _steady(self, trial: Trial, name: str, level: int, valid: Sequence[int]) -> bool:
         """Whether windows of other lengths give about the same size, where they tell it: not at its bound."""

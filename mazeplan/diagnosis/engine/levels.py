@@ -46,6 +46,11 @@ class Trial:
         """Held-out error in times the noise."""
         return math.sqrt(float(np.sum(self.held[level])) / float(np.sum(self.count[level])))
 
+    def usual(self, level: int) -> float:
+        """Held-out error of the middle one of the windows, in times the noise: in a sensitive motion, the fit of an
+        initial state may end far off."""
+        return math.sqrt(float(np.median(self.held[level] / self.count[level])))
+
 
 def levels_of(model: Model) -> tuple[Level, ...]:
     """Windows of several lengths, the shortest first."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.engine.record import Record
@@ -13,6 +14,8 @@ from mazeplan.diagnosis.engine.system import System, Values
 from mazeplan.physics.effect import Effect
 
 Free = tuple[tuple[str, str], ...]  # effect and parameter
+FEWEST, SMOOTH = 20, 0.5  # samples; error of cubics over that of lines, of an input that changes smoothly
+GAP = 3.0  # median steps; a longer step is a gap
 
 
 class Model:
@@ -88,21 +91,48 @@ def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
             edges[early] = (t[early] - delay - t[0]) * u[0]
             u = np.diff(edges, append=edges[-1]) / np.diff(t, append=t[-1] + 1.0)
         elif delay > 0.0:
-            u = np.interp(t - delay, t, u)
+            before = np.maximum(t - delay, t[0])
+            u = CubicSpline(t, u)(before) if _smooth(u) else np.interp(before, t, u)
         if held:
             out[:, :, i] = u[:, None] if lag == 0.0 else _held_behind_lag(t, u, lag)
+            if name not in system.held and _smooth(u):  # means over the steps: a line with the same mean
+                rise = np.gradient(u, t) * np.diff(t, append=2.0 * t[-1] - t[-2])
+                out[:, :, i] += 0.5 * rise[:, None] * np.array([-1.0, 1.0])
         else:
             at = _lagged(t, u, lag, False) if lag > 0.0 else u
-            out[:, 0, i], out[:-1, 1, i], out[-1, 1, i] = at, at[1:], at[-1]
+            bow = _bow(t, at)
+            out[:, 0, i], out[:, 1, i] = at + bow, np.append(at[1:], at[-1]) + bow
     return out
 
 
+def _bow(t: Array, u: Array) -> Array:
+    """Mean over each step (N,) of a cubic spline through the samples, less that of a line; 0 for a rough input.
+
+    Lines between samples weaken an input that changes smoothly: with 12 samples a period by 2 %. With the mean of the
+    spline, a line is as good. Long steps are gaps, where nobody knows the input."""
+    if not _smooth(u):
+        return np.zeros(len(u))
+    h = np.diff(t)
+    mean = np.diff(CubicSpline(t, u).antiderivative()(t)) / h
+    return np.append(np.where(h < GAP * np.median(h), mean - 0.5 * (u[1:] + u[:-1]), 0.0), 0.0)
+
+
+def _smooth(u: Array) -> bool:
+    """Whether cubics through its neighbours predict a sample much better than lines do. Noise and jumps are rough."""
+    if len(u) < FEWEST:
+        return False
+    by_line = u[2:-2] - (u[1:-3] + u[3:-1]) / 2.0
+    by_cubic = u[2:-2] - (4.0 * (u[1:-3] + u[3:-1]) - u[:-4] - u[4:]) / 6.0
+    return float(np.mean(by_cubic**2)) < SMOOTH**2 * float(np.mean(by_line**2))
+
+
 def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
-    """The input behind a first-order lag, exact for an input that is linear (or constant) between samples."""
+    """The input behind a first-order lag, exact for an input that is a line (or constant) between samples."""
     h = np.diff(t)
     e = np.exp(-h / lag)
     slope = np.zeros(len(h)) if held else np.diff(u) / h
-    return decayed(u[0], e, (u[:-1] - slope * lag) * (1.0 - e) + slope * h)
+    begin = u[:-1] if held else u[:-1] + _bow(t, u)[:-1]
+    return decayed(u[0], e, (begin - slope * lag) * (1.0 - e) + slope * h)
 
 
 def _held_behind_lag(t: Array, u: Array, lag: float) -> Array:

@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from mazeplan.diagnosis.engine.judge import DRIVES, Judge, gain_of
+from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, Judge, gain_of
 from mazeplan.diagnosis.engine.levels import Level, Trial, levels_of, track_of
 from mazeplan.diagnosis.engine.model import Free, Model, free_of
 from mazeplan.diagnosis.engine.system import Values
@@ -30,6 +31,7 @@ SAME = 0.02  # share of a candidate's influence that other fitted numbers cannot
 KEPT = 2  # candidates that are fitted at all lengths
 FEWER = 0.5  # of the gain of a candidate that is accepted; one that gains less is not fitted at all lengths
 MOST = 5  # effects
+LIKELY = 5  # effects that are tried in pairs
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
 
 
@@ -71,6 +73,7 @@ class Search:
         self.always = tuple(dict.fromkeys([model.system.motion.name, *known, *along]))
         self.judge = Judge(model, self.levels)
         self.cache: dict[frozenset[str], Trial] = {}
+        self.likely: list[str] = []  # those that explain most alone
         self.rivals: dict[str, set[str]] = {}  # of an effect that was taken: those that explained nearly as much
 
     def values(self, names: Sequence[str], like: Values | None = None, at_rest: bool = False) -> Values:
@@ -132,7 +135,8 @@ class Search:
                 pair.append(fit)
                 if len(folds) == 2:
                     other = self.levels[level].folds[1 - fold]
-                    test = other.held_out(fit.values, other.states_on(track))
+                    ends = self.model.simulate(fit.values, windows.windows, fit.states)  # where the others begin
+                    test = other.held_out(fit.values, other.states_on(track), other.states_on(ends))
                     costs.append(test.cost)
                     counts.append(test.count)
             fits.append((pair[0], pair[-1]))
@@ -163,6 +167,7 @@ class Search:
             gains[best.names[-1]] = gain
             self.tell(f"{best.names[-1]}: explains more")
         current, found = self._backward(base, current, found, tried, gains)
+        current, found = self._otherwise(base, current, found, library, gains)
         valid = tuple(self.judge.valid(base, current))
         alike = self._alike(current, found, library)
         for name in found:
@@ -195,6 +200,7 @@ class Search:
             )
             scored.append((gain, name))
         scored.sort(reverse=True)
+        self.likely = self.likely or [name for _, name in scored[:LIKELY]]
         near = {name for score, name in scored if score >= FEWER * scored[0][0]}
         accepted: list[tuple[Trial, float]] = []
         judged = 0  # by windows of a length at least; a simulation with others leaves the record
@@ -218,6 +224,35 @@ class Search:
         for trial, gain in accepted[1:]:
             tried[trial.names[-1]] = Tried(trial.names[-1], gain, f"{accepted[0][0].names[-1]} explains more")
         return accepted
+
+    def _otherwise(
+        self, base: Trial, current: Trial, found: list[str], library: Sequence[str], gains: dict[str, float]
+    ) -> tuple[Trial, list[str]]:
+        """One effect instead of several that explain no more; or two together that alone show nothing, but explain
+        what these leave."""
+        if len(found) > 1:
+            for name in sorted(self.rivals.get(found[0], set()) - set(found)):
+                one = self.trial((name,), base)
+                gain, why_not = self.judge.why_not(base, one, name)
+                if not why_not and not self.judge.clearly_better(current, one):
+                    gains[name] = gain
+                    return one, [name]
+        valid = self.judge.valid(base, current)
+        if not valid or self.judge.explains(base, current):
+            return current, found
+        level = next(i for i in valid if current.usual(i) >= EXPLAINS)
+        for names in combinations([name for name in self.likely if name in library], 2):
+            self.tell(f"trying {' and '.join(names)}")
+            if self._fitted(names, None, (level,), (0,)).fits[0][0].rms() < EXPLAINS:
+                pair = self.trial(names)
+                needed = {
+                    name: self.judge.why_not(self.trial((other,), base), pair, name)
+                    for name, other in (names, names[::-1])
+                }
+                if self.judge.explains(base, pair) and not any(why_not for _, why_not in needed.values()):
+                    gains.update({name: gain for name, (gain, _) in needed.items()})
+                    return pair, sorted(names, key=lambda name: -needed[name][0])
+        return current, found
 
     def _backward(
         self, base: Trial, current: Trial, found: list[str], tried: dict[str, Tried], gains: dict[str, float]
@@ -246,7 +281,7 @@ class Search:
             without = self.trial(rest, current)
             group = [name]
             for rival in library:
-                known = rival in self.rivals[name] or frozenset((*rest, rival)) in self.cache
+                known = rival in self.rivals.get(name, ()) or frozenset((*rest, rival)) in self.cache
                 if rival in found or not known:
                     continue
                 instead = self.trial((*rest, rival), without)

@@ -44,8 +44,8 @@ input_lag = Effect(
     text="the inputs act through a first-order lag", source="first-order lag",
 )  # fmt: skip
 input_gain = Effect(
-    "input_gain", {"factor": Parameter("1", 1.0, -100.0, 100.0)}, INPUT, text="the inputs act stronger or weaker",
-    source="gain",
+    "input_gain", {"factor": Parameter("1", 1.0, -100.0, 100.0, smallest=0.005)}, INPUT,
+    text="the inputs act stronger or weaker", source="gain",
 )  # fmt: skip
 INPUTS = (input_delay, input_lag, input_gain)
 
