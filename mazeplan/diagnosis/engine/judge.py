@@ -76,7 +76,8 @@ class Judge:
         if worse:
             return total, "held-out windows of another length get worse"
         far = min(after.rms(i) for i in sure) > FAR
-        if far and all(after.rms(i) > HALF * before.rms(i) for i in sure):
+        shares = [after.rms(i) / before.rms(i) for i in valid if before.rms(i) > FAR]
+        if (far or 2 * len(shares) > len(valid)) and float(np.mean(np.log(shares))) > math.log(HALF):
             return total, "most of the error remains, far above the noise"
         elsewhere = [i for i in valid if after.rms(i) > FAR and after.rms(i) > ALL * before.rms(i)]
         if len(sure) == 1 < len(valid) and (elsewhere or (before.names and far)):
