@@ -104,6 +104,13 @@ def test_lines_between_samples_of_a_smooth_input_are_no_gain():
     assert size(done, "viscous_friction")[0] == pytest.approx(0.4, rel=0.01)
 
 
+def test_a_lag_shorter_than_a_sample_is_found():
+    record = play(4, lambda x, v, u: 2.0 * u - 0.4 * v, rate=15.0, fine=400, noise=2e-4, lag=0.05)
+    done = diagnose_motion(SLIDER, record, {"motion": {"gain": 2.0}, "viscous_friction": {"coefficient": 0.4}})
+    assert found(done) == ["input_lag"], done.sentence()
+    assert size(done, "input_lag")[0] == pytest.approx(0.05, rel=0.02)
+
+
 def test_inputs_that_are_held_without_a_word_are_pointed_at():
     t, rng = np.arange(3000) / 100.0, np.random.default_rng(3)
     given = np.repeat(rng.normal(0.0, 3.0, 300), 10)

@@ -192,7 +192,7 @@ def diagnose_motion(
     shown = (*places, 0)[0]  # the coordinate of the free run
     pairs = ((finding.base, base), (finding.final, final))
     before, after = (_score(search, trial, fit, level, shown) for trial, fit in pairs)
-    remaining = max(finding.final.rms(level), *(finding.final.usual(i) for i in finding.valid))
+    remaining = max([finding.final.rms(level), *(finding.final.usual(i) for i in finding.valid)])
     without = {
         name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
     }

@@ -22,9 +22,9 @@ EXPLAINS = 1.3  # times the noise: an error below this has no other cause
 FAR = 5.0  # times the noise: an error above this has causes that no effect found so far explains
 LOST = 0.5  # error over the movement at which a simulation has left the record
 HELD = 0.6  # of a sample; how inputs are held between samples makes them later by up to half a sample
+LEAVES_MOST = "most of the error remains with all that was found"
 WITHIN_A_SAMPLE = "how the inputs change between samples does the same"
-ALL = 0.9  # share of the error that is hardly less than all of it
-HALF = 0.5  # share of the error, far above the noise, that an effect may leave
+HALF = 0.5  # share of an error far above the noise that all findings together may leave
 DRIVES = "friction would drive the motion in one direction"
 
 
@@ -76,15 +76,19 @@ class Judge:
         if worse:
             return total, "held-out windows of another length get worse"
         far = min(after.rms(i) for i in sure) > FAR
-        shares = [after.rms(i) / before.rms(i) for i in valid if before.rms(i) > FAR]
-        if (far or 2 * len(shares) > len(valid)) and float(np.mean(np.log(shares))) > math.log(HALF):
-            return total, "most of the error remains, far above the noise"
-        elsewhere = [i for i in valid if after.rms(i) > FAR and after.rms(i) > ALL * before.rms(i)]
-        if len(sure) == 1 < len(valid) and (elsewhere or (before.names and far)):
+        if before.names and far and len(sure) == 1 < len(valid):
             return total, "only windows of one length show it, and much remains unexplained"
         if not any(self._worth(before, after, i) for i in sure):
             return total, "it changes the predictions by less than the noise, or than what remains unexplained"
         return total, ""
+
+    def leaves_most(self, base: Trial, trial: Trial) -> bool:
+        """Whether a model leaves more than HALF of an error that is far above the noise: then it stands in for
+        something else."""
+        valid = self.valid(base, trial)
+        shares = [trial.rms(i) / base.rms(i) for i in valid if base.rms(i) > FAR]
+        far = 2 * len(shares) > len(valid) or all(trial.rms(i) > FAR for i in valid)
+        return bool(shares) and far and float(np.mean(np.log(shares))) > math.log(HALF)
 
     def explains(self, base: Trial, trial: Trial) -> bool:
         """Whether a model leaves hardly more than the noise, in windows of each length."""

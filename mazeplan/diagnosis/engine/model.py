@@ -127,12 +127,15 @@ def _smooth(u: Array) -> bool:
 
 
 def _lagged(t: Array, u: Array, lag: float, held: bool) -> Array:
-    """The input behind a first-order lag, exact for an input that is a line (or constant) between samples."""
+    """The input behind a first-order lag, exact for an input that is a parabola (or constant) between samples."""
     h = np.diff(t)
-    e = np.exp(-h / lag)
-    slope = np.zeros(len(h)) if held else np.diff(u) / h
-    begin = u[:-1] if held else u[:-1] + _bow(t, u)[:-1]
-    return decayed(u[0], e, (begin - slope * lag) * (1.0 - e) + slope * h)
+    e, c0 = np.exp(-h / lag), u[:-1]
+    if held:
+        return decayed(u[0], e, c0 * (1.0 - e))
+    bow = 6.0 * _bow(t, u)[:-1] / h  # of a parabola with the mean of the spline
+    c1, c2 = np.diff(u) / h + bow, -bow / h
+    end = c0 + c1 * (h - lag) + c2 * (h * h - 2.0 * lag * h + 2.0 * lag * lag)
+    return decayed(u[0], e, end - e * (c0 - c1 * lag + 2.0 * c2 * lag * lag))
 
 
 def _held_behind_lag(t: Array, u: Array, lag: float) -> Array:

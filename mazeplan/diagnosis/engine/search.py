@@ -20,7 +20,7 @@ from itertools import combinations
 
 import numpy as np
 
-from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, Judge, gain_of
+from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, LEAVES_MOST, Judge, gain_of
 from mazeplan.diagnosis.engine.levels import Level, Trial, levels_of, track_of
 from mazeplan.diagnosis.engine.model import Free, Model, free_of
 from mazeplan.diagnosis.engine.system import Values
@@ -168,6 +168,9 @@ class Search:
             self.tell(f"{best.names[-1]}: explains more")
         current, found = self._backward(base, current, found, tried, gains)
         current, found = self._otherwise(base, current, found, library, gains)
+        if found and self.judge.leaves_most(base, current):
+            tried |= {name: Tried(name, gains.pop(name, 0.0), LEAVES_MOST) for name in found}
+            current, found = base, []
         valid = tuple(self.judge.valid(base, current))
         alike = self._alike(current, found, library)
         for name in found:
