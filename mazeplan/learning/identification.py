@@ -36,10 +36,10 @@ from mazeplan.learning.samples import rings_of
 from mazeplan.learning.smoothing import smoothed
 from mazeplan.learning.stage_axes import fit_axes
 from mazeplan.learning.stage_fit import StageFit
+from mazeplan.learning.tilt_checks import check_axes, check_follows
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics.planar import PlanarModel
-from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 
@@ -53,7 +53,6 @@ TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
 FEWEST_WINDOWS = 8  # if no ring has more: the rigid ball is fitted to all rings afterwards
 FRICTION = ("viscous_friction", "dry_friction")  # a ring without it does not have the effect
-LAG_S, EXCHANGED = 0.4, 0.6  # s, of a servo; size of a correlation that only exchanged or turned tilts have
 USUAL_DELAY_S = 0.06  # s, of the camera: sharp enough to tell whether the ball follows the tilt
 LONG_S = 55.0  # s; such a record is long enough: if windows are missing, something else is wrong
 
@@ -261,7 +260,7 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
             np.concatenate(tilt_X), np.concatenate(tilt_y), tilt, np.full(2, tilt_sigma), np.concatenate(tilt_b)
         )
     for ring, found in weights.items():
-        _check_follows(ring, float(found[0]))
+        check_follows(ring, float(found[0]))
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
 
 
@@ -270,50 +269,13 @@ def check_record(table: Table, maze: Maze | None) -> None:
 
     What the table does not show is not checked. maze: None if the ball is not to be checked"""
     if "u_beta" in table and "u_gamma" in table:
-        _check_axes(table)
+        check_axes(table)
     if maze is None or len(table) < window_of(table.dt) or "r" not in table or "theta" not in table:
         return
     found = (find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc)
     enough = [w for w in found if len(w.start) >= MIN_WINDOWS]
     if enough:
         _fit_balls(table, enough, USUAL_DELAY_S, table.dt, BallPrior())
-
-
-def _check_axes(table: Table) -> None:
-    """Raise ValueError if the measured tilts are exchanged or turned round, beside commands up to LAG_S before."""
-    angles = np.column_stack([table["beta"], table["gamma"]])
-    commands = np.column_stack([table["u_beta"], table["u_gamma"]])
-    size, high = np.zeros((2, 2)), np.zeros((2, 2))  # most of the correlations of each angle (row) with each command
-    seen = np.isfinite(angles[:, 0]) & np.isfinite(angles[:, 1])
-    for lag in range(round(LAG_S / table.dt)):
-        rows = np.flatnonzero(seen[lag:])
-        if len(rows) < MIN_WINDOWS:
-            return
-        here = _unit(angles[lag:][rows]).T @ _unit(commands[rows])
-        size, high = np.maximum(size, np.abs(here)), np.maximum(high, here)
-    if min(size[0, 1], size[1, 0]) > EXCHANGED > max(size[0, 0], size[1, 1]):
-        raise ValueError("beta follows u_gamma and gamma follows u_beta: are the two measured tilts exchanged?")
-    # a sine has both signs: it follows its command, and half a period later the opposite of it
-    turned = [name for i, name in enumerate(("beta", "gamma")) if size[i, i] > EXCHANGED > high[i, i]]
-    if turned:
-        raise ValueError(f"the measured tilt of {' and '.join(turned)} has the opposite sign of its command")
-
-
-def _unit(x: Array) -> Array:
-    """Columns (N, 2) around their means, each of length 1; 0 where nothing changes."""
-    x = x - x.mean(axis=0)
-    return np.asarray(x / np.maximum(np.linalg.norm(x, axis=0), 1e-12), dtype=np.float64)
-
-
-def _check_follows(ring: int, factor: float) -> None:
-    """Raise ValueError if the ball does not follow the tilt as a ball should."""
-    allowed = rolling_inertia.parameters["factor"]
-    if not allowed.low <= factor <= allowed.high:
-        raise ValueError(
-            f"ring {ring}: the ball does not follow the tilt: its acceleration is {factor:.2g} times that of a sliding "
-            f"point, expected {allowed.low:g} to {allowed.high:g}; are x and y, or beta and gamma, swapped, a sign or "
-            "a unit wrong?"
-        )
 
 
 def _best_delay(
@@ -364,7 +326,7 @@ def fit_rig(
     progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     if stage is None:
-        _check_axes(table)
+        check_axes(table)
         u, angles = (np.column_stack([table[f"{kind}{axis}"] for axis in ("beta", "gamma")]) for kind in ("u_", ""))
         beta, gamma = fit_axes(u, angles, dt, breaks)
         stage = StageModel(beta.axis, gamma.axis)

@@ -7,14 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import effect_entry
 from mazeplan.diagnosis.rig import findings, verdict
-from mazeplan.diagnosis.rig.candidates import CANDIDATES
-from mazeplan.diagnosis.rig.notes import notes_on
 from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
-from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.physics.registry import PACKAGED
 
 
@@ -34,31 +30,6 @@ def test_an_alarm_needs_a_clear_record(now, alarmed):
     assert (found is not None) == alarmed
     if alarmed:
         assert "2.0 times as badly" in found.description
-
-
-@pytest.mark.parametrize(
-    ("moving", "words"),
-    [
-        ((), "no commands u_beta, u_gamma in this record"),
-        ((0.05, 0.0), "the command of gamma never changes"),
-        ((0.0, 0.0), "the commands of beta and gamma never change"),
-    ],
-)
-def test_a_note_says_why_the_servos_are_not_checked(moving, words):
-    wave = np.sin(np.arange(900.0))
-    table = Table(
-        {"t": np.arange(900) / 30.0, **{n: u * wave for n, u in zip(("u_beta", "u_gamma"), moving, strict=False)}}
-    )
-    was = SimpleNamespace(body=SimpleNamespace(open=(), start=None), friction=None)
-    assert notes_on(table, None, was, blind=False) == [f"{words}: servos cannot be checked, and the tilt is smoothed"]
-
-
-def test_numbers_of_the_ball_that_were_refused_go_into_no_model():
-    friction, lag = CANDIDATES[0], {"name": "servo_lag"}
-    searched = SearchResult((friction,), (200.0,), ((),), fit="with it", without="without it")
-    assert verdict._standing(searched, (), [lag]).fit == "without it"
-    assert verdict._standing(searched, (friction,), [lag]).fit == "with it"
-    assert verdict._standing(searched, (), []).fit == "with it", "a report shows it where no model is written"
 
 
 def test_the_error_of_a_mean_is_by_blocks():
