@@ -24,7 +24,7 @@ FEWEST = 60  # minimum number of samples
 LEAST_RANGE = 1e-3  # rad; minimum range of the commands
 SEEN = (0.0, 1.5, 1.2)  # fastest pole that samples usually show, times their rate, by order
 NO_DEAD_TIME = 1e-4  # s
-DOUBTFUL = 2.0  # standard errors of a dead time that may be none
+DOUBTFUL = 4.0  # of -2 log L, by a dead time that may be none
 
 
 @dataclass(frozen=True)
@@ -67,18 +67,21 @@ def fit_axis(
     data = AxisRecord.of(u, angle, dt, breaks, near)
     if near is not None:
         return _finished(data, data.fit(near, data.used, only))
-    return _finished(data, _without_doubtful_dead_time(data, _chosen(data) if kind is None else _of_kind(data, kind)))
+    if kind is not None:
+        return _finished(data, data.fit(_of_kind(data, kind), data.used))
+    return _finished(data, _without_doubtful_dead_time(data, data.fit(_chosen(data), data.used)))
 
 
-def _without_doubtful_dead_time(data: AxisRecord, kind: StageAxis) -> StageAxis:
-    """The axis of a kind, fitted to the whole record: without a dead time if none does as well.
+def _without_doubtful_dead_time(data: AxisRecord, axis: StageAxis) -> StageAxis:
+    """The axis without a dead time if none does as well.
 
     A faster axis that starts later moves nearly alike, and a plan that trusts its speed commands too late."""
-    axis = data.fit(kind, data.used)
     names = tuple(name for name in free_numbers(axis) if name != "dead_time")
-    if not axis.order or not 0.0 < axis.dead_time < DOUBTFUL * axis.stderr["dead_time"]:
+    if not axis.order or not 0.0 < axis.dead_time < 2.0 * axis.stderr["dead_time"]:
         return axis
     plain = data.fit(replace(axis, dead_time=0.0), data.used, names)
+    if 2.0 * data.used.sum() * math.log(data.rms(plain, data.used) / data.rms(axis, data.used)) > DOUBTFUL:
+        return axis
     return replace(plain, stderr={**plain.stderr, "dead_time": axis.stderr["dead_time"]})
 
 
