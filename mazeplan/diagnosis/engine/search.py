@@ -9,7 +9,8 @@ the held-out window m of n_m measurements, the gain of a candidate over another 
 Its mean over the windows, over its standard error between the windows, is the statistic. Its threshold is that of
 Student's t for so many windows: what counts is how large the gain is beside its own changes along the record. A
 candidate is accepted if the gain is beyond chance at one length at least, if the held-out error shrinks there by more
-than the noise, and if at no length the held-out windows get worse.
+than the noise, and if at no length the held-out windows get worse. At the end, one effect may take the place of
+several, and two together are tried where single ones leave much. All findings have to explain half of a large error.
 """
 
 from __future__ import annotations
