@@ -110,7 +110,8 @@ def learn(
             known = BallPrior(
                 (NEAR_WALLS * rolling_factor(seen.model), SURE_FACTOR),
                 (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT),
-                (seen.model.view.delay, seen.stderr.get("delay", math.nan)),
+                # as the fit of the beads: no picture before the plate moved
+                (max(seen.model.view.delay, -fit.model.stage.dead_time), seen.stderr.get("delay", math.nan)),
             )
             return learn(tables, maze, kind, options, prior=known, progress=progress, advance=advance)
         if kind in WITH_BODY:
