@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from planar_rig import PATIENT
-from strange_rigs import SIX, Stepper, StrangeRig, drawn
+from strange_rigs import SIX, Springy, Stepper, StrangeRig, drawn
 
 from mazeplan.core.logs.table import read_table
 from mazeplan.core.records import FailureKind
@@ -59,6 +59,12 @@ def test_beads_that_are_far_off_are_fitted_again_with_the_delay_and_the_tilt_of_
     for axis in ("beta", "gamma"):
         lean = done.model.balls[2].parameter("tilt_offset", axis, 0.0)
         assert lean == pytest.approx(done.model.body.values[f"tilt_{axis}"], abs=1e-3)
+
+
+def test_beads_that_are_fitted_again_take_no_picture_before_the_plate_moved(tmp_path):
+    run_collection(Springy(MAZE, {}), MAZE, Collection(120.0, (1, 2, 3, 4, 5), seed=4), log := tmp_path / "log.mcap")
+    model = learn([read_table(log)], MAZE, "pi").model
+    assert load_model(save_model(model, tmp_path / "model")).camera_delay >= -model.stage.dead_time - 1e-6
 
 
 @pytest.mark.parametrize("start", [3, 7])
