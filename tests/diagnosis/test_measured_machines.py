@@ -25,14 +25,15 @@ def test_the_right_effects_are_named(table):
 
 @pytest.mark.slow
 def test_the_published_friction_is_found_on_the_measured_axis():
-    """Published: 4.08 % with symmetric, 3.11 % with direction-dependent friction, fitted to all of the record."""
-    root = Path(__file__).resolve().parents[2]
-    path = next((p for home in (root, root.parent) if (p := home / "shared/data/emps/DATA_EMPS.mat").is_file()), None)
+    """Published: 4.08 % with symmetric, 3.11 % with direction-dependent friction."""
+    roots = Path(__file__).resolve().parents[2:4]
+    path = next((p for home in roots if (p := home / "shared/data/emps/DATA_EMPS.mat").is_file()), None)
     if path is None:
         pytest.skip("the record of the benchmark EMPS is not here")
     record, _ = read_drive(path)
     done = emps_result(emps_system(), record, {}, (), None)
-    assert [e["name"] for e in done.effects][:1] == ["viscous_friction"] or len(done.effects) >= 2
-    assert {"dry_friction", "viscous_friction", "viscous_asymmetry"} == {e["name"] for e in done.effects}
-    assert done.after.nrmse < 0.033
+    found = {e["name"]: e["parameters"]["coefficient"]["stderr"] for e in done.effects}
+    assert {"dry_friction", "viscous_friction", "viscous_asymmetry"} == set(found)
+    assert found["viscous_friction"] > 0.5  # N s/m; where the axis stops, a derivative says .1
+    assert done.after.nrmse < 0.0311
     assert done.after.free_run < 0.01

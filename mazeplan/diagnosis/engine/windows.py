@@ -10,7 +10,8 @@ eliminated window by window, so their number costs nothing:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from mazeplan.diagnosis.engine.system import Values
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
 DONE = 1e-5  # relative decrease of the sum of squares at which a fit ends
+SECANTS = 3  # passes of the covariance; each takes the standard errors of the one before
 STRAIGHT, BENT = 0.75, 0.25  # gain of a step over the foreseen one: a longer or a shorter step is tried next
 STRAY = 9.0  # times the usual mean square of a held-out window
 GROWN, FEWEST = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0), 20  # shares of a window that grows; samples of its first part
@@ -31,15 +33,12 @@ START, BOW = 6, 3  # samples whose line, and whose parabola, is a first guess of
 
 
 class Point(NamedTuple):
-    """A state of a descent: values of all effects, initial states (M, 2 C), residual (K,) over the noise, damping.
-
-    clean: derivatives (K, P) of the residual by the free parameters near the point, without what states can copy"""
+    """A state of a descent: values of all effects, initial states (M, 2 C), residual (K,) over the noise, damping."""
 
     values: Values
     states: Array
     r: Array
     weight: float = 1e-3
-    clean: Array | None = None
 
     @property
     def cost(self) -> float:
@@ -52,7 +51,7 @@ class Fit:
     """The result of a fit.
 
     values: of all effects, with those that were not fitted
-    free: fitted parameters; covariance: of these, by blocks (sandwich)
+    free: fitted parameters; at_bound: those at a bound; windows: where they were fitted
     states: initial state of each window (M, 2 C)
     residual: (N, C) over the noise, NaN where there is none
     cost: sum of squares of each window (M,); count: measurements in each window (M,)"""
@@ -63,8 +62,13 @@ class Fit:
     residual: Array
     cost: Array
     count: Array
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    at_bound: tuple[tuple[str, str], ...] = ()
+    at_bound: tuple[tuple[str, str], ...]
+    windows: Windows
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the fitted parameters (P, P), by blocks (sandwich); 0 for one at a bound."""
+        return self.windows.covariance(self)
 
     @property
     def total(self) -> float:
@@ -159,19 +163,27 @@ class Windows:
         """Sums over the measurements of each window."""
         return np.add.reduceat(x, self.starts, axis=0)
 
-    def _columns(self, values: Values, states: Array, r: Array, free: Free) -> tuple[Array, Array]:
-        """Derivatives of the residual by parameters (K, P) and by the initial state of the own window (K, 2 C)."""
+    def _columns(
+        self, values: Values, states: Array, r: Array, free: Free, steps: Array | None = None,
+        state_steps: Array | None = None,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Derivatives of the residual by parameters (K, P) and by the initial state of the own window (K, 2 C).
+
+        steps (P,), state_steps (M, 2 C): of the differences; by default small ones"""
         by_p = np.empty((len(r), len(free)))
         for j, (effect, name) in enumerate(free):
-            at, high = values[effect][name], self.model.effects[effect].parameters[name].high
-            step = STEP * max(self.model.scale[effect, name], abs(at))
-            step = -step if at + step > high else step
+            at, one = values[effect][name], self.model.effects[effect].parameters[name]
+            size = max(self.model.scale[effect, name], abs(at))
+            step = STEP * size if steps is None else min(max(float(steps[j]), STEP * size), size)
+            step = min(step, max(one.high - at, at - one.low))
+            step = -step if at + step > one.high else step
             by_p[:, j] = (self.residual(changed(values, effect, name, at + step), states) - r) / step
         by_s = np.empty((len(r), self.size))
-        for j, step in enumerate(self.state_steps):
+        far = np.broadcast_to(self.state_steps, states.shape) if state_steps is None else state_steps
+        for j in range(self.size):
             moved = states.copy()
-            moved[:, j] += step
-            by_s[:, j] = (self.residual(values, moved) - r) / step
+            moved[:, j] += far[:, j]
+            by_s[:, j] = (self.residual(values, moved) - r) / far[self.which, j]
         return by_p, by_s
 
     def _eliminated(self, by_s: Array, *others: Array, damping: Array | float = 0.0) -> list[Array]:
@@ -217,7 +229,7 @@ class Windows:
 
     def descend(self, point: Point, free: Free, most: int = ITERATIONS) -> Point:
         """The least sum of squares near a point, after at most so many steps."""
-        values, states, r, weight, clean = point
+        values, states, r, weight = point
         limits = [self.model.effects[e].parameters[n] for e, n in free]
         low, high = np.array([p.low for p in limits]), np.array([p.high for p in limits])
         cost, p = point.cost, np.array([values[e][n] for e, n in free])
@@ -249,26 +261,42 @@ class Windows:
             values, states, p, r, cost = trial, begin, new, s, fresh
             if gain <= DONE * cost:
                 break
-        return Point(values, states, r, weight, clean)
+        return Point(values, states, r, weight)
 
     def finished(self, point: Point, free: Free) -> Fit:
-        """The fit at a solution, with the sandwich covariance over windows."""
-        values, states, r, _, clean = point
+        """The fit at a solution."""
+        values, states, r, _ = point
         residual = np.full(self.model.record.y.shape, np.nan)
         residual[self.row, self.coordinate] = r
-        covariance, at_bound = np.zeros((len(free), len(free))), []
+        at_bound = []
         for e, n in free:
             one, at = self.model.effects[e].parameters[n], values[e][n]
             slack = 1e-6 * max(abs(at), self.model.scale[e, n])
             if n != "" and (at <= one.low + slack or at >= one.high - slack):
                 at_bound.append((e, n))
-        inside = np.array([key not in at_bound for key in free], dtype=bool)
-        if inside.any() and clean is not None:
-            covariance[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums, self.count)
         return Fit(
-            values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), covariance,
-            tuple(at_bound),
-        )  # fmt: skip
+            values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), tuple(at_bound), self
+        )
+
+    def covariance(self, fit: Fit) -> Array:
+        """Covariance of fitted parameters (P, P), by secants over about a standard error: where a kink of the motion
+        (a body that stops, a wall) lies near the solution, a derivative is no measure of what the record tells."""
+        free, out = fit.free, np.zeros((len(fit.free), len(fit.free)))
+        inside = np.array([key not in fit.at_bound for key in free], dtype=bool)
+        if not inside.any():
+            return out
+        r = fit.residual[self.row, self.coordinate]
+        steps = state_steps = None
+        for _ in range(SECANTS):
+            by_p, by_s = self._columns(fit.values, fit.states, r, free, steps, state_steps)
+            (s_p,) = self._eliminated(by_s, by_p)
+            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+            out[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums, self.count)
+            steps = np.sqrt(np.diag(out))
+            gram = self.sums(by_s[:, :, None] * by_s[:, None, :]) + 1e-9 * np.diag(self.state_floor)
+            spread = np.einsum("mii->mi", np.linalg.inv(gram)) * (fit.cost / fit.count)[:, None]
+            state_steps = np.maximum(np.sqrt(spread), self.state_steps)
+        return out
 
     def own_share(self, values: Values, states: Array, own: tuple[str, str], free: Free) -> float:
         """The share of a parameter's influence that free parameters and initial states cannot copy."""
