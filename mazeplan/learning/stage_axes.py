@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.core.records import Array
+from mazeplan.core.side_by_side import in_processes
 from mazeplan.learning.axis_record import determined
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.effects.rig import axis_coupling
@@ -32,7 +33,7 @@ def fit_axes(u: Array, angles: Array, dt: float, breaks: np.ndarray) -> tuple[St
     def fitted(i: int, kind: StageAxis | None = None) -> StageFit:
         return _coupled(u[:, i], u[:, 1 - i], angles[:, i], dt, breaks, kind)
 
-    beta, gamma = fitted(0), fitted(1)
+    beta, gamma = in_processes(fitted, (0, 1))
     if beta.axis.order == gamma.axis.order:
         return beta, gamma
     like_gamma, like_beta = fitted(0, gamma.axis), fitted(1, beta.axis)

@@ -89,6 +89,12 @@ def rig_file(spec: str) -> Path | None:
     raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
 
 
+def is_simulated(rig: str | Path | Rig | type) -> bool:
+    """Whether a name or file means a simulated rig of this program: as many at once as one likes."""
+    path = rig_file(str(rig)) if isinstance(rig, str | Path) else None
+    return path is not None and read_rig_file(path)[0] is None
+
+
 def rig_of(rig: str | Path | Rig | type, maze: Maze) -> Rig:
     """The rig that a name or file means, one of a class, or the rig itself. Raises SettingsError as `make_rig` does."""
     if isinstance(rig, str | Path):

@@ -17,6 +17,7 @@ import numpy as np
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array, Command, Observation
+from mazeplan.core.side_by_side import in_processes
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
@@ -76,7 +77,8 @@ def judge(
     parts: those that may be replaced
     fits: whether the rigid ball explains the log; if not, its contact has to be better beyond doubt"""
     ways = _ways(model, RigModel.nominal(maze))
-    found = {name: block_errors(way, table, maze, rows) for name, way in ways.items()}
+    errors = in_processes(lambda way: block_errors(way, table, maze, rows), list(ways.values()))
+    found = dict(zip(ways, errors, strict=True))
     common = np.all([np.isfinite(e) for e in found.values()], axis=0)
     if common.sum() < FEWEST:
         return Judgement(model, {}, ())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mazeplan.core.side_by_side import beside, side_by_side
+from mazeplan.core.side_by_side import beside, in_processes, side_by_side
 
 THREADS = """
 import threading
@@ -19,13 +19,11 @@ print(sum(side_by_side(lambda _: meet.wait(20.0) >= 0, range(3))))
 """
 
 
-def test_results_come_in_order():
-    assert side_by_side(lambda i: i * i, range(50)) == [i * i for i in range(50)]
-
-
-def test_an_error_is_passed_on():
+@pytest.mark.parametrize("each", [side_by_side, in_processes])
+def test_results_come_in_order_and_errors_are_passed_on(each):
+    assert each(lambda i: i * i, range(50)) == [i * i for i in range(50)]
     with pytest.raises(ZeroDivisionError):
-        side_by_side(lambda i: 1 / i, [1, 0])
+        each(lambda i: 1 / i, [1, 0])
 
 
 def test_omp_num_threads_says_how_many_at_once(monkeypatch):
@@ -34,17 +32,23 @@ def test_omp_num_threads_says_how_many_at_once(monkeypatch):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a second process needs fork")
-def test_work_beside_runs_in_a_process_of_its_own_and_is_waited_for(tmp_path: Path):
+def test_copies_of_the_process_work_and_are_waited_for(tmp_path: Path):
     program = f"""
 import os, pathlib
 from mazeplan.core import side_by_side
 side_by_side._cores = lambda: 2
+os.environ["OMP_NUM_THREADS"] = "2"
 kept = pathlib.Path({str(tmp_path / "kept")!r})
 with side_by_side.beside(lambda: kept.write_text(str(os.getpid()))):
     own = os.getpid()
 print(int(kept.read_text()) != own)
+found = side_by_side.in_processes(lambda i: (i, 1 // i if os.getpid() != own else os.getpid()), [1, 2, 3, 0])
+print([number for number, _ in found], [value == own for _, value in found])
 """
-    assert subprocess.check_output([sys.executable, "-W", "error", "-c", program], text=True) == "True\n"
+    assert (
+        subprocess.check_output([sys.executable, "-W", "error", "-c", program], text=True)
+        == "True\n[1, 2, 3, 0] [True, False, True, True]\n"
+    )
 
 
 def test_work_beside_is_left_out_on_one_core(monkeypatch):

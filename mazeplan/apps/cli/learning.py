@@ -124,7 +124,7 @@ def improve(
     effects: opt.EffectModule = None,
     map_: opt.Map = "cme",
     seed: opt.Seed = 0,
-    workers: opt.Processes = 1,
+    workers: opt.Workers = None,
     output: opt.ReportFolder = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,

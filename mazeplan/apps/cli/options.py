@@ -142,7 +142,12 @@ FirstSeed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    Option("--workers", min=1, metavar="N", help="Number of processes. Default: 1."),
+    Option(
+        "--workers",
+        min=1,
+        metavar="N",
+        help="Number of processes. Default: the cores for a simulated rig, else 1.",
+    ),
 ]
 Dask = Annotated[
     str | None, Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786.")

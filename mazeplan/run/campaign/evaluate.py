@@ -19,6 +19,7 @@ import numpy as np
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
+from mazeplan.rigs.registry import is_simulated
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.store import Store, campaign_files, read_runs, result_of
@@ -27,11 +28,11 @@ from mazeplan.run.specification import log_header
 
 
 def evaluate(
-    campaign: Campaign, *, workers: int = 1, progress: Callable[[int], None] | None = None,
+    campaign: Campaign, *, workers: int | None = 1, progress: Callable[[int], None] | None = None,
     executor: Executor | None = None, store: Store | None = None,
 ) -> list[NavigationResult]:  # fmt: skip
     """All results of a campaign in the order of their runs; see `run_all`."""
-    with open_executor(workers) as own:
+    with open_executor(workers, copies=is_simulated(campaign.rig)) as own:
         (runs,) = run_all([campaign], executor or own, progress=progress, stores=[] if store is None else [store])
     return [run.result for run in runs]
 

@@ -15,12 +15,14 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words, no_words
+from mazeplan.core.side_by_side import in_copies
 
 MOST_DEATHS = 3  # maximum number of processes that may die before a task ends
 WAKE_S = 1.0  # s, longest wait without a break: on some systems signals do not interrupt a wait
@@ -41,11 +43,13 @@ class Executor(Protocol):
 
 
 def open_executor(
-    workers: int | None = None, dask: str | None = None, *, carry: Sequence[Any] = (), say: Words = no_words
-) -> AbstractContextManager[Executor]:
+    workers: int | None = None, dask: str | None = None, *, copies: bool = False, carry: Sequence[Any] = (),
+    say: Words = no_words,
+) -> AbstractContextManager[Executor]:  # fmt: skip
     """An executor, as a context manager.
 
     workers: number of processes; None or 1: this process
+    copies: whether this process, without a number of workers, may do tasks in copies of itself (`side_by_side`)
     dask: address of a Dask scheduler; None: no Dask
     carry: modules whose functions travel with the tasks, because workers on other machines cannot import them
     say: gets messages for people
@@ -53,7 +57,7 @@ def open_executor(
     Raises InputError for a scheduler that does not answer, has no workers, or has workers that would compute something
     else."""
     if dask is None:
-        return _here(workers or 1)
+        return _here(workers or 1, copies and workers is None)
     from mazeplan.run.campaign.dask_cluster import dask_executor
 
     if workers is not None:
@@ -62,9 +66,9 @@ def open_executor(
 
 
 @contextmanager
-def _here(workers: int) -> Iterator[Executor]:
+def _here(workers: int, copies: bool) -> Iterator[Executor]:
     if workers == 1:
-        yield InProcess()
+        yield InProcess(copies)
         return
     processes = Processes(workers)
     try:
@@ -90,12 +94,18 @@ def too_many_deaths() -> RigError:
 
 
 class InProcess:
-    """Does one task after the other, in this process."""
+    """Does one task after the other, in this process, or some of them in copies of it."""
 
     apart = False
 
+    def __init__(self, copies: bool = False) -> None:
+        self._copies = copies
+
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
         """See `Executor`."""
+        if self._copies:
+            yield from in_copies(partial(_alone, work), tasks)
+            return
         for index, task in enumerate(tasks):
             yield index, _alone(work, task)
 

@@ -18,7 +18,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import named_rig
+from mazeplan.rigs.registry import is_simulated, named_rig
 from mazeplan.run.campaign.evaluate import run_all, setup_document, summary
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.faults import report
@@ -75,7 +75,7 @@ def evaluate(
         a rig that is an object does all runs in this process
     runs: number of runs; None: 16, or 10 for each fault
     seed: of the first run; the first 16 start angles go round the circle
-    workers: number of processes; dask: address of a scheduler
+    workers: number of processes; None: one for each core if the rig is simulated, else 1; dask: address of a scheduler
     store: folder that keeps each run; kept runs are not done again
     deadline: whether plans have a limit of time; without it, results are repeatable
     faults: file of faults to inject, or "all"
@@ -103,7 +103,7 @@ def _all_runs(campaign: Campaign, faults: str | None, work: Work) -> tuple[list[
     campaigns = [replace(campaign, fault=trial) for trial in trials] or [campaign]
     with ExitStack() as stack:
         stores = () if work.store is None else stack.enter_context(open_stores(work.store, campaigns))
-        executor, advance = stack.enter_context(_executor(work, stores, campaign.runs, len(campaigns)))
+        executor, advance = stack.enter_context(_executor(work, stores, campaign, len(campaigns)))
         runs = run_all(campaigns, executor, progress=advance, stores=stores)
     flat = [run for of_one in runs for run in of_one]
     document = summary([run.result for run in flat]) | {"results": [run.document() for run in flat]}
@@ -129,18 +129,22 @@ def _trials(faults: str, limit_s: float, say: Words) -> tuple[FaultTrial, ...]:
 
 
 @contextmanager
-def _executor(work: Work, stores: Sequence[Store], runs: int, campaigns: int) -> Iterator[tuple[Executor, Any]]:
+def _executor(
+    work: Work, stores: Sequence[Store], campaign: Campaign, campaigns: int
+) -> Iterator[tuple[Executor, Any]]:
     """The executor of the runs that no store holds, and `advance(finished)` of their bar.
 
     stores: one for each campaign
 
     After Ctrl-C or a failure of the rig, a message says what is kept and how to continue."""
+    runs, copies = campaign.runs, is_simulated(campaign.rig)
     count = runs * campaigns
     kept = _kept(stores, runs)
     if kept:
         work.say(f"{kept} of {count} runs are in {stores[0].folder} already")
     try:
-        opened = open_executor(work.workers, work.dask, say=work.say) if kept < count else open_executor()
+        how = {"copies": copies, "say": work.say}
+        opened = open_executor(work.workers, work.dask, **how) if kept < count else open_executor()
         with opened as executor, work.bar(count, kept) as advance:
             yield executor, advance
     except (KeyboardInterrupt, RigError):

@@ -54,7 +54,7 @@ def improve(
     effects: str | None = None,
     map: str | Path | Maze = "cme",
     seed: int = 0,
-    workers: int = 1,
+    workers: int | None = None,
     output: str | Path | None = None,
     own_process: bool = False,
     tell: Words = no_words,
@@ -67,13 +67,13 @@ def improve(
     seconds: length of a record, s of rig time
     reference: logs and tables of the rig while its model was right
     columns: of the reference, as of `mazeplan.learn`
-    workers: number of processes for the navigations
+    workers: number of processes for the navigations; None: one for each core if the rig is simulated, else 1
     output: folder for logs, models and reports; None: nothing is kept
     tell: gets findings; progress: gets the step under way
 
     Raises InputError, RigError."""
     with ExitStack() as stack:
-        name = stack.enter_context(named_rig(rig, alone=workers == 1))
+        name = stack.enter_context(named_rig(rig, alone=(workers or 1) == 1))
         own = own_effects(effects)
         options = campaign.Options(rounds, runs, seconds, seed, workers, map, own_process, effects)
         kept = output or stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-"))
