@@ -46,7 +46,7 @@ SECTIONS: dict[str, Callable[[bool], Section]] = {
     "contact": contact_section, "contactplant": contactplant_section, "plant": plant_section,
     "growth": growth_section, "rig": rig_section, "machines": machines_section, "waiting": waiting_section,
 }  # fmt: skip
-HOURS = ("drawn", "effects", "contactplant", "plant")
+HOURS = ("strange", "drawn", "effects", "contactplant", "plant")
 PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
 
 
@@ -84,7 +84,7 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     "What does learning bring on other rigs?": (
         Pick("strange", 0, ("without a model", "learned")),
         Pick("drawn", 0, TOTAL, "drawn rigs: {0}"),
-        Pick("drawn", 1, ("within 1.05", "arrived"), "{0}: models of 120 s of record beside those of 600 s"),
+        Pick("strange", 1, ("within 1.05", "arrived"), "{0}: models of 120 s of record beside those of 600 s"),
     ),
     "Does it find what is wrong?": (
         Pick("effects", 0, TOTAL, "record, diagnosis, new model: {0}"),

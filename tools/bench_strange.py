@@ -221,7 +221,7 @@ def others() -> tuple[str, ...]:
 
 
 def strange_section(quick: bool) -> Section:
-    """The six, and the rigs of others."""
+    """The six, and the rigs of others; and the six with short records beside long ones."""
     columns = ("rig", "servo, as found", "fit: stage, ball (times the noise)", "without a model", "learned")
     table = Table((*columns, "CPU s of `learn`"))
     for row in measured([(name, 2 if quick else 24, 0) for name in (*others(), *SIX)]):
@@ -230,7 +230,8 @@ def strange_section(quick: bool) -> Section:
         "`MAZEPLAN_RIGS=FOLDER`: 300 s of `collect --rings --place`, `learn --kind pi`, then the same starts and seeds",
         "without a model and with the model just learned.",
     )
-    return Section("Learning on rigs of other kinds (simulated)", notes, (table,))
+    short = short_table(SIX, 1 if quick else 20, 2 if quick else 32)
+    return Section("Learning on rigs of other kinds, and from short records (simulated)", notes, (table, short))
 
 
 def drawn_section(quick: bool) -> Section:
@@ -251,12 +252,11 @@ def drawn_section(quick: bool) -> Section:
     table.add("numbers in them at a bound or as uncertain as their range", len(open_))
     longest = max(row.get("learn_s", 0.0) for row in (*many, *written))
     table.add("CPU s of `learn --kind pi` with any of all these records, at most", f"{longest:.1f}")
-    short = short_table((*others(), *SIX), 1 if quick else 20, 2 if quick else 16)
     notes = (
         "`MAZEPLAN_RIGS=FOLDER`: servos, balls, walls, tilt sensors and cameras of all kinds of tests/strange_rigs.py,",
         "300 s of record each, 8 runs before and after.",
     )
-    return Section("Learning on rigs drawn at random, and from short records (simulated)", notes, (table, short))
+    return Section("Learning on rigs drawn at random (simulated)", notes, (table,))
 
 
 def short_table(names: Sequence[str], logs: int, runs: int, workers: int = 2) -> Table:
@@ -265,7 +265,9 @@ def short_table(names: Sequence[str], logs: int, runs: int, workers: int = 2) ->
     for name in names:
         tasks = [(name, runs, 500 + i, LONG, False, False) for i in range(2)]
         long = float(np.mean([row["after"]["mean"] for row in measured(tasks, workers)]))
-        rows = [row["after"] for row in measured([(name, runs, i, SHORT, False, False) for i in range(logs)], workers)]
+        none = {"mean": None, "success": 0}  # of a record that cannot be learned from
+        learned = measured([(name, runs, i, SHORT, False, False) for i in range(logs)], workers)
+        rows = [row.get("after", none) for row in learned]
         times = [row["mean"] or math.inf for row in rows]
         same = sum(mean <= NEARLY * long and row["success"] == runs for mean, row in zip(times, rows, strict=True))
         arrived = f"{sum(row['success'] for row in rows)}/{runs * len(rows)}"

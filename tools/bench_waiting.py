@@ -46,34 +46,38 @@ print(time.perf_counter() - began)
 """
 
 
-def waited(checkout: Path, folder: Path, words: str) -> float:
-    """Wall time of a command, s. Ends the program if the command fails."""
+def waited(checkout: Path, folder: Path, words: str) -> tuple[float, float]:
+    """Wall time of a command, s, and its peak memory, MB. Ends the program if the command fails."""
     began = time.perf_counter()
-    _python(checkout, folder, "-m", "mazeplan", *words.split())
-    return time.perf_counter() - began
+    _, peak = _python(checkout, folder, "-m", "mazeplan", *words.split())
+    return time.perf_counter() - began, peak
 
 
-def _python(checkout: Path, folder: Path, *words: str) -> str:
+def _python(checkout: Path, folder: Path, *words: str) -> tuple[str, float]:
+    """Output of a program, and its peak memory, MB (that of its largest process)."""
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"{' '.join(words)}: exit {done.returncode}\n{done.stderr}")
-    return done.stdout
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
+        run = subprocess.Popen([sys.executable, *words], cwd=folder, env=environment, stdout=out, stderr=errors)
+        _, status, usage = os.wait4(run.pid, 0)
+        run.returncode = os.waitstatus_to_exitcode(status)
+        for file in (out, errors):
+            file.seek(0)
+        if run.returncode not in (0, 1):
+            raise SystemExit(f"{' '.join(words)}: exit {run.returncode}\n{errors.read()}")
+        return out.read(), usage.ru_maxrss / 1024.0
 
 
 def limit(checkout: Path, folder: Path, words: str) -> float:
     """Wall time of a command in a process that has just done it, s."""
     pair = [words.format(n=f"again{i}").split() for i in range(2)]
-    return float(_python(checkout, folder, "-c", AGAIN, json.dumps(pair)).split()[-1])
+    return float(_python(checkout, folder, "-c", AGAIN, json.dumps(pair))[0].split()[-1])
 
 
 def waiting_section(quick: bool) -> Section:
     """Wall times of the commands of the tour, beside their limits and an earlier checkout."""
     before, times = os.environ.get("MAZEPLAN_BEFORE"), 1 if quick else TIMES
     checkouts = [*([Path(before).resolve()] if before else []), ROOT]
-    table = Table(("command", "earlier, s", "s", "limit, s", "over the limit"))
+    table = Table(("command", "earlier, s", "s", "limit, s", "over the limit", "peak MB"))
     totals = dict.fromkeys(checkouts, 0.0)
     with tempfile.TemporaryDirectory() as place:
         folders = {checkout: Path(place) / str(i) for i, checkout in enumerate(checkouts)}
@@ -83,17 +87,18 @@ def waiting_section(quick: bool) -> Section:
             for name in FIRST:
                 waited(checkout, folder, COMMANDS[name].format(n=""))
         for name, words in COMMANDS.items():
-            took = dict.fromkeys(checkouts, math.inf)
+            took, peak = dict.fromkeys(checkouts, math.inf), 0.0
             for n in range(times):
                 for checkout, folder in folders.items():
-                    took[checkout] = min(took[checkout], waited(checkout, folder, words.format(n=n)))
+                    seconds, peak = waited(checkout, folder, words.format(n=n))  # of this checkout at last
+                    took[checkout] = min(took[checkout], seconds)
             for checkout, seconds in took.items():
                 totals[checkout] += seconds
             least = limit(ROOT, folders[ROOT], words)
             earlier = f"{took[checkouts[0]]:.2f}" if before else "-"
-            table.add(name, earlier, f"{took[ROOT]:.2f}", f"{least:.2f}", f"{took[ROOT] / least:.1f}")
+            table.add(name, earlier, f"{took[ROOT]:.2f}", f"{least:.2f}", f"{took[ROOT] / least:.1f}", f"{peak:.0f}")
     earlier = f"{totals[checkouts[0]]:.2f}" if before else "-"
-    table.add("all", earlier, f"{totals[ROOT]:.2f}", "", "")
+    table.add("all", earlier, f"{totals[ROOT]:.2f}", "", "", "")
     notes = (
         f"Shortest of {times} new processes, after a first run that compiles. Limit: the second time in one process.",
         f"Earlier: {_version(Path(before))}, in turns with this one." if before else "Earlier: not measured.",

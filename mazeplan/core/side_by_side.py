@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -80,11 +81,13 @@ def in_processes(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
 
 def _may_fork(daemons: bool) -> bool:
-    """Whether a copy of this process can work: on this system, with a second core, and without other threads, which the
-    copy would not have. daemons: a thread of the background, such as that of a progress bar, may be left behind"""
+    """Whether a copy of this process can work: on Linux (libraries of macOS may not be copied), with a second core, and
+    without other threads, which the copy would not have.
+
+    daemons: a thread of the background, such as that of a progress bar, may be left behind"""
     others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
     alone = all(thread.daemon for thread in others) if daemons else not others
-    return _cores() > 1 and hasattr(os, "fork") and alone
+    return _cores() > 1 and sys.platform == "linux" and alone
 
 
 def _fork(work: Callable[[], object]) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array, IntArray
+from mazeplan.core.side_by_side import in_processes
 from mazeplan.learning.smoothing import smoothed
 from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
 
@@ -73,9 +74,11 @@ def best_delay(
     model_at:     model_at(delay) gives the planar model fitted with this delay
     least:        smallest possible delay, s: no picture shows the ball before it was there"""
     delays = np.arange(least, MOST + 1e-9, STEP)
-    losses = np.array(
-        [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in delays]
-    )
+
+    def loss(delay: float) -> Array:
+        return np.minimum(prediction_errors(table, starts, model_at(delay), delay, dt), CAP)
+
+    losses = np.array(in_processes(loss, delays.tolist()))
     names, at = np.unique(blocks, return_inverse=True)
     sums = np.stack([np.bincount(at, weights=row, minlength=len(names)) for row in losses])
     counts = np.bincount(at, minlength=len(names)).astype(float)

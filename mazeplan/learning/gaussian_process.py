@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.linalg import cho_solve, cholesky
 
 from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.exponential import exp_below
@@ -157,6 +156,8 @@ class GaussianProcess:
 
         noise (N,): standard deviation of each row; default: that of the hyperparameters. Raises ModelError if the
         covariance is not positive definite."""
+        from scipy.linalg import cho_solve, cholesky  # slow to import; no run needs it
+
         n, S = len(y), hyper.weight_sigma**2
         if not (len(inputs) == len(features) == n and features.shape[1] == len(S)):
             raise ModelError(f"got {len(inputs)} inputs, {len(features)} x {features.shape[1]} features for {n} values")

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from mazeplan.core.errors import InputError, ModelError, SettingsError
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, piece
@@ -201,6 +200,8 @@ class Posterior:
                 reached, best = value, at.copy()
             advance(looks, LOOKS * iterations)
             return -value, -slope
+
+        from scipy.optimize import minimize  # slow to import
 
         limits = {"maxiter": iterations, "maxcor": 20, "ftol": 1e-12, "gtol": 1e-7}
         minimize(loss, q, jac=True, method="L-BFGS-B", bounds=[(-STEP, STEP)] * len(q), options=limits)

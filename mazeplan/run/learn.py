@@ -83,8 +83,7 @@ def learn(
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
     kind: one of `modelfile.KINDS`
-    late: camera delay and its standard error, s, if they are known
-    tilt: prior of the table's tilt: mean (2,) and standard deviation, rad"""
+    prior: what is known of the ball"""
     table, sources, ball = join(tables), tuple(one.source for one in tables), None
     if tilt_is_measured(table):
         fit = fit_rig(table, maze, sources, prior=prior, progress=progress)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import axisplant
 import contactplant
@@ -20,10 +19,7 @@ from ring_records import DECLARED, found, names, parameters, record
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of, turned_round
-from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
 from mazeplan.diagnosis.ring.diagnose import diagnose
-from mazeplan.diagnosis.ring.system import RingSystem
-from mazeplan.diagnosis.stage.plate_motion import plate_motion
 
 
 @pytest.mark.parametrize("truth", [plant, axisplant, contactplant, contactrig, plainball], ids=lambda m: m.__name__)
@@ -151,18 +147,6 @@ def test_a_further_record_is_scored_and_not_looked_at():
     before, after = done.test
     assert after.rollout40 < 0.5 * before.rollout40
     assert set(done.document()["test"]) == {"before", "after"}
-
-
-def test_on_a_further_record_the_model_has_its_own_stage(monkeypatch):
-    here = record(seed=3, seconds=20.0)
-    tilt = plate_motion(here, None)
-    was = replace(tilt, source="by the model")
-    plain = SimpleNamespace(system=RingSystem(here.t, here.theta, here.begins, 0.0925, tilt, DECLARED), library=[])
-    monkeypatch.setattr(ring_diagnosis, "score", lambda likelihood, *_: likelihood.system)
-    done = SimpleNamespace(stage=None, circle=None, finding=SimpleNamespace(final=None))
-    before, after = ring_diagnosis._on_test(here, was, done, plain, plain, None)
-    assert after.theta == pytest.approx(here.theta)
-    assert (before.tilt.source, after.tilt.source) == (was.source, tilt.source)
 
 
 def test_an_axis_that_is_counted_the_other_way_round_is_turned_and_told():

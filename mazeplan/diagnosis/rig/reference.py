@@ -17,7 +17,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
 from mazeplan.core.logs.table import Table, join
-from mazeplan.core.side_by_side import side_by_side
+from mazeplan.core.side_by_side import in_processes, side_by_side
 from mazeplan.diagnosis.rig.fitting import ENOUGH, HOLLOW, NOISE, SOLID, Reference
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
@@ -100,10 +100,8 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
 def kind_of(table: Table) -> StageModel:
     """The kind of stage that a record shows."""
     try:
-        axes = [
-            fit_axis(table[f"u_{axis}"], table[axis], table.dt, np.diff(table.segment, prepend=table.segment[0]) != 0.0)
-            for axis in AXES
-        ]
+        breaks = np.diff(table.segment, prepend=table.segment[0]) != 0.0
+        axes = in_processes(lambda axis: fit_axis(table[f"u_{axis}"], table[axis], table.dt, breaks), AXES)
     except (KeyError, ValueError):  # too short, or without commands
         return USUAL
     return StageModel(*(fit.axis for fit in axes))

@@ -13,6 +13,7 @@ from numba import njit
 
 from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array
+from mazeplan.core.side_by_side import in_processes
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_axes import coupling, significant
@@ -114,7 +115,7 @@ def fit_stage(record: RingRecord, rows: np.ndarray, kind: StageModel = USUAL) ->
     breaks = record.begins[rows].astype(float)
     try:
         kinds = (kind.beta, kind.gamma)
-        alone = [fit_axis(u[i][rows], angles[i][rows], record.dt, breaks, kind=kinds[i]) for i in (0, 1)]
+        alone = in_processes(lambda i: fit_axis(u[i][rows], angles[i][rows], record.dt, breaks, kind=kinds[i]), (0, 1))
     except ValueError:
         return None
     fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]

@@ -49,7 +49,7 @@ class Options:
     runs: number of navigations before and after
     seconds: length of the record of a round, s
     seed: of commands, places and noise; navigations have their usual starts, seeded by it
-    workers: number of processes; None: one for each core if the rig is simulated, else 1
+    workers: number of processes; None: the cores for a simulated rig, else 1
     map: name or file of the map, or the map
     own_process: whether the watchdog may end the process
     effects: MODULE:FUNCTION of the user's effects, for the navigations

@@ -75,7 +75,7 @@ def evaluate(
         a rig that is an object does all runs in this process
     runs: number of runs; None: 16, or 10 for each fault
     seed: of the first run; the first 16 start angles go round the circle
-    workers: number of processes; None: one for each core if the rig is simulated, else 1; dask: address of a scheduler
+    workers: number of processes; None: the cores for a simulated rig, else 1; dask: address of a scheduler
     store: folder that keeps each run; kept runs are not done again
     deadline: whether plans have a limit of time; without it, results are repeatable
     faults: file of faults to inject, or "all"

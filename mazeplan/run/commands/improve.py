@@ -67,7 +67,7 @@ def improve(
     seconds: length of a record, s of rig time
     reference: logs and tables of the rig while its model was right
     columns: of the reference, as of `mazeplan.learn`
-    workers: number of processes for the navigations; None: one for each core if the rig is simulated, else 1
+    workers: number of processes for the navigations; None: the cores for a simulated rig, else 1
     output: folder for logs, models and reports; None: nothing is kept
     tell: gets findings; progress: gets the step under way
 
