@@ -64,19 +64,22 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
 
 
 def best_delay(
-    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float,
+    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel | None], dt: float,
     least: float = 0.0, seed: int = 0,
 ) -> tuple[float, float]:  # fmt: skip
     """Delay and its standard error, s.
 
     starts (K,):  first samples of the stretches
     blocks (K,):  block of each start
-    model_at:     model_at(delay) gives the planar model fitted with this delay
+    model_at:     model_at(delay) gives the planar model fitted with this delay; None: no ball moves like that
     least:        smallest possible delay, s: no picture shows the ball before it was there"""
     delays = np.arange(least, MOST + 1e-9, STEP)
 
     def loss(delay: float) -> Array:
-        return np.minimum(prediction_errors(table, starts, model_at(delay), delay, dt), CAP)
+        model = model_at(delay)
+        if model is None:
+            return np.full(len(starts), CAP)
+        return np.minimum(prediction_errors(table, starts, model, delay, dt), CAP)
 
     losses = np.array(in_processes(loss, delays.tolist()))
     names, at = np.unique(blocks, return_inverse=True)

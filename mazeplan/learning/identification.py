@@ -213,6 +213,11 @@ class _BallFit:
     offset: Array
     offset_sigma: Array
 
+    def check(self) -> None:
+        """Raise ValueError if the ball does not follow the tilt."""
+        for ring, found in self.weights.items():
+            check_follows(ring, float(found[0]))
+
     def ball(self, ring: int, maze: Maze) -> BallModel:
         """The ball of a ring, or of the nearest ring with data. In the disc the ball rolls on the floor alone."""
         nearest = min(self.weights, key=lambda number: abs(number - ring))
@@ -259,8 +264,6 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
         offset, offset_variance, _ = ridge(
             np.concatenate(tilt_X), np.concatenate(tilt_y), tilt, np.full(2, tilt_sigma), np.concatenate(tilt_b)
         )
-    for ring, found in weights.items():
-        check_follows(ring, float(found[0]))
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
 
 
@@ -275,7 +278,7 @@ def check_record(table: Table, maze: Maze | None) -> None:
     found = (find_windows(table, maze, ring.number, table.dt) for ring in maze.rings if not ring.is_disc)
     enough = [w for w in found if len(w.start) >= MIN_WINDOWS]
     if enough:
-        _fit_balls(table, enough, USUAL_DELAY_S, table.dt, BallPrior())
+        _fit_balls(table, enough, USUAL_DELAY_S, table.dt, BallPrior()).check()
 
 
 def _best_delay(
@@ -286,8 +289,13 @@ def _best_delay(
     blocks = np.concatenate([w.block for w in windows])
     usable = np.isin(starts, usable_starts(table, starts))
 
-    def model_at(delay: float) -> PlanarModel:
-        return PlanarModel.build(maze, RigModel(StageModel(), _fit_balls(table, windows, delay, dt, prior).balls(maze)))
+    def model_at(delay: float) -> PlanarModel | None:
+        fit = _fit_balls(table, windows, delay, dt, prior)
+        try:
+            fit.check()
+        except ValueError:  # far from the true delay
+            return None
+        return PlanarModel.build(maze, RigModel(StageModel(), fit.balls(maze)))
 
     return best_delay(table, starts[usable], blocks[usable], model_at, dt, -stage.dead_time)
 
@@ -350,6 +358,7 @@ def fit_rig(
     delay, delay_sigma = prior.late or _best_delay(table, train, maze, dt, stage, prior)
     progress("ball")
     fit = _fit_balls(table, train, delay, dt, prior)
+    fit.check()
     scores: dict[str, Any] = {
         f"weak_nrmse_{name}": _score(table, windows, fit, delay, dt)
         for name, windows in (("train", train), ("test", test))
