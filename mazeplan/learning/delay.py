@@ -1,6 +1,6 @@
 """Delay of the camera, by prediction: with the true delay, the tilt predicts the later position of the ball best.
 
-Predictions start in short stretches of a log, from a position and velocity smoothed over START samples. The planar
+Predictions start in short stretches of a log, from a position and velocity smoothed over START_S. The planar
 model, walls and openings included, predicts the ball under the tilt measured `delay` earlier. A wrong delay makes the
 ball turn too early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts
 do not decide. A parabola through the best points of a grid refines the delay. A bootstrap over blocks of the record
@@ -21,7 +21,7 @@ from mazeplan.learning.smoothing import smoothed
 from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
 
 STEP, MOST = 1.0 / 120.0, 0.175  # s, of the grid
-START = 7  # samples that give position and velocity at their middle
+START_S, STARTS = 0.25, (5, 7)  # s, samples: these give position and velocity at their middle
 AHEAD = 8  # samples from this middle to the predicted position; 0.27 s at 30 Hz
 CAP = 3e-3  # m; larger errors count as this
 HISTORY_S = 0.25  # s of tilt before a start and after a prediction: more than the longest delay
@@ -33,26 +33,31 @@ def _history(dt: float) -> int:
     return math.ceil(HISTORY_S / dt)
 
 
+def _start(dt: float) -> int:
+    """Samples of START_S, an odd number."""
+    return min(max(int(START_S / dt) | 1, STARTS[0]), STARTS[1])
+
+
 def usable_starts(table: Table, starts: IntArray) -> IntArray:
-    """The starts from which START and AHEAD samples follow without a gap."""
-    seen, segment, around = np.isfinite(table["x"]), table.segment, _history(table.dt)
-    need = START // 2 + AHEAD
-    starts = starts[(starts >= around) & (starts + START + AHEAD + around < len(table))]
-    whole = np.lib.stride_tricks.sliding_window_view(seen, need + START // 2 + 1)[starts].all(axis=1)
-    return starts[whole & (segment[starts - around] == segment[starts + START + AHEAD + around])]
+    """The starts from which the samples of START_S and AHEAD follow without a gap."""
+    seen, segment, around, first = np.isfinite(table["x"]), table.segment, _history(table.dt), _start(table.dt)
+    last = first + AHEAD + around
+    starts = starts[(starts >= around) & (starts + last < len(table))]
+    whole = np.lib.stride_tricks.sliding_window_view(seen, 2 * (first // 2) + AHEAD + 1)[starts].all(axis=1)
+    return starts[whole & (segment[starts - around] == segment[starts + last])]
 
 
 def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay: float, dt: float) -> Array:
     """Distance (K,) between prediction and measurement after AHEAD samples, m."""
-    grid, around = np.arange(len(table)) * dt, _history(dt)
+    grid, around, first = np.arange(len(table)) * dt, _history(dt), _start(dt)
     tilts = np.ascontiguousarray(np.stack([smoothed(table[axis], 5) for axis in ("beta", "gamma")], axis=1))
-    tau = (np.arange(START) - START // 2) * dt
-    smoother = np.linalg.pinv(np.stack([np.ones(START), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
-    rows = starts[:, None] + np.arange(START)
+    tau = (np.arange(first) - first // 2) * dt
+    smoother = np.linalg.pinv(np.stack([np.ones(first), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
+    rows = starts[:, None] + np.arange(first)
     x, y = table["x"][rows] @ smoother.T, table["y"][rows] @ smoother.T
     errors = np.empty(len(starts))
     for i, start in enumerate(starts):
-        k = int(start) + START // 2
+        k = int(start) + first // 2
         z = np.array([x[i, 0], y[i, 0], x[i, 1], y[i, 1], 0.0, 0.0, 0.0, 0.0])
         window = slice(max(k - around, 0), k + AHEAD + around)
         predict_given_tilt(

@@ -148,6 +148,13 @@ def test_at_a_low_rate_windows_are_as_long_as_usual():
     assert ball.parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(TRUE["viscous"], abs=0.15)
 
 
+def test_at_a_low_rate_the_delay_is_found():
+    whole = table((1,), 120.0)
+    half = {name: column[::2] for name, column in whole.columns.items()}
+    late = Table(half | {name: np.roll(half[name], 2) for name in ("beta", "gamma")})  # by two samples
+    assert fit_rig(late, MAZE).model.camera_delay == pytest.approx(TRUE["delay"] - 4.0 * DT, abs=0.02)
+
+
 def test_a_record_with_few_windows_is_enough():
     short = table((1,), 6.0)  # 14 windows to train on
     assert fit_rig(short, MAZE).model.ball(1).parameter("rolling_inertia", "factor", 0.0) == pytest.approx(
