@@ -89,9 +89,9 @@ def _reach(lengthscales: Array, amplitude: float, weights: Array) -> np.ndarray:
     points = np.stack([np.sin(at), np.cos(at)], axis=-1) / lengthscales
     # an angle is at most an eighth of a bin from one of the points: two angles may be nearer than points by twice that
     slack = 2.0 * edge / 8.0 / lengthscales.min()
-    flat = points.reshape(-1, 2)
-    distance = np.sqrt(np.maximum(((flat[:, None] - flat[None]) ** 2).sum(-1), 0.0))
-    nearest = np.maximum(distance.reshape(BINS, 5, BINS, 5).min(axis=(1, 3)) - slack, 0.0)
+    x, y = points.reshape(-1, 2).T
+    square = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2  # of the distances between points
+    nearest = np.maximum(np.sqrt(square.reshape(BINS, 5, BINS, 5).min(axis=(1, 3))) - slack, 0.0)
     most = amplitude**2 * np.exp(-0.5 * nearest**2) * np.maximum(nearest, 1.0) * weights[None]
     order = np.argsort(most, axis=1)
     tail = np.cumsum(np.take_along_axis(most, order, axis=1), axis=1)
