@@ -1,5 +1,6 @@
 """The `mazeplan` command, and `python -m mazeplan`: Ctrl-C is one line while the program is still being loaded, too."""
 
+import gc
 import os
 import sys
 
@@ -8,6 +9,7 @@ def main() -> None:
     """Entry point of the `mazeplan` command."""
     # most matrices here are small: a second thread of linear algebra waits longer for the first one than it helps
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(100_000, 20, 20)  # modules that are loaded leave no garbage: collecting it takes .1 s
     try:
         from mazeplan.apps.cli import main as command
     except KeyboardInterrupt:
