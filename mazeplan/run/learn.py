@@ -78,43 +78,42 @@ class Learned:
 
 def learn(
     tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
-    prior: BallPrior | None = None, progress: Words = no_words, advance: Advance = no_advance,
+    progress: Words = no_words, advance: Advance = no_advance,
 ) -> Learned:  # fmt: skip
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
-    kind: one of `modelfile.KINDS`
-    prior: what is known of the ball"""
-    table, sources, ball = join(tables), tuple(one.source for one in tables), None
-    if tilt_is_measured(table):
-        fit = fit_rig(table, maze, sources, prior=prior, progress=progress)
-    else:
+    kind: one of `modelfile.KINDS`"""
+    table, sources, ball, stage = join(tables), tuple(one.source for one in tables), None, None
+    if not tilt_is_measured(table):
         progress("stage, by the ball")
         stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
         table = with_tilt_by_commands(table, stage)
-        fit = fit_rig(table, maze, sources, stage=stage, prior=prior, progress=progress)
-    model, rings = fit.model, {}
-    if kind == "p":
-        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
-    elif kind != "pi":
-        model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
-        model = _without_worse_processes(model, rings)
+    fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
     why, short, reference, remaining = why_not_whole([table]), shortened(table), None, math.nan
     later = later_part(short)
     if not why:
         progress("rigid ball")
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
-        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, model, ball), table=short)
+        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, fit.model, ball), table=short)
         remaining, seen = reference.remaining, reference.body
-        if prior is None and _far_off(fit.model, seen.model):
+        if _far_off(fit.model, seen.model):
             known = BallPrior(
                 (NEAR_WALLS * rolling_factor(seen.model), SURE_FACTOR),
                 (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT),
                 # as the fit of the beads: no picture before the plate moved
                 (max(seen.model.view.delay, -fit.model.stage.dead_time), seen.stderr.get("delay", math.nan)),
             )
-            return learn(tables, maze, kind, options, prior=known, progress=progress, advance=advance)
-        if kind in WITH_BODY:
-            model = with_body(model, reference.body.model, reference.body.stderr)
+            again = fit_rig(table, maze, sources, stage=fit.model.stage, prior=known, progress=progress)
+            fit = replace(again, stage=fit.stage)
+            reference = replace(reference, stage=Known.of_model(fit.model))
+    model, rings = fit.model, {}
+    if kind == "p":
+        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
+    elif kind != "pi":
+        model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
+        model = _without_worse_processes(model, rings)
+    if reference is not None and kind in WITH_BODY:
+        model = with_body(model, reference.body.model, reference.body.stderr)
     progress("judging as a run would use it")
     parts = PARTS if kind in WITH_BODY else ()
     judgement = judge(model, short, maze, later, parts=parts, fits=not remaining > FITS)
