@@ -41,7 +41,7 @@ from mazeplan.run.judge import PARTS, Judgement, judge
 
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
 SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
-LATER = (0.024, 0.032, 0.040, 0.048)  # s, further ones for an axis whose rate is limited
+LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
 FAR = 100.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
 # s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
 # ball: a short record has few stretches in which a bead moves freely
@@ -153,9 +153,10 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     total, tried = stage.lag + ball.view.delay, []
     for axis in finer_axes():
         body = filter_on_stage(table, maze, StageModel(axis, axis), first)
-        # small motions have less lag if the rate is limited: the delay may be far from the middle one
-        shifts = (0.0,) if math.isinf(axis.rate_limit) else (*SHIFTS, *LATER)
-        tried += [(axis, body, max(total - axis.lag + shift, 0.0)) for shift in shifts]
+        # small motions have less lag if the rate is limited, down to that of the axis without a limit
+        late = axis.lag - replace(axis, rate_limit=math.inf).lag
+        shifts = np.arange(SHIFTS[0], late + SHIFTS[-1], SHIFTS[1] - SHIFTS[0]).tolist() if late else (0.0,)
+        tried += [(axis, body, delay) for delay in sorted({max(total - axis.lag + s, 0.0) for s in shifts})]
 
     def minus2(part: Callable[[BodyFilter], BodyFilter]) -> list[float]:
         def run(one: tuple[StageAxis, BodyFilter, float]) -> float:
@@ -171,7 +172,14 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
         if one <= min(rough) + FAR
         for shift in (SHIFTS if math.isinf(axis.rate_limit) else (0.0,))
     ]
-    axis, _, delay = tried[int(np.argmin(minus2(alternate)))]
+    axis, body, delay = tried[int(np.argmin(minus2(alternate)))]
+    if math.isfinite(axis.rate_limit):
+        near = [(axis, body)]
+        for times in LIMITS:
+            other = replace(axis, rate_limit=times * axis.rate_limit)
+            near.append((other, filter_on_stage(table, maze, StageModel(other, other), first)))
+        tried = [(*one, max(delay + shift, 0.0)) for one in near for shift in SHIFTS]
+        axis, _, delay = tried[int(np.argmin(minus2(alternate)))]
     ball = ball._replace(view=ball.view._replace(delay=delay))
     name = "natural_frequency" if axis.order else "rate_limit"
     if math.isfinite(getattr(axis, name)):

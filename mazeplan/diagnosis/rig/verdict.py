@@ -180,7 +180,7 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
     imbalance = unbalanced(done.body, done.searched.without)
     entry = imbalance_entry(imbalance, done.was.imbalance, radii)
     then = done.was.then
-    if entry is None or (then is not None and also_in(then, done.was.body.model, imbalance, len(done.body.pictures))):
+    if entry is None or (then is not None and also_in(then, done.was.body.model, imbalance)):
         return replace(done, imbalance=imbalance)
     searched = replace(done.searched, found=(), gains=(), rivals=(), fit=done.searched.without)
     memory, remaining = residual_summary(done.body, searched.fit)
