@@ -348,11 +348,7 @@ def fit_rig(
     train = [w for w in parts if len(w.start) >= fewest]
     test = [w for w in (_part(w, table, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
-        raise ValueError(
-            f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {window_of(dt)} samples in "
-            f"{len(table) * dt:.3g} s, expected at least {FEWEST_WINDOWS} in one ring; "
-            f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
-        )
+        raise hardly_moving(table, most)
     progress("how late the camera is")
     prior = prior or BallPrior()
     delay, delay_sigma = prior.late or _best_delay(table, train, maze, dt, stage, prior)
@@ -374,6 +370,16 @@ def fit_rig(
         scores=scores,
     )
     return RigFit(model, (beta, gamma), {w.ring: len(w.start) for w in train})
+
+
+def hardly_moving(table: Table, windows: int) -> ValueError:
+    """The error for a table with so few windows."""
+    seconds = len(table) * table.dt
+    return ValueError(
+        f"the ball is hardly ever seen moving freely in a ring: got {windows} windows of {window_of(table.dt)} samples "
+        f"in {seconds:.3g} s, expected at least {FEWEST_WINDOWS} in one ring; "
+        f"{'record for a minute' if seconds < LONG_S else 'tilt the plate more, until the ball rolls'}"
+    )
 
 
 def _part(windows: WeakWindows, table: Table, train: bool) -> WeakWindows:

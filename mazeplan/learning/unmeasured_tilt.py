@@ -19,7 +19,14 @@ import numpy as np
 
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
-from mazeplan.learning.identification import WeakWindows, find_windows, per_radius, smooth_tilt, weak_rows
+from mazeplan.learning.identification import (
+    WeakWindows,
+    find_windows,
+    hardly_moving,
+    per_radius,
+    smooth_tilt,
+    weak_rows,
+)
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import simulate_axis
@@ -48,11 +55,15 @@ def with_tilt_by_commands(table: Table, stage: StageModel) -> Table:
 
 
 def stage_by_ball(table: Table, maze: Maze) -> StageModel:
-    """The stage by which the ball of a table without tilt moves as it does. Both axes are alike."""
+    """The stage by which the ball of a table without tilt moves as it does. Both axes are alike.
+
+    Raises ValueError if the ball hardly moves freely."""
     every = max(round(1.0 / (RATE * table.dt)), 1)
     few = _each(table, every)
     found = [find_windows(few, maze, ring.number, few.dt) for ring in maze.rings if not ring.is_disc]
     windows = [replace(w, start=w.start[::2], block=w.block[::2]) for w in found if len(w.start)]  # they overlap
+    if not windows:
+        raise hardly_moving(few, 0)
     tables = ((axis, with_tilt_by_commands(table, StageModel(axis, axis))) for axis in _axes())
     losses = [(axis, _loss(_each(tilted, every), windows)) for axis, tilted in tables]
     least = min(loss for _, loss in losses)
@@ -71,7 +82,7 @@ def _each(table: Table, every: int) -> Table:
 def finer_axes() -> Iterator[StageAxis]:
     """Axes on a finer grid, for a sharper measure than the weak form."""
     yield StageAxis.prompt()
-    for rate in np.geomspace(0.5, 2.0, 6):  # rad/s, as of stepper motors
+    for rate in np.geomspace(0.35, 2.0, 10):  # rad/s, as of stepper motors
         yield replace(StageAxis.prompt(), rate_limit=float(rate))
     for pole in np.geomspace(5.0, 60.0, 13):
         yield StageAxis(1.0, float(pole), 1.0, order=1)

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import DriveFailed, DriveStarted, ExcitationStarted, OpeningPassed
@@ -136,14 +137,13 @@ def run_collection(
                     theta=maze.clear_angle(ring, float(rng.uniform(-math.pi, math.pi))),
                     rng=np.random.default_rng([plan.seed, segment]),
                 )
-                newest = -math.inf
+                check = SampleCheck(rig.rate_hz)
                 for u in commands[start : start + stretch]:
                     o = rig.observe()
                     command = Command(float(u[0]), float(u[1]))
                     rig.command(command.u_beta, command.u_gamma)
-                    if not (math.isfinite(o.t) and o.t > newest):  # no reader of the table could use it
+                    if check.admit(o) is None:  # no reader of the table could use it
                         continue
-                    newest = o.t
                     log.sample(Observation(start * dt + o.t, o.x, o.y, o.beta, o.gamma), command, segment=segment)
                     rows += 1
                     if progress is not None and rows % 30 == 0:

@@ -40,9 +40,11 @@ from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.run.judge import PARTS, Judgement, judge
 
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
-SHIFTS = (-0.016, -0.008, 0.0, 0.008, 0.016)  # s, of the delay around the one that keeps the sum of lag and delay
+SHIFTS = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likeliest one
+AROUND, STEP = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
+LIMITED = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
 LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
-FAR = 100.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
+FAR = 200.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
 # s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
 # ball: a short record has few stretches in which a bead moves freely
 MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
@@ -155,7 +157,7 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
         body = filter_on_stage(table, maze, StageModel(axis, axis), first)
         # small motions have less lag if the rate is limited, down to that of the axis without a limit
         late = axis.lag - replace(axis, rate_limit=math.inf).lag
-        shifts = np.arange(SHIFTS[0], late + SHIFTS[-1], SHIFTS[1] - SHIFTS[0]).tolist() if late else (0.0,)
+        shifts = np.arange(-AROUND, late + AROUND, STEP).tolist() if late else (0.0,)
         tried += [(axis, body, delay) for delay in sorted({max(total - axis.lag + s, 0.0) for s in shifts})]
 
     def minus2(part: Callable[[BodyFilter], BodyFilter]) -> list[float]:
@@ -165,14 +167,12 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
 
         return side_by_side(run, tried)
 
-    rough = minus2(few)
-    tried = [
-        (axis, body, max(delay + shift, 0.0))
-        for (axis, body, delay), one in zip(tried, rough, strict=True)
-        if one <= min(rough) + FAR
-        for shift in (SHIFTS if math.isinf(axis.rate_limit) else (0.0,))
-    ]
-    axis, body, delay = tried[int(np.argmin(minus2(alternate)))]
+    rough = sorted(zip(minus2(few), range(len(tried)), strict=True), reverse=True)
+    likely = {id(tried[i][1]): tried[i] for one, i in rough if one <= rough[-1][0] + FAR}  # of each axis the best delay
+    tried = [(axis, body, max(delay + shift, 0.0)) for axis, body, delay in likely.values() for shift in SHIFTS]
+    doubts = [LIMITED if math.isfinite(axis.rate_limit) else 0.0 for axis, *_ in tried]
+    losses = np.add(minus2(alternate), doubts)
+    axis, body, delay = tried[int(np.argmin(losses))]
     if math.isfinite(axis.rate_limit):
         near = [(axis, body)]
         for times in LIMITS:

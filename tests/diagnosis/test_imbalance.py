@@ -102,14 +102,14 @@ def test_what_is_not_surely_larger_than_before_is_no_news(now, was, radii):
     assert imbalance_entry(now, was, radii) is None
 
 
-@pytest.mark.parametrize(("gain", "pictures", "shows"), [(100.0, 1000, True), (30.0, 1000, False), (30.0, 4000, True)])
-def test_a_reference_may_show_an_imbalance_less_than_surely(monkeypatch, gain, pictures, shows):
+@pytest.mark.parametrize(("gain", "shows"), [(12.0, True), (-5.0, True), (-30.0, False)])
+def test_a_reference_may_show_an_imbalance_less_than_surely(monkeypatch, gain, shows):
     monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._along", lambda body, fit: some(10))
-    minus2 = lambda along, dt, size, coherence: -gain if size > 1e-3 else 0.0  # noqa: E731
+    minus2 = lambda along, dt, size, coherence: -gain if size > 0.06 else 0.0  # noqa: E731
     monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._minus2", minus2)
     pictures_then = type("Pictures", (), {"dt": 1.0 / 30.0, "__len__": lambda self: 1000})()
     earlier: Any = SimpleNamespace(pictures=pictures_then, run=lambda model: None)
-    assert also_in(earlier, textbook().body.model, FOUND, pictures) is shows
+    assert also_in(earlier, textbook().body.model, FOUND) is shows
 
 
 def test_the_reference_keeps_the_imbalance(tmp_path):

@@ -74,3 +74,9 @@ def test_a_ball_held_in_a_throat_is_freed(start):
     result = run_job(StrangeRig(MAZE, drawn(7032)), setup, Job(1, 5, start_angle(start), start, 12.0))
     assert result.success
     assert sum(failure.kind == FailureKind.STUCK for failure in result.failures) <= 1
+
+
+def test_a_limited_rate_is_found_by_the_ball_alone(tmp_path):
+    log, limited = tmp_path / "log.mcap", {"servo": "stepper", "slew_deg_s": 30.0, "measured": False, "late_ms": 25.0}
+    run_collection(StrangeRig(MAZE, limited), MAZE, Collection(120.0, (1, 2, 3, 4), seed=0), log)
+    assert learn([read_table(log)], MAZE, "pi").model.stage.beta.rate_limit == pytest.approx(0.524, rel=0.15)
