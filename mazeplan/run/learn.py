@@ -44,7 +44,10 @@ SHIFTS = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likel
 AROUND, STEP = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
 LIMITED = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
 LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
-FAR = 200.0  # of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
+MOST_AXES, FAR = (
+    12,
+    200.0,
+)  # axes; of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
 # s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
 # ball: a short record has few stretches in which a bead moves freely
 MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
@@ -167,8 +170,11 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
 
         return side_by_side(run, tried)
 
-    rough = sorted(zip(minus2(few), range(len(tried)), strict=True), reverse=True)
-    likely = {id(tried[i][1]): tried[i] for one, i in rough if one <= rough[-1][0] + FAR}  # of each axis the best delay
+    rough = sorted(zip(minus2(few), range(len(tried)), strict=True))
+    likely: dict[int, tuple[StageAxis, BodyFilter, float]] = {}  # of each axis the best delay, the best axis first
+    for one, i in rough:
+        if one <= rough[0][0] + FAR and len(likely) < MOST_AXES:
+            likely.setdefault(id(tried[i][1]), tried[i])
     tried = [(axis, body, max(delay + shift, 0.0)) for axis, body, delay in likely.values() for shift in SHIFTS]
     doubts = [LIMITED if math.isfinite(axis.rate_limit) else 0.0 for axis, *_ in tried]
     losses = np.add(minus2(alternate), doubts)
