@@ -44,10 +44,8 @@ SHIFTS = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likel
 AROUND, STEP = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
 LIMITED = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
 LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
-MOST_AXES, FAR = (
-    12,
-    200.0,
-)  # axes; of -2 log L by half of the pictures, beyond the best; an axis that is worse is not tried further
+# axes that are tried on all pictures, and their -2 log L by half of the pictures beyond that of the best one
+MOST_AXES, FAR = 12, 200.0
 # s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
 # ball: a short record has few stretches in which a bead moves freely
 MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
