@@ -103,12 +103,9 @@ PAGE: dict[str, tuple[Pick, ...]] = {
     ),
     "How fast is the program?": (
         Pick("drive", 1, ("p99 ms (worst run)", "longest ms"), "a tick on {0}"),
-        Pick("policy", 1, TOTAL, "learned policy: {0}", ("time of", "mean error", "one decision")),
-        Pick("campaign", 0, ("runs a second",), "campaign: {0}"),
+        Pick("policy", 1, TOTAL, "learned policy: {0}", ("one decision",)),
     ),
-    "How long do people wait?": (
-        Pick("waiting", 0, ("earlier, s", "s"), "{0}", ("navigate", "learn of", "diagnose", "all")),
-    ),
+    "How long do people wait?": (Pick("waiting", 0, ("earlier, s", "s", "limit, s", "over the limit", "peak MB")),),
     "How does cost grow with size?": (Pick("growth", 0, ("size: time", "exponent"), "{0}, {1}"),),
     "What does each part bring? (toy)": (
         Pick("drive", 2, ("arrived", "mean s", "worst")),

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from bench_kit import ROOT, Section, Table
@@ -46,31 +45,39 @@ print(time.perf_counter() - began)
 """
 
 
+RUN = """
+import json, os, sys, time
+began = time.perf_counter()
+child = os.spawnv(os.P_NOWAIT, sys.executable, [sys.executable, *sys.argv[2:]])
+_, status, usage = os.wait4(child, 0)
+with open(sys.argv[1], "w") as file:
+    json.dump((time.perf_counter() - began, usage.ru_maxrss / 1024.0), file)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""  # a small process: the peak of a program counts the memory of the one that starts it
+
+
 def waited(checkout: Path, folder: Path, words: str) -> tuple[float, float]:
-    """Wall time of a command, s, and its peak memory, MB. Ends the program if the command fails."""
-    began = time.perf_counter()
-    _, peak = _python(checkout, folder, "-m", "mazeplan", *words.split())
-    return time.perf_counter() - began, peak
+    """Wall time of a command, s, and peak memory of its largest process, MB. Ends the program if the command fails."""
+    usage = folder / "usage.json"
+    _python(checkout, folder, "-c", RUN, str(usage), "-m", "mazeplan", *words.split())
+    seconds, peak = json.loads(usage.read_text())
+    return seconds, peak
 
 
-def _python(checkout: Path, folder: Path, *words: str) -> tuple[str, float]:
-    """Output of a program, and its peak memory, MB (that of its largest process)."""
+def _python(checkout: Path, folder: Path, *words: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
-        run = subprocess.Popen([sys.executable, *words], cwd=folder, env=environment, stdout=out, stderr=errors)
-        _, status, usage = os.wait4(run.pid, 0)
-        run.returncode = os.waitstatus_to_exitcode(status)
-        for file in (out, errors):
-            file.seek(0)
-        if run.returncode not in (0, 1):
-            raise SystemExit(f"{' '.join(words)}: exit {run.returncode}\n{errors.read()}")
-        return out.read(), usage.ru_maxrss / 1024.0
+    done = subprocess.run(
+        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"{' '.join(words)}: exit {done.returncode}\n{done.stderr}")
+    return done.stdout
 
 
 def limit(checkout: Path, folder: Path, words: str) -> float:
     """Wall time of a command in a process that has just done it, s."""
     pair = [words.format(n=f"again{i}").split() for i in range(2)]
-    return float(_python(checkout, folder, "-c", AGAIN, json.dumps(pair))[0].split()[-1])
+    return float(_python(checkout, folder, "-c", AGAIN, json.dumps(pair)).split()[-1])
 
 
 def waiting_section(quick: bool) -> Section:
