@@ -189,7 +189,9 @@ def rows(pick: Pick, section: dict[str, Any]) -> Iterator[str]:
         text = f" {' | '.join(cells)} "
         if pick.rows and not any(part in text for part in pick.rows):
             continue
-        named = (cells[i] if name in ("figure", "size: time") else f"{name} {cells[i]}" for name, i in at.items())
+        named = (
+            cells[i] if name in ("figure", "size: time") else f"{name} {cells[i]}" for name, i in at.items() if cells[i]
+        )
         figures = "; ".join(named).replace("finding - ", "nothing missing ")
         yield f"| {pick.what.format(*cells)} | {figures} | `--only {pick.section}` | {section['date']} |"
 
