@@ -9,7 +9,7 @@ def main() -> None:
     """Entry point of the `mazeplan` command."""
     # most matrices here are small: a second thread of linear algebra waits longer for the first one than it helps
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(100_000, 20, 20)  # modules that are loaded leave no garbage: collecting it takes .1 s
+    gc.set_threshold(50_000, 5, 5)  # modules that are loaded leave no garbage: collecting it takes .1 s
     try:
         from mazeplan.apps.cli import main as command
     except KeyboardInterrupt:
