@@ -19,10 +19,8 @@ def tree(inside: str) -> str:
 def test_words_and_letters():
     assert [act.status for act in script("RUNNING x3 then SUCCESS").acts] == [RUNNING] * 3 + [SUCCESS]
     assert [act.status for act in script("RF-S").acts] == [RUNNING, FAILURE, SKIPPED, SUCCESS]
-    stuck = script("FAILURE(stuck) x2 then SKIPPED again")
+    stuck = script("FAILURE(stuck) x2 then SKIPPED")
     assert [act.kind for act in stuck.acts] == [FailureKind.STUCK, FailureKind.STUCK, None]
-    assert stuck.again
-    assert not script("SUCCESS").again
 
 
 @pytest.mark.parametrize(
@@ -31,9 +29,9 @@ def test_words_and_letters():
         ("RUNING x3", "got 'RUNING x3', expected acts such as RUNNING x3"),
         ("SUCCESS then", "expected acts"),
         ("", "expected acts"),
-        ("FAILURE(late)", "expected FAILURE with one of stuck, missed_opening"),
-        ("SUCCESS(stuck)", "expected FAILURE with one of"),
-        ("RUNNING x999999", "more than 100000 ticks"),
+        ("FAILURE(late)", "KIND is one of stuck, missed_opening"),
+        ("SUCCESS(stuck)", "expected acts"),
+        ("RUNNING x999999", "expected acts"),
     ],
 )
 def test_what_is_no_script_is_refused(text, said):
@@ -42,15 +40,11 @@ def test_what_is_no_script_is_refused(text, said):
     assert "\n" not in str(caught.value)
 
 
-def test_the_last_act_goes_on_for_ever_or_the_script_begins_again():
+def test_the_last_act_goes_on_for_ever():
     loop = tree('<Repeat num_cycles="3"><Replan/></Repeat>')
-    assert tick_tree(loop, {"Replan": "RUNNING x2 then SUCCESS"}).statuses("Replan") == [
-        *["RUNNING"] * 2,
-        *["SUCCESS"] * 3,
-    ]
-    again = tick_tree(loop, {"Replan": "RUNNING x2 then SUCCESS again"})
-    assert again.statuses("Replan") == ["RUNNING", "RUNNING", "SUCCESS"] * 3
-    assert [tick.t for tick in again.ticks] == pytest.approx([k / 30 for k in range(7)])
+    record = tick_tree(loop, {"Replan": "RUNNING x2 then SUCCESS"})
+    assert record.statuses("Replan") == ["RUNNING", "RUNNING", *["SUCCESS"] * 3]
+    assert [tick.t for tick in record.ticks] == pytest.approx([k / 30 for k in range(3)])
 
 
 def test_a_script_keeps_the_preconditions_of_its_leaf_and_may_skip_it():

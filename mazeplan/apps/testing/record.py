@@ -8,43 +8,95 @@ error, such as `never("blal_lost")`, would always hold.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import NoReturn
 
-from mazeplan.apps.testing.watch import HALTED, NodeInfo, Step, Tick
 from mazeplan.btree.ports import shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
 from mazeplan.core.maths.angles import difference, place_deg
-from mazeplan.core.records import FailureKind, NavigationResult
+from mazeplan.core.records import Command, FailureKind, NavigationResult
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.resolve import ring_number
 
-OUTSIDE = "outside limits"
-TOLERANCE = 1e-9  # rad
+OUTSIDE, HALTED = "outside limits", "HALTED"
+TOLERANCE = 1e-9  # rad, and s
 NEAR = 7  # lines before and after a moment
 RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  # of the packaged leaves
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
+class NodeInfo:
+    """A node of the tree that ran.
+
+    index: number of the node, in the order of `BehaviorTree.nodes()`
+    path: names from the root of the main tree to the node"""
+
+    index: int
+    path: str
+    name: str
+    kind: str
+    is_leaf: bool
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that happened to a node in a tick.
+
+    tick: number of the tick
+    t: rig time, s
+    node: index of the node
+    what: RUNNING, SUCCESS, FAILURE, SKIPPED or HALTED
+    ticked: whether the node itself was ticked: no precondition decided in its place"""
+
+    tick: int
+    t: float
+    node: int
+    what: str
+    ticked: bool
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One tick of the tree.
+
+    t: rig time, s
+    ring, theta: place of the ball, theta in rad; on the light rig the true place, else the estimate
+    seen: whether the camera saw the ball
+    status: of the root
+    command: in rad
+    leaf: the leaf that gave the command"""
+
+    t: float
+    ring: int
+    theta: float
+    seen: bool
+    status: str
+    command: Command | None
+    leaf: str
+
+
+@dataclass(repr=False)
 class Record:
     """What a tree did, tick by tick.
 
-    steps: what happened to each node
+    goal: the goal ring
+    tree: its name
+    steps: what happened to each node, in order; a node comes before its children
     reason: with a rig, why the navigation ended (arrived, stuck, out_of_time ...; rig_failed after a RigError);
         without a rig, the last status of the root
-    goal: the goal ring
     result: of the navigation; None without a rig, or if the rig failed"""
 
-    tree: str
-    nodes: tuple[NodeInfo, ...]
-    ticks: tuple[Tick, ...]
-    steps: tuple[Step, ...]
-    events: tuple[TimedEvent, ...]
-    reason: str
-    success: bool
-    goal: int
     maze: Maze
+    goal: int
+    tree: str = ""
+    nodes: list[NodeInfo] = field(default_factory=list)
+    ticks: list[Tick] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    events: list[TimedEvent] = field(default_factory=list)
+    reason: str = ""
+    success: bool = False
     result: NavigationResult | None = None
 
     def __repr__(self) -> str:
@@ -104,43 +156,40 @@ class Record:
         found.sort(key=lambda line: line[0])
         lines = [*found, (self.time_s, f"ended: {self.reason}")]
         if around is not None:
-            middle = sum(t < around - 1e-9 for t, _ in lines)
+            middle = sum(t < around - TOLERANCE for t, _ in lines)
             lines = lines[max(0, middle - NEAR) : middle + NEAR]
         return "\n".join(f"  {t:7.3f} s  {text}" for t, text in lines)
 
     # -- claims -----------------------------------------------------------------------------------------------------
 
-    def reaches(self, ring: int | str = "goal", within: float | None = None) -> Record:
+    def reaches(self, ring: int | str = "goal", within: float = math.inf) -> Record:
         """Claim that the ball was in a ring.
 
         ring: number or name; "goal": the ball is in the goal ring when the tree ends with success
         within: maximum time until then, s of rig time"""
-        wanted = self.goal if ring == "goal" else ring_number(ring, self.maze)
+        if ring == "goal":
+            if not (self.success and self.ticks[-1].ring == self.goal):
+                self._fail(f"expected the tree to succeed with the ball in ring {self.goal}")
+            return self.within(within)
+        wanted = ring_number(ring, self.maze)
         first = next((tick.t for tick in self.ticks if tick.ring == wanted), None)
-        if ring == "goal" and not (self.success and self.ticks[-1].ring == wanted):
-            self._fail(f"expected the tree to succeed with the ball in ring {wanted}", None)
         if first is None:
             seen = ", ".join(map(str, dict.fromkeys(tick.ring for tick in self.ticks)))
-            self._fail(f"expected the ball in ring {wanted}, it was in {seen}", None)
-        if within is not None:
-            if ring == "goal":
-                return self.within(within)
-            if first > within + 1e-9:
-                self._fail(
-                    f"expected the ball in ring {wanted} within {within:g} s, it came after {first:.3f} s", first
-                )
+            self._fail(f"expected the ball in ring {wanted}, it was in {seen}")
+        if first > within + TOLERANCE:
+            self._fail(f"expected the ball in ring {wanted} within {within:g} s, it came after {first:.3f} s", first)
         return self
 
     def within(self, seconds: float) -> Record:
         """Claim that the tree ended after at most so many seconds of rig time."""
-        if self.time_s > seconds + 1e-9:
-            self._fail(f"expected an end within {seconds:g} s, it took {self.time_s:.3f} s", None)
+        if self.time_s > seconds + TOLERANCE:
+            self._fail(f"expected an end within {seconds:g} s, it took {self.time_s:.3f} s")
         return self
 
     def ends_with(self, reason: str) -> Record:
         """Claim that the tree ended for this reason."""
         if self.reason != reason:
-            self._fail(f"expected the end {shown(reason)}, got {shown(self.reason)}", None)
+            self._fail(f"expected the end {shown(reason)}, got {shown(self.reason)}")
         return self
 
     def visits(self, *names: str, in_order: bool = True) -> Record:
@@ -151,13 +200,14 @@ class Record:
         for i, name in enumerate(names):
             known = self._nodes(name)
             ticked = [k for k, step in enumerate(self.steps) if step.node in known and step.ticked]
-            later = [k for k in ticked if k >= at]
             if not ticked:
-                self._fail(f"expected {name} to be ticked, it never was", None)
-            if in_order and not later:
-                after = self.steps[max(at - 1, 0)].t
-                self._fail(f"expected {name} to be ticked after {names[i - 1]}, it never was", after)
-            at = later[0] + 1 if in_order else 0
+                self._fail(f"expected {name} to be ticked, it never was")
+            if in_order:
+                later = next((k for k in ticked if k >= at), None)
+                if later is None:
+                    after = self.steps[at - 1].t
+                    self._fail(f"expected {name} to be ticked after {names[i - 1]}, it never was", after)
+                at = later + 1
         return self
 
     def never(self, *what: str) -> Record:
@@ -168,36 +218,36 @@ class Record:
         - name of a recovery: it was never chosen
         - "outside limits": no command was beyond the tilt limit"""
         for name in what:
-            self._never(name)
+            if name == OUTSIDE:
+                self._never_outside()
+            else:
+                self._never(name)
         return self
 
     def halts(self, name: str) -> Record:
         """Claim that a node was halted while it ran."""
         if HALTED not in self.statuses(name):
-            self._fail(f"expected {name} to be halted, it never was", None)
+            self._fail(f"expected {name} to be halted, it never was")
         return self
 
     def _never(self, name: str) -> None:
-        if name == OUTSIDE:
-            for tick in self.ticks:
-                u = tick.command
-                if u is not None and not max(abs(u.u_beta), abs(u.u_gamma)) <= self.maze.tilt_limit + TOLERANCE:
-                    got = f"({u.u_beta:.4f}, {u.u_gamma:.4f}) rad by {tick.leaf}"
-                    self._fail(
-                        f"expected no command beyond {self.maze.tilt_limit:.4f} rad, got {got} at {tick.t:.3f} s",
-                        tick.t,
-                    )
-            return
         for timed in self.events:
             match timed.event:
                 case FailureReported(word) | RecoveryChosen(word) if word == name:
                     self._fail(f"expected never {name}, it happened at {timed.t:.3f} s", timed.t)
-        if name in [str(kind) for kind in FailureKind] or name in RECOVERIES:
-            return
-        known = self._nodes(name)
-        for step in self.steps:
-            if step.node in known and step.ticked:
-                self._fail(f"expected {name} never to be ticked, it was at {step.t:.3f} s", step.t)
+        if name not in (*FailureKind, *RECOVERIES):
+            known = self._nodes(name)
+            for step in self.steps:
+                if step.node in known and step.ticked:
+                    self._fail(f"expected {name} never to be ticked, it was at {step.t:.3f} s", step.t)
+
+    def _never_outside(self) -> None:
+        limit = self.maze.tilt_limit
+        for tick in self.ticks:
+            u = tick.command
+            if u is not None and not max(abs(u.u_beta), abs(u.u_gamma)) <= limit + TOLERANCE:
+                got = f"({u.u_beta:.4f}, {u.u_gamma:.4f}) rad by {tick.leaf} at {tick.t:.3f} s"
+                self._fail(f"expected no command beyond {limit:.4f} rad, got {got}", tick.t)
 
     def _nodes(self, name: str) -> set[int]:
         found = {info.index for info in self.nodes if name in (info.name, info.kind, info.path)}
@@ -207,6 +257,6 @@ class Record:
             raise InputError(f"got {shown(name)}, expected a leaf ({leaves}), {more}", key=f"tree {self.tree}")
         return found
 
-    def _fail(self, problem: str, around: float | None) -> NoReturn:
+    def _fail(self, problem: str, around: float | None = None) -> NoReturn:
         shown = self.timeline(self.time_s if around is None else around)
         raise AssertionError(f"{problem}; {self.tree} ended after {self.time_s:.3f} s: {self.reason}\n{shown}")
