@@ -17,7 +17,7 @@ from mazeplan.core.errors import TreeError
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
-GOALS, ROLL, _NODES, LEAF = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
+GOALS, ROLL, _NODES = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
 
 
 @pytest.mark.slow
@@ -61,27 +61,6 @@ def test_the_page_names_what_a_context_has():
     assert len(names) == 12
     for name in names:
         assert hasattr(RunContext, name) or name in RunContext.__dataclass_fields__, name
-
-
-def test_the_leaf_of_the_page_winds_down(tmp_path, monkeypatch):
-    from planar_rig import PATIENT, PlanarRig, known
-
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.run.execution import run_job
-    from mazeplan.run.specification import Job, Setup
-
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "leaves_of_the_page.py").write_text(LEAF, encoding="utf-8")
-    tree = tmp_path / "tree.xml"
-    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><Lean/></BehaviorTree></root>')
-    maze = load_map("cme")
-    rig = PlanarRig(maze)
-    modules = ("leaves_of_the_page",)
-    run_job(
-        rig, Setup(maze, known(maze), str(tree), settings=PATIENT, behavior_modules=modules), Job(1, 5, 0.3, 0, 0.5)
-    )
-    leaning = 0.2 / 9.81
-    assert [u for u, _ in rig.commands[-11:]] == pytest.approx([leaning * (1.0 - k / 10) for k in range(11)])
 
 
 def test_the_table_of_budgets_is_that_of_the_packaged_tree():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import check_file
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'

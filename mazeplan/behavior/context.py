@@ -94,10 +94,6 @@ class LeafOptions:
         return replace(self, gate=replace(self.gate, lead_s=lead, entry_s=entry))
 
 
-class TwoCommandsError(CommandError, AssertionError):
-    """The rig was commanded twice in one tick. If a leaf raises it, it becomes a TreeError at the leaf's line."""
-
-
 @dataclass(frozen=True, slots=True)
 class BallView:
     """One ball at a tick.
@@ -142,15 +138,6 @@ class RunHistory:
     since: int = 0
     replans: int = 0
     planner_ms: list[float] = field(default_factory=list)
-
-    @property
-    def last_failure(self) -> Failure | None:
-        """The newest failure on the way to this goal, if any."""
-        return self.failures[-1] if len(self.failures) > self.since else None
-
-    def count(self, kind: FailureKind | str) -> int:
-        """How often this kind of failure has happened on the way to this goal."""
-        return sum(failure.kind == kind for failure in self.failures[self.since :])
 
 
 @dataclass(frozen=True)
@@ -268,10 +255,6 @@ class RunContext:
         """The root is ticked once more in this tick. The command so far stands, but a leaf may replace it."""
         self.commanded_by, self.leg.followed = "", False
 
-    def enter(self, target: int) -> None:
-        """The ball is falling into ring `target`: for ENTERING s from now on, it counts as in this ring."""
-        self.leg.enter(self.here.ring, target, self.now)
-
     @property
     def here(self) -> State:
         """The state at which the command of this tick will act."""
@@ -291,7 +274,7 @@ class RunContext:
             raise CommandError(f"command: got {got}, expected finite numbers, rad")
         if self.commanded_by:
             both = f"{leaf} and {self.commanded_by} both command the rig"
-            raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
+            raise CommandError(f"{both} at t = {self.now:.3f} s, expected one of them")
         self.command, self.commanded_by = command, leaf
 
     def on_event(self, kind: str, detail: Mapping[str, Any]) -> None:
@@ -323,11 +306,12 @@ class RunContext:
     @property
     def last_failure(self) -> Failure | None:
         """The newest failure on the way to this goal, if any."""
-        return self.history.last_failure
+        history = self.history
+        return history.failures[-1] if len(history.failures) > history.since else None
 
     def count(self, kind: FailureKind | str) -> int:
         """How often this kind of failure has happened on the way to this goal."""
-        return self.history.count(kind)
+        return sum(failure.kind == kind for failure in self.history.failures[self.history.since :])
 
     def turn_to(self, opening: Opening, ball: State | None = None) -> float:
         """Signed angle from a ball to the opening, rad, along the way that radial walls leave.

@@ -39,7 +39,7 @@ class FollowPolicy(MazeLeaf):
         opening_closed, route_changed, fell_back, wrong_ring."""
         run, here, opening = self.context, self.context.here, self.current_opening()
         target = opening.leads_to(self._ring)
-        elsewhere = self.strayed(self._ring, target) or self.shut(opening) or self.walled_off(opening)
+        elsewhere = self.elsewhere(self._ring, opening) or self.walled_off(opening)
         elsewhere = elsewhere or (None if self._passing else self.rerouted())
         if elsewhere is not None:
             return elsewhere
@@ -50,7 +50,7 @@ class FollowPolicy(MazeLeaf):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         self._passing = self._passing or aligned(here, opening, run.steering.options.gate)
         if self._passing and gets_in(run, opening, target):
-            run.enter(target)
+            run.leg.enter(here.ring, target, run.now)
         self._turn = nearest(difference(opening.angle, here.theta), self._turn)
         return self._steer(target)
 

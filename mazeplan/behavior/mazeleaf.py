@@ -56,12 +56,6 @@ class MazeLeaf(Leaf):
         """The opening named by the port `opening`."""
         return self.context.maze.opening(self.get("opening"))
 
-    def shut(self, opening: Opening) -> Status | None:
-        """FAILURE if the opening was closed on the way to it, None if it may be used."""
-        if opening.name not in self.context.graph.closed:
-            return None
-        return self.fail_as(FailureKind.OPENING_CLOSED, f"{opening.name} was closed on the way to it")
-
     def walled_off(self, opening: Opening) -> Status | None:
         """FAILURE if radial walls keep the ball away from an opening, None if there is a way."""
         run = self.context
@@ -77,18 +71,20 @@ class MazeLeaf(Leaf):
         run.rerouted = False
         return self.fail_as(FailureKind.ROUTE_CHANGED, "openings were closed or opened: the route is another")
 
-    def strayed(self, start: int, target: int) -> Status | None:
-        """SUCCESS if the ball is in the target ring already, FAILURE if in a third one, None if still in the first."""
-        ring = self.context.here.ring
-        if ring == start:
-            return None
+    def elsewhere(self, start: int, opening: Opening) -> Status | None:
+        """SUCCESS if the ball is behind the opening, FAILURE if it is in a third ring, or if the opening was closed on
+        the way to it; None while the ball is in the ring `start`."""
+        run, ring, target = self.context, self.context.here.ring, opening.leads_to(start)
         if ring == target:
             return Status.SUCCESS
-        refused, self.context.leg.refused = self.context.leg.refused, None
+        if ring == start:
+            if opening.name not in run.graph.closed:
+                return None
+            return self.fail_as(FailureKind.OPENING_CLOSED, f"{opening.name} was closed on the way to it")
+        refused, run.leg.refused = run.leg.refused, None
         if refused is not None:
             return self.missed(refused, start, f"{refused.name} did not take the ball")
-        goal = self.context.target
-        back = abs(ring - goal) > abs(start - goal)
+        back = abs(ring - run.target) > abs(start - run.target)
         kind = FailureKind.FELL_BACK if back else FailureKind.WRONG_RING
         return self.fail_as(kind, f"ball is in ring {ring}, expected ring {start} or {target}")
 

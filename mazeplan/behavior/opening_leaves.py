@@ -45,8 +45,7 @@ class Align(MazeLeaf):
         """SUCCESS when aligned or through already; FAILURE stuck, missed_opening, opening_closed, fell_back,
         wrong_ring."""
         run, here, opening = self.context, self.context.here, self.current_opening()
-        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
-        elsewhere = elsewhere or self.walled_off(opening)
+        elsewhere = self.elsewhere(self._ring, opening) or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
         if aligned(here, opening, run.steering.options.gate):
@@ -96,14 +95,14 @@ class PassOpening(MazeLeaf):
         """SUCCESS in the next ring; FAILURE missed_opening, opening_closed, fell_back, wrong_ring."""
         run, opening = self.context, self.current_opening()
         target = opening.leads_to(self._ring)
-        elsewhere = self.strayed(self._ring, target) or self.shut(opening)
+        elsewhere = self.elsewhere(self._ring, opening)
         if elsewhere is not None:
             return elsewhere
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
             return self.missed(opening, self._ring, f"{opening.name} did not take the ball")
         if gets_in(run, opening, target):
-            run.enter(target)
+            run.leg.enter(run.here.ring, target, run.now)
         # a missed opening shows that the model, or its delay, is not good enough for roll-outs
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.steering.rollout
         command = None if trusted is None else trusted.improved_command(run.here, opening, target)
@@ -153,7 +152,6 @@ class Settle(MazeLeaf):
     ports: ClassVar[dict[str, Port]] = {
         "ring": Port(int, REQUIRED, "the goal ring", choices="rings"),
         "hold_s": Port(float, 0.2, "time that the ball's centre must be measured inside the ring, s", least=0.0),
-        "damping": Port(float, None, "braking, 1/s; default: of the settings", least=0.0),
         "timeout_s": Port(float, 3.0, "after that, back to planning", least=0.0),
     }
 
@@ -164,52 +162,38 @@ class Settle(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS after hold_s inside; FAILURE fell_back when the ball is out again, missed_opening when it never
         came in."""
-        run, goal = self.context, self.get("ring")
-        measured = run.measured
-        inside = measured is not None and measured.seen and self._inside(measured.r, goal)
-        if inside and measured is not None:
-            self._inside_since = measured.t if self._inside_since is None else self._inside_since
-            if measured.t - self._inside_since >= self.get("hold_s") - 1e-6:
-                return Status.SUCCESS
-        elif measured is not None and measured.seen:
-            self._inside_since = None
+        run, goal, measured = self.context, self.get("ring"), self.context.measured
+        if measured is not None and measured.seen:
+            ring = run.maze.ring(goal)
+            if not ring.inner_radius <= measured.r <= ring.outer_radius:
+                self._inside_since = None
+            else:
+                self._inside_since = measured.t if self._inside_since is None else self._inside_since
+                if measured.t - self._inside_since >= self.get("hold_s") - 1e-6:
+                    return Status.SUCCESS
         if run.here.ring != goal and (measured is None or measured.ring != goal):
             return self.fail_as(FailureKind.FELL_BACK, f"left ring {goal} for ring {run.here.ring}")
-        if run.now - self._began > self.get("timeout_s"):
-            near = min((o for o in run.maze.openings if goal in (o.outer, o.inner)), key=lambda o: abs(run.turn_to(o)))
+        near = self._nearest_opening(goal)
+        if near is not None and run.now - self._began > self.get("timeout_s"):
             return self.missed(near, near.leads_to(goal), f"did not come to rest in ring {goal}")
-        self._brake(goal)
+        self._brake(goal, near)
         return Status.RUNNING
 
-    def _inside(self, r: float, goal: int) -> bool:
-        ring = self.context.maze.ring(goal)
-        return ring.inner_radius <= r <= ring.outer_radius
+    def _nearest_opening(self, ring: int) -> Opening | None:
+        beside = [opening for opening in self.context.maze.openings if ring in (opening.outer, opening.inner)]
+        return min(beside, key=lambda opening: abs(self.context.turn_to(opening)), default=None)
 
-    def _brake(self, goal: int) -> None:
-        """Brake; in a channel, also lean to the side that has no opening near the ball."""
+    def _brake(self, goal: int, near: Opening | None) -> None:
+        """Brake; in a channel, also lean away from the side that has the nearest opening."""
         run = self.context
         ahead = run.ahead(run.steering.options.gate.lead_s)
-        given = self.get("damping")
-        damping = run.steering.options.settle.damping if given is None else given
-        ring = run.maze.ring(goal)
+        damping, ring = run.steering.options.settle.damping, run.maze.ring(goal)
         r = max(ahead.r, 1e-6)
         middle = 0.0 if ring.is_disc else ring.track_radius
         stiffness = 10.0  # 1/s^2, towards the middle of the ring; a tenth of what would make it swing
         pull = stiffness * (middle - ahead.r) / r
         ax, ay = pull * ahead.x - damping * ahead.vx, pull * ahead.y - damping * ahead.vy
-        if not ring.is_disc:
-            lean = self._safe_side(ring.number) * math.radians(1.0) * GRAVITY
+        if not ring.is_disc and near is not None:
+            lean = (1.0 if near.outer == goal else -1.0) * math.radians(1.0) * GRAVITY  # positive: outwards
             ax, ay = ax + lean * ahead.x / r, ay + lean * ahead.y / r
         run.steer(self.name, run.plate.command(ax, ay))
-
-    def _safe_side(self, ring: int) -> float:
-        """+1 to lean outwards, -1 inwards: away from the nearest opening's side."""
-        run = self.context
-        near = min(
-            (o for o in run.maze.openings if ring in (o.outer, o.inner)),
-            key=lambda o: abs(run.turn_to(o)),
-            default=None,
-        )
-        if near is None:
-            return 0.0
-        return 1.0 if near.outer == ring else -1.0

@@ -75,10 +75,9 @@ class ChooseOpening(MazeLeaf):
         near = near[: self.get("planned_choices") or travel.planned_choices]
         if len(near) < 2 or run.here.ring not in run.steering.planners:
             return choices[0]
-        share = replace(travel, deadline_ms=travel.deadline_ms / len(near))
         timed, plans = [], {}
         for choice in near:
-            plan = plans[choice.opening.name] = plan_to(run, choice.opening, share, warm=None)
+            plan = plans[choice.opening.name] = plan_to(run, choice.opening, plans=len(near))
             if plan.ok:
                 timed.append(replace(choice, travel_s=arrival_s(run, choice.opening, plan)))
         if not timed:

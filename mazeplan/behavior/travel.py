@@ -11,7 +11,6 @@ The log has an event whenever the law changes that steers the ball along its rin
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -21,60 +20,40 @@ from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned
 from mazeplan.control.tracking import finished, follow_gains, off_plan, pd_to_angle
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import Command, FailureKind, Plan
 from mazeplan.maze.geometry import Opening
 
 if TYPE_CHECKING:
-    from mazeplan.behavior.context import RunContext, TravelOptions
+    from mazeplan.behavior.context import RunContext
 
 USUAL_S = 4.0  # time for a way along a ring, after which its opening counts as missed; ...
 LONG_WAY = 2.0  # ... or this many times the expected time of the way, if that is more: wide rings, long detours
 
-TRAVEL = {
-    "lean_deg": Port(
-        float, None, "tilt towards the next ring on the way, deg; default: of the settings", least=0.0, most=90.0
-    ),
-    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings", least=0.0),
-    "deadline_ms": Port(float, None, "time the planner may take; default: of the settings", least=0.0),
-}
 
-
-def travel_options(leaf: MazeLeaf) -> TravelOptions:
-    """The run's options, changed by the ports of a leaf. A speed from a port counts for every opening."""
-    ports = {"lean_deg": "lean_deg", "speed_m_s": "speed", "deadline_ms": "deadline_ms"}
-    given = {name: leaf.get(port) for name, port in ports.items()}
-    given["blind_rad"] = None if given["speed_m_s"] is None else 0.0
-    try:
-        return replace(
-            leaf.context.steering.options.travel, **{name: value for name, value in given.items() if value is not None}
-        )
-    except SettingsError as problem:
-        raise leaf.wrong(str(problem)) from None
-
-
-def lean_to(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
+def lean_to(run: RunContext, opening: Opening) -> float:
     """Tilt across the ring towards the ring behind the opening, rad, outwards positive."""
-    inwards = opening.leads_to(run.here.ring) == opening.inner
-    return math.radians(-travel.lean_deg if inwards else travel.lean_deg)
+    lean_deg, inwards = run.steering.options.travel.lean_deg, opening.leads_to(run.here.ring) == opening.inner
+    return math.radians(-lean_deg if inwards else lean_deg)
 
 
-def arrival_speed(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
+def arrival_speed(run: RunContext, opening: Opening) -> float:
     """Speed along the ring, m/s, at which the ball should come to an opening.
 
     The ball keeps this speed in the next ring until the plate answers to what the camera sees there. This takes the
     delay of the samples and the time that the plate needs to follow. In this time the ball may turn by `blind_rad`,
     which is a shorter way in the smaller of the two rings. A speed below `speed_m_s` is of no use: the ball creeps.
     The disc has no openings that a ball could run past; in front of the disc the radius of the outer ring counts."""
-    inner = run.maze.ring(opening.inner)
+    travel, inner = run.steering.options.travel, run.maze.ring(opening.inner)
     radius = run.maze.track_radius(opening.outer if inner.is_disc else opening.inner)
     blind_s = max(run.steering.late_s + run.steering.options.gate.lead_s, 1e-3)
     return max(travel.speed_m_s, min(travel.blind_rad * radius / blind_s, travel.fastest_m_s))
 
 
-def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
+def plan_to(run: RunContext, opening: Opening, *, warm: Plan | None = None, plans: int = 1) -> Plan:
     """A plan from here to the opening, in the ring where the ball is. Reports the plan and keeps its computing time.
+
+    warm: the plan followed until now; plans: number of plans that share the deadline
 
     The arrival speed has the direction in which the ball turns; the lean points to the ring behind the opening."""
     here = run.here
@@ -82,25 +61,18 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
     if warm is not None:  # a new plan keeps the direction of the old one, also if the ball is half a turn away
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
-    arrival = math.copysign(arrival_speed(run, opening, travel) / run.maze.track_radius(here.ring), turn)
+    arrival = math.copysign(arrival_speed(run, opening) / run.maze.track_radius(here.ring), turn)
     plan = run.steering.planners[here.ring].plan(
         here.planner_vector(),
         here.theta + turn,
-        lean=lean_to(run, opening, travel),
+        lean=lean_to(run, opening),
         goal_theta_dot=arrival,
         warm=warm,
         t0=here.t,
-        deadline_ms=travel.deadline_ms,
+        deadline_ms=run.steering.options.travel.deadline_ms / plans,
     )
     run.history.planner_ms.append(plan.ms)
     run.report(plan)
-    return plan
-
-
-def plan_and_follow(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
-    """As `plan_to`, and follow the plan from now on."""
-    plan = plan_to(run, opening, travel, warm)
-    run.leg.plan, run.leg.goal_theta = plan, opening.angle
     return plan
 
 
@@ -125,7 +97,6 @@ class PlanInRing(MazeLeaf):
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening to arrive at", choices="openings"),
-        **TRAVEL,
         "plan": Port(str, None, "the plan, for Track", "out"),
     }
 
@@ -141,21 +112,18 @@ class PlanInRing(MazeLeaf):
             return off
         plan = self._prepared(opening)
         if plan is None:
-            plan = plan_and_follow(run, opening, travel_options(self), warm=None)
+            plan = plan_to(run, opening)
+        run.leg.plan, run.leg.goal_theta = plan, opening.angle
         self.set("plan", plan)
         if not (plan.ok or np.isfinite(here.planner_vector()).all()):
             return self.fail_as(FailureKind.PLAN_FAILED, f"the solver stopped: {plan.reason}")
         return Status.SUCCESS
 
     def _prepared(self, opening: Opening) -> Plan | None:
-        """The plan by which the opening was chosen in this tick, unless this leaf is to plan otherwise."""
-        run = self.context
-        prepared, run.leg.prepared = run.leg.prepared, None
-        if prepared is None or prepared[0] != opening or prepared[1].t0 != run.here.t:
+        """The plan by which the opening was chosen in this tick."""
+        prepared, self.context.leg.prepared = self.context.leg.prepared, None
+        if prepared is None or prepared[0] != opening or prepared[1].t0 != self.context.here.t:
             return None
-        if travel_options(self) != run.steering.options.travel:
-            return None
-        run.leg.plan, run.leg.goal_theta = prepared[1], opening.angle
         return prepared[1]
 
 
@@ -165,7 +133,6 @@ class Track(MazeLeaf):
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening to arrive at", choices="openings"),
         "plan": Port(str, REQUIRED, "the plan to follow"),
-        **TRAVEL,
         "timeout_s": Port(float, USUAL_S, "after that the opening counts as missed; longer on a long way", least=0.0),
     }
 
@@ -182,8 +149,7 @@ class Track(MazeLeaf):
         route_changed, fell_back, wrong_ring."""
         run, here = self.context, self.context.here
         opening, plan = self.current_opening(), self.get("plan")
-        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
-        elsewhere = elsewhere or self.walled_off(opening)
+        elsewhere = self.elsewhere(self._ring, opening) or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
         if plan is None or aligned(here, opening, run.steering.options.gate):
@@ -206,7 +172,8 @@ class Track(MazeLeaf):
         over = not plan.ok or finished(plan, run.here.t)
         self._fresh = over or self._ticks % options.replan_every == 0 or off_plan(plan, run.here, options)
         if self._fresh:
-            new = plan_and_follow(run, opening, travel_options(self), None if over else plan)
+            new = plan_to(run, opening, warm=None if over else plan)
+            run.leg.plan, run.leg.goal_theta = new, opening.angle
             if new.ok:
                 self.set("plan", new)
                 return new
@@ -217,7 +184,7 @@ class Track(MazeLeaf):
         run, options = self.context, self.context.steering.options.tracking
         if not plan.ok:
             run.log_law("pd")
-            radius, lean = run.maze.track_radius(run.here.ring), lean_to(run, opening, travel_options(self))
+            radius, lean = run.maze.track_radius(run.here.ring), lean_to(run, opening)
             return pd_to_angle(run.here, run.turn_to(opening), run.plate, options, radius, lean)
         run.log_law("mpc" if self._fresh else "gains")
         return follow_gains(plan, run.here, run.plate)

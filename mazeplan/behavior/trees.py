@@ -84,11 +84,3 @@ def refuse_mistakes(tree: BehaviorTree) -> None:
     if errors:
         errors[0].others = errors[1:]
         raise errors[0]
-
-
-def check_tree(tree: BehaviorTree) -> check.Findings:
-    """Check a tree that was built but not ticked (`check.check_tree`)."""
-    return check.check_tree(tree, SET_BY_THE_RUN)
-
-
-reads_key = check.reads_key

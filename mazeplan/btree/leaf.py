@@ -1,8 +1,7 @@
 """The base of all leaves: ports with types, and the calls start, step and halt.
 
 `start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if the
-leaf is interrupted in between. A leaf that fails gives the reason with `fail`. A leaf that needs some ticks when the
-run ends while it is running has a `wind_down` (see `winding`).
+leaf is interrupted in between. A leaf that fails gives the reason with `fail`.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ class Leaf(TreeNode):
     Condition for one that answers at once and changes nothing."""
 
     category: ClassVar[str] = "Action"
-    wind_down_ticks: ClassVar[int] = 15  # most calls of wind_down; half a second at 30 Hz
 
     def __init__(self, name: str, context: Any, blackboard: Blackboard, values: Mapping[str, Any]) -> None:
         super().__init__(name)
@@ -56,13 +54,6 @@ class Leaf(TreeNode):
 
     def halt(self) -> None:
         """Called once when the leaf is interrupted while running. It commands nothing: another leaf does."""
-
-    def wind_down(self) -> Status:
-        """Called at each tick after `halt`, if the run was stopped or its time was over while this leaf ran: RUNNING
-        for one more tick, of `wind_down_ticks` at most. It may command, but the plate goes level meanwhile: no command
-        tilts it more than the last one, nor more than what is left of the ticks. Not called where the tree goes on, or
-        a new goal takes over: there the next leaf commands in the same tick."""
-        return Status.SUCCESS
 
     def fail(self, failure: Any) -> Status:
         """Give the context a reason and return FAILURE."""

@@ -17,9 +17,8 @@ import numpy as np
 
 from mazeplan.behavior.context import BallRoles, LeafOptions, RunContext, Steering
 from mazeplan.behavior.follow_policy import check_policy
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import read_tree
-from mazeplan.behavior.winding import WindDown
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
@@ -38,6 +37,7 @@ from mazeplan.core.events import (
 )
 from mazeplan.core.logs.run_log import RunMessages
 from mazeplan.core.records import (
+    LEVEL,
     Command,
     Failure,
     FailureKind,
@@ -305,19 +305,15 @@ class Run:
         return self._end(False, str(FailureKind.ELSEWHERE))
 
     def _end(self, success: bool, reason: str, observation: Observation | None = None) -> NavigationResult:
-        """Halt the tree, wind down and level the plate; returns the result of the run.
+        """Halt the tree and level the plate; returns the result of the run.
 
-        observation: a sample that no tick has used; the first tick of winding down uses it."""
+        observation: a sample that no tick has used; a last tick logs it, with a level plate"""
         result = self.result(success, reason)
-        winding = WindDown(self._tree, self.chain.wanted, self.context.plate)
-        while winding.going or observation is not None:
-            seen, observation = observation or self._admit(self._rig.observe()), None
-            if seen is None:
-                continue
+        self._tree.halt()
+        if observation is not None:
             began = perf_counter()
-            self._see(seen)
-            winding.tick()
-            self._send(seen, self._limited(winding.towards_level(self.context.command)), HALTED, began)
+            self._see(observation)
+            self._send(observation, self._limited(LEVEL), HALTED, began)
         self._rig.level()
         return result
 

@@ -13,8 +13,9 @@ from functools import cached_property
 from pathlib import Path
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.own_nodes import registry_with
-from mazeplan.behavior.trees import StaticContext, load_tree, reads_key, refuse_mistakes
+from mazeplan.behavior.registry import registry_with
+from mazeplan.behavior.trees import StaticContext, load_tree, refuse_mistakes
+from mazeplan.btree.check import reads_key
 from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy

@@ -71,7 +71,7 @@ def test_leaves_act_for_the_ball_that_is_led(two):
 def test_what_belongs_to_the_ball_before_is_forgotten(two):
     two.see(at(1, 45.0), at(2))
     two.run.leg.opening = two.run.leg.refused = MAZE.openings[0]
-    two.run.enter(2)
+    two.run.leg.enter(two.run.here.ring, 2, two.run.now)
     assert two.once("LeadBall", ball=2, centre=5) is Status.SUCCESS
     two.see(at(1, 45.0), at(1, 60.0), t=0.1)
     assert two.run.here.ring == 1  # not taken for one that falls into ring 2
@@ -83,7 +83,7 @@ def test_another_goal_keeps_the_fall_of_the_ball_that_its_tree_leads(two, led, r
     two.see(at(1, 45.0), at(1, 60.0))
     two.once("LeadBall", ball=led, centre=5)
     two.run.leg.opening = MAZE.openings[0]
-    two.run.enter(2)
+    two.run.leg.enter(two.run.here.ring, 2, two.run.now)
     before, two.run = two.run, Two().run
     two.run.carry_on(before)
     two.see(at(1, 45.0), at(1, 60.0), t=0.1)

@@ -74,15 +74,6 @@ def test_the_plan_of_the_choice_is_followed_and_not_made_again():
     assert len(bench.run.history.planner_ms) == made + 1, "an old one is"
 
 
-def test_a_tree_that_wants_another_way_of_travelling_gets_its_own_plan():
-    bench = patient()
-    opening = chosen(bench, at(2, 130.0))
-    made = len(bench.run.history.planner_ms)
-    leaf = bench.leaf("PlanInRing", opening=opening, plan=Key("plan"), lean_deg=1.0)
-    assert bench.tick(leaf, at(2, 130.0)) is Status.SUCCESS
-    assert len(bench.run.history.planner_ms) == made + 1
-
-
 def test_the_deadline_is_shared():
     bench = patient()
     asked = []
@@ -104,7 +95,7 @@ def test_arrival_is_the_first_time_in_front_and_slow():
     bench, opening = patient(), MAZE.opening("1-2@45")
     state = at(1, 20.0)
     bench.run.begin(0.0, state, state)
-    plan = plan_to(bench.run, opening, bench.run.steering.options.travel, None)
+    plan = plan_to(bench.run, opening)
     radius, gate = MAZE.track_radius(1), bench.run.steering.options.gate
     k = round(arrival_s(bench.run, opening, plan) / plan.dt)
     off = radius * np.abs(np.sin(plan.states[:, 0] - opening.angle)) * 1e3
@@ -137,7 +128,7 @@ def bench_that_sees_late(late_s, travel=BLIND):
 
 def wished(name, late_s, travel=BLIND):
     """Arrival speed at an opening, m/s."""
-    return arrival_speed(bench_that_sees_late(late_s).run, MAZE.opening(name), travel)
+    return arrival_speed(bench_that_sees_late(late_s, travel).run, MAZE.opening(name))
 
 
 @pytest.mark.parametrize(("name", "ring"), [("1-2@45", 2), ("2-3@90", 3), ("3-4@45", 4), ("4-5@180", 4)])
@@ -161,12 +152,12 @@ def test_however_prompt_there_is_a_fastest_arrival():
     assert wished("1-2@45", 0.0, replace(BLIND, blind_rad=5.0)) == BLIND.fastest_m_s
 
 
-def wishes_of_plans(bench, opening, **ports):
+def wishes_of_plans(bench, opening):
     """Speeds along the ring, m/s, that the planner is asked for on both sides of an opening."""
     asked, planner, radius = [], bench.run.steering.planners[opening.outer], MAZE.track_radius(opening.outer)
     whole = planner.plan
     planner.plan = lambda *a, **k: asked.append(k["goal_theta_dot"] * radius) or whole(*a, **k)
-    leaf = bench.leaf("PlanInRing", opening=opening.name, plan=Key("plan"), **ports)
+    leaf = bench.leaf("PlanInRing", opening=opening.name, plan=Key("plan"))
     for side in (-30.0, 30.0):
         assert bench.tick(leaf, at(opening.outer, math.degrees(opening.angle) + side)) is Status.SUCCESS
     return asked
@@ -175,8 +166,3 @@ def wishes_of_plans(bench, opening, **ports):
 def test_the_planner_is_asked_for_that_speed():
     asked = wishes_of_plans(bench_that_sees_late(0.03), MAZE.opening("1-2@45"))
     assert asked == pytest.approx([wished("1-2@45", 0.03), -wished("1-2@45", 0.03)])
-
-
-def test_a_tree_may_ask_for_another_speed():
-    asked = wishes_of_plans(bench_that_sees_late(0.0), MAZE.opening("1-2@45"), speed=0.01)
-    assert asked == pytest.approx([0.01, -0.01])

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext, Steering, TwoCommandsError
+from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import Key
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
@@ -320,7 +321,7 @@ def test_the_next_move_begins_only_if_the_ball_gets_in_from_either_side(bench, d
 def test_two_commands_in_one_tick_are_a_bug(bench):
     bench.run.begin(0.0, at(1), at(1))
     bench.run.steer("one", LEVEL)
-    with pytest.raises(TwoCommandsError, match="two and one"):
+    with pytest.raises(CommandError, match="two and one"):
         bench.run.steer("two", LEVEL)
 
 

@@ -115,7 +115,7 @@ def test_a_ball_that_rolls_past_the_wall_of_the_sector_it_was_to_fall_into_is_st
     run, state = bench.run, at(1, 45.0)
     run.begin(0.0, state, state)
     run.leg.opening = MAZE.opening("1-2@45")
-    run.enter(2)
+    run.leg.enter(run.here.ring, 2, run.now)
     state = at(1, theta, t=0.05)
     run.begin(0.05, state, state)
     assert run.here.ring == ring

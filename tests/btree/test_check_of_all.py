@@ -8,7 +8,7 @@ import pytest
 from commands import call as run_command
 from tree_checks import HEAD, Still, found_in, lines_of, main
 
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import check_file, load_tree
 from mazeplan.core.errors import TreeError
 

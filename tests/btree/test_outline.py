@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.outline import rows_of, tree_text
 

@@ -61,7 +61,7 @@ def check(
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """The result of the check of one tree, as a document."""
-    from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.registry import registry_with
     from mazeplan.behavior.trees import StaticContext, check_file
     from mazeplan.btree.check import Findings
 
@@ -85,7 +85,7 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
 @app.command("show")
 def show(source: ShownTree = None, whole: Whole = False, behavior_module: opt.BehaviorModule = None) -> None:
     """Draw a tree as text."""
-    from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.registry import registry_with
     from mazeplan.behavior.trees import StaticContext, load_tree
     from mazeplan.btree.outline import tree_text
 
@@ -95,7 +95,7 @@ def show(source: ShownTree = None, whole: Whole = False, behavior_module: opt.Be
 @app.command("list")
 def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = False) -> None:
     """List all nodes that a tree may name, with their ports, and the conditions that any node may have."""
-    from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.registry import registry_with
     from mazeplan.btree.builder import BUILTIN
     from mazeplan.btree.conditions import CONDITIONS, DECISIONS
 
@@ -161,7 +161,7 @@ def _document(leaf: type[TreeNode]) -> dict[str, Any]:
 @app.command("palette")
 def palette(output: Palette = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
-    from mazeplan.behavior.own_nodes import registry_with
+    from mazeplan.behavior.registry import registry_with
     from mazeplan.btree.palette import write_palette
 
     text = write_palette(registry_with(behavior_module or ()))

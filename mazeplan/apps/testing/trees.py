@@ -16,7 +16,7 @@ from mazeplan.apps.testing.lightrig import RATE, LightRig, Mishap, identified
 from mazeplan.apps.testing.record import Record
 from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext, Steering
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import load_tree
 from mazeplan.control.policy import Policy
 from mazeplan.control.tilt import Plate
