@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import cast
 
 import gymnasium
@@ -10,23 +11,11 @@ import numpy as np
 from mazeplan.apps.environment.single import CircularMazeEnv
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import InputError
-from mazeplan.core.records import LEVEL, Command
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.loop import Run
 from mazeplan.run.resolve import resolve_model
 from mazeplan.run.specification import Job, Setup
-
-
-class _CommandSink:
-    """A stand-in for the rig: keeps the last command. The environment steps the real rig."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self.rate_hz, self.last_command = rate_hz, LEVEL
-
-    def command(self, u_beta: float, u_gamma: float) -> None:
-        """Keep the command, rad."""
-        self.last_command = Command(u_beta, u_gamma)
 
 
 class Expert:
@@ -47,17 +36,16 @@ class Expert:
         self._setup = Setup(maze, chosen, behavior, rig_label(task.rig), model or "")
 
     def begin(self) -> None:
-        """Begin a new episode."""
-        self._sink = _CommandSink(self._env.rig.rate_hz)
+        """Begin a new episode. The environment commands its rig; the run of the tree has a stand-in for one."""
+        unmoved = SimpleNamespace(rate_hz=self._env.rig.rate_hz, command=lambda u_beta, u_gamma: None)
         start = self._env.maze.rings[0].number  # only logs use it, and here there is no log
-        rig = cast(Rig, self._sink)
-        self._run = Run(rig, self._setup, Job(start, self._goal), None, NullDisplay())
+        self._run = Run(cast(Rig, unmoved), self._setup, Job(start, self._goal), None, NullDisplay())
 
     def act(self) -> np.ndarray:
         """The action that answers the last sample of the rig, (2,), float32.
 
         The tree begins anew if it has given up, or if it sees an arrival before the environment does. Raises RigError
         for measurements that cannot be used."""
-        self._run.tick(self._env.measured())
-        command, limit = self._sink.last_command, self._env.maze.tilt_limit
+        self._run.tick(self._env.measured)
+        command, limit = self._run.chain.sent, self._env.maze.tilt_limit
         return np.clip(np.array([command.u_beta, command.u_gamma]) / limit, -1.0, 1.0).astype(np.float32)

@@ -16,24 +16,21 @@ the ball. Out: the ball was not seen for LOST s, or was seen beyond the rim, as 
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from mazeplan.apps.environment.senses import Senses
 from mazeplan.apps.environment.task import Task
 from mazeplan.control.estimation.estimator import EstimatorOptions
-from mazeplan.control.estimation.rim_watch import AGREEING, SAMPLES, SIGMAS, rim_of
+from mazeplan.control.estimation.rim_watch import RimWatch
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 
 HOLD = 0.2  # s in the goal ring until the ball has arrived, as for the leaf Settle
 LOST = 1.0  # s without a sight of the ball until it is out
-ANGLES = 120  # angles of each ring in the table of expected times
+ANGLES = np.linspace(-math.pi, math.pi, 121)  # rad, of the table of phi
 
 
 @dataclass(frozen=True)
@@ -50,25 +47,14 @@ class Verdict:
     left: bool
 
 
-@lru_cache(maxsize=8)
-def expected_times(maze: Maze, goal: int) -> Array:
-    """Expected time to the goal ring, s, (rings, ANGLES + 1), from angles -pi to pi; infinite where there is no way."""
-    graph, table = RouteGraph(maze), np.full((len(maze.rings), ANGLES + 1), math.inf)
-    for ring in maze.rings:
-        for k in range(ANGLES):
-            route = graph.route(ring.number, goal, -math.pi + math.tau * k / ANGLES)
-            table[ring.number - 1, k] = math.inf if route is None else route.expected_s
-    table[:, -1] = table[:, 0]
-    return table
-
-
 class Potential:
     """phi of a task. Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
 
     def __init__(self, task: Task, maze: Maze) -> None:
-        goal = task.goal(maze)
-        times = expected_times(maze, goal)
-        for ring in task.starts(maze):
+        graph, goal = RouteGraph(maze), task.goal(maze)
+        routes = [[graph.route(ring.number, goal, angle) for angle in ANGLES] for ring in maze.rings]
+        times = np.array([[math.inf if route is None else route.expected_s for route in row] for row in routes])
+        for ring in task.rings(maze, goal):
             if not np.all(np.isfinite(times[ring - 1])):
                 raise SettingsError(f"there is no way from ring {ring} to ring {goal}", key="goal_ring")
         longest = float(np.max(times[np.isfinite(times)]))
@@ -76,7 +62,7 @@ class Potential:
 
     def at(self, ring: int, theta: float) -> float:
         """phi at a place: 1 at the goal, 0 where the expected time is longest. theta: rad"""
-        return float(np.interp(theta, np.linspace(-math.pi, math.pi, ANGLES + 1), self._phi[ring - 1]))
+        return float(np.interp(theta, ANGLES, self._phi[ring - 1]))
 
 
 class Judge:
@@ -86,18 +72,17 @@ class Judge:
         self._task, self._senses, self._potential = task, senses, potential
         self._goal, self._since = senses.maze.ring(task.goal(senses.maze)), math.nan
         self._phi = potential.at(senses.ring, senses.theta)
-        self._votes = deque([-1] * SAMPLES, SAMPLES)  # where the samples show the ball: 1 out, -1 in, 0 not seen
-        self._beyond = rim_of(senses.maze) + SIGMAS * EstimatorOptions().camera_sigma  # m
+        self._rim = RimWatch(senses.maze, EstimatorOptions().camera_sigma)
+        self._rim.update(senses.t, senses.place)
 
     def judge(self) -> Verdict:
         """Judge the ball. Call this after the senses have taken a new sample."""
-        senses, radius, unseen = self._senses, self._senses.radius, self._senses.unseen_s
+        senses, unseen = self._senses, self._senses.unseen_s
         seen = unseen <= 0.0
-        inside = self._goal.inner_radius <= radius <= self._goal.outer_radius
+        inside = self._goal.inner_radius <= senses.radius <= self._goal.outer_radius
         self._since = math.nan if not inside else senses.t if math.isnan(self._since) else self._since
-        self._votes.append((1 if radius > self._beyond else -1) if seen else 0)
         arrived = seen and senses.t - self._since >= HOLD - 1e-6
-        left = not arrived and sum(self._votes) >= AGREEING
+        left = self._rim.update(senses.t, senses.place if seen else None) is not None and not arrived
         out = left or (not arrived and unseen >= LOST - 1e-6)
         reward = float(arrived)
         if self._task.reward == "dense":

@@ -31,7 +31,7 @@ class Senses:
 
     def __init__(self, maze: Maze, rate_hz: float, first: Observation, ring: int, theta: float) -> None:
         self.maze, self._rate = maze, rate_hz
-        x, y = maze.track_radius(ring) * np.array([np.cos(theta), np.sin(theta)])
+        x, y = (float(maze.track_radius(ring) * turn(theta)) for turn in (np.cos, np.sin))
         ages = range(APART, -1, -1)
         self._seen = deque(((first.t - age / rate_hz, x, y) for age in ages), APART + 1)  # t, x, y of the last sights
         self._tilts = deque(((first.beta, first.gamma) for _ in ages), APART + 1)
@@ -47,14 +47,20 @@ class Senses:
         self._command, self.t = command, sample.t
 
     @property
+    def place(self) -> tuple[float, float]:
+        """x, y at which the ball was seen last, m."""
+        return self._seen[-1][1:]
+
+    @property
     def radius(self) -> float:
         """Radius at which the ball was seen last, m."""
-        return float(np.hypot(*self._seen[-1][1:]))
+        return float(np.hypot(*self.place))
 
     @property
     def theta(self) -> float:
         """Angle at which the ball was seen last, rad."""
-        return float(np.arctan2(self._seen[-1][2], self._seen[-1][1]))
+        x, y = self.place
+        return float(np.arctan2(y, x))
 
     @property
     def ring(self) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -13,34 +12,34 @@ from gymnasium import spaces
 
 from mazeplan.apps.environment.judging import Judge, Potential
 from mazeplan.apps.environment.senses import HIGH, LOW, Senses
-from mazeplan.apps.environment.task import Task
+from mazeplan.apps.environment.task import Start, Task
 from mazeplan.core.errors import RigError, SettingsError
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.files import validated
 from mazeplan.rigs.interface import check_ready
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
-
-OPTIONS = ("start_ring", "start_angle_deg")  # options of reset()
 
 
 class CircularMazeEnv(gymnasium.Env):
     """The agent tilts the plate to bring a ball from one ring to another. options: those of `task.Task`.
 
+    measured: the last sample of the rig, in SI units
+
     Raises SettingsError or MapError for an option that cannot be used, RigError when the rig fails."""
 
     metadata = {"render_modes": [], "render_fps": 30}  # noqa: RUF012  Gymnasium has it so
+    measured: Observation
 
     def __init__(self, **options: Any) -> None:
-        self.task = Task.of(options)
+        self.task = validated(Task, options)
         self.maze = load_map(self.task.map)
         if self.maze.balls > 1:
             raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
         self._potential = Potential(self.task, self.maze)
         self.rig = watched(make_rig(self.task.rig, self.maze))
         check_ready(self.rig)  # the loop is another program's code
-        self._sample: Observation | None = None
         self._closed = False
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
@@ -50,42 +49,27 @@ class CircularMazeEnv(gymnasium.Env):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Place the ball and level the plate. options: `start_ring`, `start_angle_deg` of this episode."""
         super().reset(seed=seed)
-        self._check_open()
-        ring, theta = self._start(options)
+        usual = {"start_ring": self.task.start_ring, "start_angle_deg": self.task.start_angle_deg}
+        start = validated(Start, {**usual, **(options or {})})
+        rings, degrees = start.rings(self.maze, self.task.goal(self.maze)), start.start_angle_deg
+        # always draw both, so that a given value does not change the later random numbers
+        ring, angle = rings[int(self.np_random.integers(len(rings)))], self.np_random.uniform(-math.pi, math.pi)
+        theta = self.maze.clear_angle(ring, float(angle) if degrees is None else math.radians(degrees))
         self.rig.reset(ring=ring, theta=theta, rng=self.np_random)
-        self._sample = self.rig.observe()
+        self.measured = self.rig.observe()
         self._rest()  # nobody knows when the first step comes
-        self._senses = Senses(self.maze, self.rig.rate_hz, self._sample, ring, theta)
+        self._senses = Senses(self.maze, self.rig.rate_hz, self.measured, ring, theta)
         self._judge = Judge(self.task, self._senses, self._potential)
         return self._senses.state(), self._info()
-
-    def _start(self, options: Any) -> tuple[int, float]:
-        """Ring and angle (rad) at which an episode begins. Raises SettingsError for an option that cannot be used."""
-        if not isinstance(options, Mapping | None):
-            raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
-        asked = dict(options or {})
-        for name in asked:
-            if name not in OPTIONS:
-                raise SettingsError(f"unknown option of reset, expected {one_of(OPTIONS, name)}", key=name)
-        starts = self.task.starts(self.maze, asked.get("start_ring"))
-        degrees = asked.get("start_angle_deg", self.task.start_angle_deg)
-        if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
-            raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
-        # always draw both, so that a given value does not change the later random numbers
-        ring, angle = starts[int(self.np_random.integers(len(starts)))], self.np_random.uniform(-math.pi, math.pi)
-        return ring, self.maze.clear_angle(ring, float(angle) if degrees is None else math.radians(degrees))
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Command the tilt `action` x the tilt limit, (u_beta, u_gamma), for one sample.
 
         Raises ValueError for an action of another shape, or that is not finite."""
-        self._check_open()
-        if self._sample is None:
-            raise RigError("reset() comes first")
         command = self._command(action)
         self.rig.command(*command.tolist())
-        self._sample = self.rig.observe()
-        self._senses.take(self._sample, command)
+        self.measured = self.rig.observe()
+        self._senses.take(self.measured, command)
         verdict = self._judge.judge()
         ended = verdict.arrived or verdict.out
         if ended:
@@ -108,20 +92,10 @@ class CircularMazeEnv(gymnasium.Env):
         known = {"ring": senses.ring, "time_s": senses.t, "seen": senses.unseen_s <= 0.0}
         return {**known, "success": arrived, "is_success": arrived, "ball_out": left}
 
-    def measured(self) -> Observation:
-        """The last sample of the rig, in SI units."""
-        if self._sample is None:
-            raise RuntimeError("reset() comes first")
-        return self._sample
-
     def _rest(self) -> None:
         """Answer the last sample with a level plate. A simulation waits for nobody, and keeps its tilt."""
         if isinstance(self.rig, WatchedRig):
             self.rig.level()
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise RuntimeError("the environment is closed: its rig was given back")
 
     def close(self) -> None:
         """Level the plate and release the rig. May be called twice."""
