@@ -11,7 +11,7 @@ from planar_rig import PATIENT, PlanarRig, known
 
 import mazeplan
 from mazeplan.core import resources
-from mazeplan.core.display import NullDisplay
+from mazeplan.core.progress import Display
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import Job, Setup
@@ -113,7 +113,7 @@ class Paced:
         return observation
 
 
-class Kept(NullDisplay):
+class Kept(Display):
     """Notes leaves and events with their rig times."""
 
     def __init__(self):

@@ -198,7 +198,7 @@ def test_commands_within_the_text_know_their_options(page):
         while hasattr(command, "commands") and words and re.fullmatch(r"[a-z-]+", words[0]):
             assert words[0] in command.commands, f"{page}: {told}"
             command, words = command.commands[words[0]], words[1:]
-        options = {option for parameter in command.params for option in parameter.opts} | {"--help", "--help-all"}
+        options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         used = {word.strip("[]") for word in words if re.match(r"\[?-{1,2}[a-z]", word)}
         assert hasattr(command, "commands") or used <= options, f"{page}: {told}"
 

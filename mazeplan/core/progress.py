@@ -1,4 +1,4 @@
-"""Progress of long operations, by plain functions: the operation calls them, the display provides them."""
+"""Progress of long operations, by plain functions, and of a run, by a display: the command line provides them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,22 @@ from collections.abc import Callable
 
 Words = Callable[[str], None]  # the step under way
 Advance = Callable[[float, float], None]  # amount done, total
+
+
+class Display:
+    """Shows a run to a person; the methods here show nothing."""
+
+    def ring_entered(self, ring: int, t: float) -> None:
+        """The ball entered another ring."""
+
+    def passed(self, ring: int, opening: str, t: float) -> None:
+        """The ball left `ring` through an opening."""
+
+    def event(self, t: float, text: str) -> None:
+        """Show an event, as one line of text."""
+
+    def tick(self, t: float, ring: int, text: str) -> None:
+        """A tick ended."""
 
 
 def no_words(text: str) -> None:

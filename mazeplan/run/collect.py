@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 
 from mazeplan.control.estimation.sample_check import SampleCheck
-from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import DriveFailed, DriveStarted, ExcitationStarted, OpeningPassed
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.maths.angles import difference
+from mazeplan.core.progress import Display
 from mazeplan.core.records import Array, Command, FailureKind, Observation, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
@@ -173,7 +173,7 @@ def run_tour(
         with RunLogWriter(output, header) as log:
             job = Job(plan.rings[0], plan.rings[0], theta, plan.seed, plan.seconds)
             slew = DRIVE_SLEW * setup.maze.tilt_limit
-            run = Run(rig, _far_sighted(setup).on(rig), job, log, NullDisplay(), segment=0, slew=slew)
+            run = Run(rig, _far_sighted(setup).on(rig), job, log, Display(), segment=0, slew=slew)
             rig.reset(ring=job.start, theta=theta, rng=np.random.default_rng([plan.seed, 0]))
             tour = _Tour(rig, run, log, setup.maze, plan, commands, options or TourOptions(), progress)
             return tour.whole()

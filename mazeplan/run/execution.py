@@ -8,9 +8,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mazeplan.btree.blame import blames_a_node, exception_line
-from mazeplan.core.display import Display, NullDisplay
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log import RunLogWriter, RunMessages, Sink
+from mazeplan.core.progress import Display
 from mazeplan.core.records import Failure, FailureKind, NavigationResult
 from mazeplan.learning.modelfile import ATTACHED, MEDIA_TYPE
 from mazeplan.rigs.interface import Rig
@@ -61,7 +61,7 @@ def run_job(
             goals.begin(setup.maze)
             stack.callback(goals.end)
         messages = _messages(rig, setup, job, log, feed, stack)
-        run = Run(rig, setup, job, messages, display or NullDisplay(), requests=goals)
+        run = Run(rig, setup, job, messages, display or Display(), requests=goals)
         # a garbage collection of the whole program takes 0.1 s in the middle of a tick: collect only new objects
         gc.freeze()
         stack.callback(gc.unfreeze)

@@ -24,7 +24,6 @@ from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
-from mazeplan.core.display import Display
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import (
     DoubtRaised,
@@ -36,6 +35,7 @@ from mazeplan.core.events import (
     StopRequested,
 )
 from mazeplan.core.logs.run_log import RunMessages
+from mazeplan.core.progress import Display
 from mazeplan.core.records import (
     LEVEL,
     Command,

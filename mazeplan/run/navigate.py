@@ -8,8 +8,8 @@ from pathlib import Path
 from mazeplan.behavior.context import RunContext
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
-from mazeplan.core.display import Display
 from mazeplan.core.logs.run_log import Sink
+from mazeplan.core.progress import Display
 from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze

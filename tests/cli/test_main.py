@@ -63,15 +63,3 @@ def test_help_and_version(call):
     assert code == 0
     assert "navigate" in out
     assert call("--version") == (0, f"mazeplan {version('mazeplan')}\n", "")
-
-
-@pytest.mark.parametrize("command", ["navigate", "evaluate", "collect", "diagnose", "improve", "policy train"])
-def test_help_shows_common_options_first_and_all_on_request(call, command):
-    def options(text: str) -> list[str]:
-        return [line.split()[0] for line in text.partition("Options:")[2].splitlines() if line.startswith("  -")]
-
-    (code, few, _), (_, every, _) = call(*command.split(), "--help"), call(*command.split(), "--help-all")
-    assert code == 0
-    assert len(options(few)) <= 12 < len(options(every))
-    assert set(options(few)) <= set(options(every))
-    assert f"{command} --help-all" in few

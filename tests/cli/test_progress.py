@@ -6,6 +6,7 @@ import io
 import re
 import subprocess
 import sys
+from contextlib import redirect_stderr
 from dataclasses import replace
 
 import pytest
@@ -34,23 +35,17 @@ def outcome(*, success: bool = True) -> NavigationResult:
     return NavigationResult(success, reason, 2.0, 3, "toy", rings, (failure,), 0, {}, None)
 
 
-def one_run(stream) -> str:
-    """What the progress of a run writes to the stream."""
-    with NavigationProgress(stream) as progress:
-        progress.ring_entered(1, 0.0)
-        for k in range(45):
-            progress.tick(k / 30, 1, "Track")
-        progress.event(1.2, "stuck, Track")
-        progress.passed(1, "1-2@45", 1.5)
-        progress.ring_entered(2, 1.5)
-        progress.tick(2.0, 2, "Pass [x]")
-        progress.finished(outcome())
-    return stream.getvalue()
-
-
-@pytest.mark.parametrize("stream", [io.StringIO, Terminal])
-def test_each_event_of_a_run_is_a_plain_line(stream):
-    assert one_run(stream()).splitlines() == [
+def test_each_event_of_a_run_is_a_plain_line(capsys):
+    progress = NavigationProgress("toy")
+    progress.ring_entered(1, 0.0)
+    for k in range(45):
+        progress.tick(k / 30, 1, "Track")
+    progress.event(1.2, "stuck, Track")
+    progress.passed(1, "1-2@45", 1.5)
+    progress.ring_entered(2, 1.5)
+    progress.tick(2.0, 2, "Pass [x]")
+    progress.finished(outcome())
+    assert capsys.readouterr().err.splitlines() == [
         "   0.00 s  in ring 1",
         "   1.20 s  stuck, Track",
         "   1.50 s  left ring 1 by 1-2@45",
@@ -68,26 +63,26 @@ def test_each_event_of_a_run_is_a_plain_line(stream):
         (["ball_lost", "out_of_time"], "out_of_time", None, "rig check my/toy.yaml"),
         (["no_route"], "no_route", None, "map route"),
         (["out_of_time"], "out_of_time", None, "--time-limit"),
+        ([], "failed", None, "behavior check"),
     ],
 )
-def test_a_run_that_does_not_arrive_ends_with_what_to_look_at_next(kinds, reason, log, command):
+def test_a_run_that_does_not_arrive_ends_with_what_to_look_at_next(capsys, kinds, reason, log, command):
     failures = tuple(Failure(FailureKind(kind), "Track", 1.2) for kind in kinds)
-    stream = io.StringIO()
-    with NavigationProgress(stream, rig="my/toy.yaml") as progress:
-        progress.finished(replace(outcome(success=False), failures=failures, reason=reason, log=log))
-    last = stream.getvalue().splitlines()[-1]
+    result = replace(outcome(success=False), failures=failures, reason=reason, log=log)
+    NavigationProgress("my/toy.yaml").finished(result)
+    last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("next: ")
     assert command in last
 
 
-def campaign(stream):
-    with campaign_progress(4, stream) as advance:
+def campaign():
+    with campaign_progress(4, 0) as advance:
         for finished in range(1, 5):
             advance(finished)
 
 
-def unknown_length(stream):
-    with ProgressBar("searching", stream) as bar:
+def unknown_length():
+    with ProgressBar("searching") as bar:
         bar.show("trying [a]")
         bar.advance(1, 4)
         bar.show("trying [b]")
@@ -96,8 +91,8 @@ def unknown_length(stream):
         bar.note("found [c]")
 
 
-def shares(stream):
-    with ProgressBar("training", stream, transient=False) as bar:
+def shares():
+    with ProgressBar("training", transient=False) as bar:
         bar.advance(0.0, 2.5)
         bar.advance(0.5, 2.5)
 
@@ -112,9 +107,11 @@ def shares(stream):
 )
 def test_a_bar_shows_step_and_share_on_a_terminal_only_and_notes_everywhere(work, pattern, notes):
     terminal, elsewhere = Terminal(), io.StringIO()
-    work(terminal)
+    with redirect_stderr(terminal):
+        work()
     assert re.search(pattern, plain(terminal.getvalue()))
-    work(elsewhere)
+    with redirect_stderr(elsewhere):
+        work()
     assert elsewhere.getvalue() == notes
 
 
@@ -124,11 +121,10 @@ def test_rich_and_numpy_are_imported_only_when_used():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_without_a_terminal_a_new_step_is_a_line_after_a_while(monkeypatch):
+def test_without_a_terminal_a_new_step_is_a_line_after_a_while(monkeypatch, capsys):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    stream = io.StringIO()
-    with ProgressBar("learning", stream) as bar:
+    with ProgressBar("learning") as bar:
         for now[0], step in ((1.0, "reading"), (9.0, "stage"), (10.0, "ball"), (18.0, "judging")):
             bar.show(step)
-    assert stream.getvalue() == "learning: stage\nlearning: judging\n"
+    assert capsys.readouterr().err == "learning: stage\nlearning: judging\n"

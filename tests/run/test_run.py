@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import RigError
+from mazeplan.core.progress import Display
 from mazeplan.core.records import Command
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.execution import run_job
@@ -23,7 +23,7 @@ SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
 
 def placed(goal=5, start=1, theta=0.3, **more):
     rig = PlanarRig(MAZE)
-    run = Run(rig, SETUP, Job(start, goal, theta), None, NullDisplay(), **more)
+    run = Run(rig, SETUP, Job(start, goal, theta), None, Display(), **more)
     rig.reset(ring=start, theta=theta, rng=None)
     return rig, run
 
@@ -74,7 +74,7 @@ def test_the_tree_commands_no_faster_than_the_slew_limit():
     assert np.abs(np.diff(free.commands, axis=0)).max() > 2.0 * slew / 30.0
 
 
-class Told(NullDisplay):
+class Told(Display):
     def __init__(self):
         self.lines = []
 

@@ -25,7 +25,7 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
-from mazeplan.core.errors import InputError, MapError, MazeplanError, ModelError, TreeError
+from mazeplan.core.errors import InputError, MazeplanError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
 
@@ -33,7 +33,6 @@ INTERRUPTED = 130  # exit status
 UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as in `mazeplan log export ... | head`
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # the system refuses a path
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-OWN: dict[type[InputError], str] = {ModelError: "--model", MapError: "--map", TreeError: "--behavior"}
 
 
 def keep_compiled() -> None:
@@ -123,14 +122,9 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
     text = str(error)
     if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
         return text
-    if error.file is None and error.key is not None and f"--{error.key}" in words:
-        return f"--{text}"
-    pairs = [word.partition("=")[::2] if "=" in word else (word, after)
-             for word, after in zip(words, [*words[1:], ""], strict=True) if word.startswith("-")]  # fmt: skip
-    pairs.sort(key=lambda pair: pair[0] != OWN.get(type(error)))  # several options may have the same value
-    for option, value in pairs:
+    for option, value in pairwise(words):
         got = error.file is None and f"got {value!r}" in text.replace("got rig ", "got ")
-        if got or (error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))):
+        if option.startswith("-") and (got or str(error.file) == value):
             return f"{option}: {text}"
     return text
 
@@ -138,18 +132,12 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
 def _usage_message(error: Any) -> str:
     """A usage error in one line."""
     text = " ".join(error.format_message().split())
-    if text.startswith("No such command") and error.ctx is not None and "?" not in text:
-        names = ", ".join(error.ctx.command.list_commands(error.ctx))
-        return f"{text.rstrip('.')}; {error.ctx.command_path} has {names}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Value error, )?(.*)", text)
     if found is None:
         return text
     option, problem = found.groups()
-    if problem.startswith("Input should be "):  # without the value
-        got = next((word for name, word in pairwise(sys.argv) if name == option), "a value")
-        rest = problem.removeprefix("Input should be ")
-        problem = f"got {got}, expected {'a whole number' if 'integer' in rest else f'a number {rest}'}"
-    return f"{option}: {problem}"
+    got = next((f"got {word}: " for name, word in pairwise(sys.argv) if name == option), "")
+    return f"{option}: {problem if problem.startswith('got ') else got + problem}"
 
 
 def main() -> None:
@@ -172,8 +160,7 @@ def _run(received: list[int]) -> int:
             status = app(prog_name="mazeplan", standalone_mode=False)
     except MazeplanError as error:
         others = error.others if isinstance(error, InputError) else ()
-        message = with_option(error, sys.argv[1:])
-        return _fail(message, error.exit_status, *(str(other) for other in others))
+        return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command; the message is the help
             print(error.format_message(), file=sys.stderr)
@@ -196,10 +183,8 @@ def _run(received: list[int]) -> int:
         if not blames_a_node(problem):
             raise
         return _fail(exception_line(problem), InputError.exit_status)
-    if status == INTERRUPTED and received:
-        return _fail(signal.Signals(received[0]).name, 128 + received[0])
     if status == INTERRUPTED:
-        return _fail("interrupted", INTERRUPTED)
+        return _fail(signal.Signals(received[0]).name, 128 + received[0]) if received else _fail("interrupted", status)
     return status if isinstance(status, int) else 0
 
 

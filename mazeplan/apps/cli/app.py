@@ -12,17 +12,14 @@ from typer.core import TyperCommand
 
 from mazeplan import __version__
 from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, rig
-from mazeplan.apps.cli.diagnose import diagnose
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.evaluate import evaluate
-from mazeplan.apps.cli.groups import grouped
-from mazeplan.apps.cli.learning import collect, improve, learn, policy_app
+from mazeplan.apps.cli.learning import collect, diagnose, improve, learn, policy_app
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.option_checks import check_outputs
 from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.report import report, view
 
-EVERYTHING = "--help-all"
 WIDEST = 120  # columns of a help text; longer lines are hard to read
 NAMED = re.compile(r"[a-z]\w*=[^=]+")  # a value of --columns; a log has no such name
 app = typer.Typer(
@@ -35,22 +32,7 @@ app = typer.Typer(
 
 
 class Command(TyperCommand):
-    """A command. Before it begins, it checks that no output is an input. Its help shows the common options first."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options: the common ones, or with --help-all all of them in groups."""
-        parameters, everything = self.get_params(ctx), bool(ctx.meta.get(EVERYTHING))
-        options = [p for p in parameters if p.param_type_name == "option"]
-        arguments = [p for p in parameters if p.param_type_name != "option"]
-        shown = grouped(options, everything)
-        for name, members in {"Arguments": arguments, **shown}.items():
-            if records := [(p.metavar, record[1]) if p in arguments else record
-                           for p in members if (record := p.get_help_record(ctx))]:  # fmt: skip
-                with formatter.section(name):
-                    formatter.write_dl(records)
-        if hidden := len(options) - sum(len(members) for members in shown.values()):
-            formatter.write_paragraph()
-            formatter.write_text(f"{hidden} more options: {ctx.command_path} {EVERYTHING}")
+    """A command. Before it begins, it checks that no output is an input."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Notes on an exception are lines of their own."""
@@ -64,10 +46,6 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take several values after one `--columns`, as if each had the option."""
-        if EVERYTHING in args:
-            ctx.meta[EVERYTHING] = True
-            print(ctx.get_help())
-            ctx.exit()
         spread: list[str] = []
         for word in args:
             if NAMED.fullmatch(word) and spread[-2:-1] == ["--columns"]:
@@ -97,19 +75,9 @@ def options(version: Version = False) -> None:
     """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
 
 
-for command in (
-    navigate,
-    evaluate,
-    collect,
-    learn,
-    model.score,
-    model.compare,
-    diagnose,
-    improve,
-    report,
-    view,
-    doctor,
-):
+for command in (navigate, evaluate, collect, learn, model.score, model.compare, diagnose, improve):
+    app.command()(command)
+for command in (report, view, doctor):
     app.command()(command)
 for group in (map, log, behavior, rig, model, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])

@@ -27,28 +27,36 @@ CheckedMap = Annotated[
     str | None,
     typer.Option("--map", metavar="MAP", help="Map whose rings and openings the tree may name. Default: any names."),
 ]
-Palette = Annotated[
-    Path | None,
-    typer.Option(
-        "-o", "--output", parser=opt.file(opt.TREE), callback=opt.new_file, metavar="FILE",
-        help="File to write. Default: stdout.",
-    ),
-]  # fmt: skip
-
-
+Palette = Annotated[Path | None, opt.output_file("File to write. Default: stdout.", opt.TREE)]
 LEAVES = ("Action", "Condition")  # categories of leaves
-KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorators"}
+KINDS = {"leaves": LEAVES, "control nodes": ("Control",), "decorators": ("Decorator",)}
 
 
 @app.command("check")
 def check(
-    files: Trees, map_: CheckedMap = None, behavior_module: opt.BehaviorModule = None, json: opt.AsJson = False
+    files: Trees, map_: CheckedMap = None, behavior_module: opt.BehaviorModule = None, as_json: opt.AsJson = False
 ) -> None:
     """Check trees, and name the file and line of each problem."""
-    found = [_checked(source, map_, behavior_module) for source in files]
-    if json:
+    from mazeplan.behavior.registry import registry_with
+    from mazeplan.behavior.trees import StaticContext, check_file
+    from mazeplan.btree.check import Findings
+    from mazeplan.maze.mapfile import load_map
+
+    context, found = StaticContext(None if map_ is None else load_map(map_)), list[dict[str, Any]]()
+    for source in files:
+        registry = registry_with(behavior_module or ())
+        try:
+            result = check_file(source, registry, context)
+        except TreeError as error:
+            result = Findings((error,))
+        errors, warnings = [str(e) for e in result.errors], [str(w) for w in result.warnings]
+        found.append({
+            "file": source, "ok": not errors, "nodes": result.nodes, "error": errors[0] if errors else None,
+            "errors": errors, "warnings": warnings, "names_map": result.names_map,
+        })  # fmt: skip
+    if as_json:
         print_json(found)
-    for tree in () if json else found:
+    for tree in () if as_json else found:
         for line in (*tree["errors"], *(f"warning: {warning}" for warning in tree["warnings"])):
             say(f"mazeplan: {line}")
         if tree["ok"]:
@@ -57,29 +65,6 @@ def check(
             say("mazeplan: rings and openings that the tree names were not looked up: give --map MAP")
     if not all(tree["ok"] for tree in found):
         raise SystemExit(2)
-
-
-def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
-    """The result of the check of one tree, as a document."""
-    from mazeplan.behavior.registry import registry_with
-    from mazeplan.behavior.trees import StaticContext, check_file
-    from mazeplan.btree.check import Findings
-
-    maze = None
-    if map_ is not None:
-        from mazeplan.maze.mapfile import load_map
-
-        maze = load_map(map_)
-    registry = registry_with(modules or ())
-    try:
-        found = check_file(source, registry, StaticContext(maze))
-    except TreeError as error:
-        found = Findings((error,))
-    errors, warnings = [str(e) for e in found.errors], [str(w) for w in found.warnings]
-    return {
-        "file": source, "ok": not errors, "nodes": found.nodes, "error": errors[0] if errors else None,
-        "errors": errors, "warnings": warnings, "names_map": found.names_map,
-    }  # fmt: skip
 
 
 @app.command("show")
@@ -93,35 +78,50 @@ def show(source: ShownTree = None, whole: Whole = False, behavior_module: opt.Be
 
 
 @app.command("list")
-def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = False) -> None:
+def list_leaves(behavior_module: opt.BehaviorModule = None, as_json: opt.AsJson = False) -> None:
     """List all nodes that a tree may name, with their ports, and the conditions that any node may have."""
     from mazeplan.behavior.registry import registry_with
     from mazeplan.btree.builder import BUILTIN
     from mazeplan.btree.conditions import CONDITIONS, DECISIONS
 
     registry = registry_with(behavior_module or ())
-    usable = dict(sorted(registry.items()))
-    nodes = {**usable, **BUILTIN}
-    leaves = {name: node for name, node in usable.items() if node.category in LEAVES}
-    controls = [*(name for name, node in nodes.items() if node.category not in LEAVES), "SubTree"]
+    nodes = {name: _document(node) for name, node in {**dict(sorted(registry.items())), **BUILTIN}.items()}
+    leaves = {name: node for name, node in nodes.items() if name not in BUILTIN and node["category"] in LEAVES}
     after = [name for name in CONDITIONS if name not in DECISIONS]
-    if json:
+    if as_json:
         print_json({
-            "leaves": {name: _document(leaf) for name, leaf in leaves.items()}, "control_nodes": controls,
-            "nodes": {name: _document(node) for name, node in nodes.items() if name not in leaves},
+            "leaves": leaves, "nodes": {name: node for name, node in nodes.items() if name not in leaves},
+            "control_nodes": [*(name for name, node in nodes.items() if node["category"] not in LEAVES), "SubTree"],
             "preconditions": list(DECISIONS), "postconditions": after, "enums": dict(registry.enums),
         })  # fmt: skip
         return
-    for kind, plural in KINDS.items():
-        print(f"{plural}:")
+    for kind, categories in KINDS.items():
+        print(f"{kind}:")
         for name, node in nodes.items():
-            if node.category in (kind, "Condition" if kind == "Action" else kind):
-                print("\n".join(_lines(name, _document(node))))
+            if node["category"] in categories:
+                print("\n".join(_lines(name, node)))
     print("SubTree: the tree of that ID; attributes are keys of its blackboard")
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
     print(f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"')
     if registry.enums:
         print("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
+
+
+def _document(node: type[TreeNode]) -> dict[str, Any]:
+    """A node and its ports, for programs."""
+    from mazeplan.btree.ports import REQUIRED
+
+    ports = {
+        name: {
+            "type": port.type.__name__, "direction": port.direction, "needed": port.default is REQUIRED,
+            "default": None if port.default is REQUIRED else port.default, "what": port.doc,
+            "allowed": None if port.choices is None or isinstance(port.choices, str) else [*port.choices],
+            "allowed_of_map": port.choices if isinstance(port.choices, str) else None,
+        }
+        for name, port in node.ports.items()
+    }  # fmt: skip
+    purpose = " ".join(cleandoc(node.__doc__ or "").partition("\n\n")[0].split())
+    return {"what": purpose, "category": node.category, "ports": ports}
 
 
 def _lines(name: str, node: dict[str, Any]) -> list[str]:
@@ -134,28 +134,6 @@ def _lines(name: str, node: dict[str, Any]) -> list[str]:
         allowed = allowed or ", ".join(map(str, port["allowed"] or ()))
         lines.append(f"    {port_name} ({kind}{default}): {port['what']}{f'; allowed: {allowed}' if allowed else ''}")
     return lines
-
-
-def _purpose(node: type[TreeNode]) -> str:
-    """The first paragraph of a node's docstring, in one line."""
-    paragraph, _, _ = cleandoc(node.__doc__ or "").partition("\n\n")
-    return " ".join(paragraph.split())
-
-
-def _document(leaf: type[TreeNode]) -> dict[str, Any]:
-    """A leaf and its ports, for programs."""
-    from mazeplan.btree.ports import REQUIRED
-
-    ports = {
-        name: {
-            "type": port.type.__name__, "direction": port.direction, "needed": port.default is REQUIRED,
-            "default": None if port.default is REQUIRED else port.default, "what": port.doc,
-            "allowed": None if port.choices is None or isinstance(port.choices, str) else [*port.choices],
-            "allowed_of_map": port.choices if isinstance(port.choices, str) else None,
-        }
-        for name, port in leaf.ports.items()
-    }  # fmt: skip
-    return {"what": _purpose(leaf), "category": leaf.category, "ports": ports}
 
 
 @app.command("palette")

@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,63 +20,92 @@ from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.maze.geometry import Maze
-    from mazeplan.rigs.camera.calibration import Calibration, LensCalibration
-    from mazeplan.rigs.camera.markers import Markers
+    from mazeplan.rigs.camera.calibration import LensCalibration
     from mazeplan.rigs.hardware.files import RigFile
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
 
-
 PLATES, BOARDS = 20, 40  # frames of the empty plate and of the chessboard, from a camera or video
+LARGEST_ERROR_DEG = 0.1
+
+
+def _corners(text: str) -> tuple[int, int]:
+    """Parser of the inner corners of a chessboard, such as 9x6."""
+    found = re.fullmatch(r"([0-9]{1,2})x([0-9]{1,2})", text.strip().lower())
+    if found is None or not (3 <= int(found[1]) <= 30 and 3 <= int(found[2]) <= 30):
+        raise typer.BadParameter(f"got {text!r}, expected inner corners across x down, such as 9x6, 3 to 30 each")
+    return int(found[1]), int(found[2])
+
+
+app = typer.Typer(help="Calibrate a real rig, and write the result into its file.", no_args_is_help=True)
+RigFileName = Annotated[
+    str, Option("--rig", metavar="RIG", help="YAML file of the rig; `hardware` means ./hardware.yaml.")
+]
 Boards = Annotated[
     str | None,
     Option(
-        "--boards",
-        metavar="PICTURES",
-        help="Chessboard pictures: folder, pattern, video or device. Default: keep the lens.",
+        "--boards", metavar="PICTURES", help="Chessboard: folder, pattern, video or device. Default: keep the lens."
     ),
 ]
 Plate = Annotated[
     str | None,
-    Option(
-        "--plate",
-        metavar="PICTURES",
-        help="Pictures of the level plate without a ball. Default: from the rig's camera.",
-    ),
+    Option("--plate", metavar="PICTURES", help="Level plate without a ball. Default: pictures of the rig's camera."),
 ]
-Corners = Annotated[str, Option("--corners", metavar="NxN", help="Inner corners of the chessboard, across x down.")]
+Corners = Annotated[
+    Any, Option("--corners", parser=_corners, metavar="NxN", help="Inner corners of the chessboard, across x down.")
+]
 SquareMm = Annotated[
-    float, Option("--square-mm", parser=number(), metavar="MM", help="Side of a chessboard square in mm.")
+    float, Option("--square-mm", parser=number(0.1, 1e3), metavar="MM", help="Side of a chessboard square in mm.")
 ]
+Readings = Annotated[
+    Path | None,
+    Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
+]
+Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
 
 
+@app.command("camera")
 def camera(
-    rig: opt.RigFileName = "hardware",
+    rig: RigFileName = "hardware",
     boards: Boards = None,
     plate: Plate = None,
     corners: Corners = "9x6",
     square_mm: SquareMm = 20.0,
     map_: opt.Map = "cme",
-    dry_run: opt.DryRun = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Calibrate the overhead camera: lens from a chessboard, place over the plate, background of the empty plate."""
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.camera.section import check_begun, save_background
-    from mazeplan.rigs.hardware.files import hardware_file
+    import numpy as np
 
-    counts, maze = _corners(corners), load_map(map_)
-    file = hardware_file(rig)
-    if not dry_run:
-        file.check_writable()
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.camera.calibration import calibrate_plate
+    from mazeplan.rigs.camera.markers import corner_markers
+    from mazeplan.rigs.camera.section import check_begun, mapping, marker_section, save_background
+    from mazeplan.rigs.camera.source import pictures
+    from mazeplan.rigs.hardware.files import background_of, hardware_file
+
+    maze, file = load_map(map_), hardware_file(rig)
+    file.check_writable()
     given = dict(file.settings.camera or {})
     check_begun(given, file.data)
-    markers = _markers(given, maze, file)
-    lens, done = _calibrate(file, given, boards, plate, (counts, square_mm / 1000.0), maze, markers)
-    section, written = _section(done, markers, given, file), None
-    if not dry_run:
-        save_background(done.background, file.target.parent / section["background"])
-        written = str(file.write({"camera": section}))
+    markers = corner_markers(maze)
+    if given.get("markers") is not None:
+        markers = marker_section(given["markers"], file.data).markers()
+    pivot = np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
+    # the rig asks for this size later; a file without size and lens leaves the choice to the device
+    size = file.settings.picture if {"size", "focal_px"} & given.keys() else None
+    with ProgressBar("calibrating", compiles=False) as bar:
+        lens = _lens(given, file) if boards is None else _lens_of(boards, size, (corners, square_mm / 1000.0), bar)
+        seen = list(_shown(pictures(plate or str(given.get("source", 0)), PLATES, size), bar))
+        bar.show("place of the camera")
+        done = calibrate_plate(lens, seen, maze, markers, pivot)
+    section = mapping(
+        done.camera, markers, source=given.get("source", 0), ball_hue_deg=given.get("ball_hue_deg"),
+        background=background_of(file.target), date=date.today().isoformat(), error_px=round(done.error_px, 3),
+        error_mm=round(done.error_mm, 3),
+    )  # fmt: skip
+    save_background(done.background, file.target.parent / section["background"])
+    written = str(file.write({"camera": section}))
     if as_json:
         out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
         print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), **out, "rig": written})
@@ -86,35 +116,27 @@ def camera(
         print(f"lens          {lens.error_px:.2f} px over {lens.used} pictures of the chessboard")
     print(f"plate         {done.error_px:.2f} px or {done.error_mm:.2f} mm, by its markers")
     print(f"camera        {1000.0 * float(done.camera.centre()[2]):.0f} mm above the plate")
-    print(f"written       {written or 'nothing'}")
+    print(f"written       {written}")
 
 
-def _calibrate(
-    file: RigFile, given: dict[str, Any], boards: str | None, plate: str | None, board: tuple[tuple[int, int], float],
-    maze: Maze, markers: Markers,
-) -> tuple[LensCalibration, Calibration]:  # fmt: skip
-    """Find lens and place of the camera. board: inner corners of the chessboard, and side of its squares, m"""
-    import numpy as np
+def _lens(given: dict[str, Any], file: RigFile) -> LensCalibration:
+    """The lens in the rig's file. Raises SettingsError without one."""
+    from mazeplan.rigs.camera.calibration import LensCalibration
+    from mazeplan.rigs.camera.section import camera_section
 
-    from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.rigs.camera.calibration import calibrate_plate
-    from mazeplan.rigs.camera.source import pictures
-
-    source = plate or str(given.get("source", 0))
-    pivot = np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
-    # the rig asks for this size later; a file without size and lens leaves the choice to the device
-    size = file.settings.picture if {"size", "focal_px"} & given.keys() else None
-    with ProgressBar("calibrating", compiles=False) as bar:
-        lens = _lens(given, file) if boards is None else _lens_of(boards, size, board, bar)
-        seen = list(_shown(pictures(source, PLATES, size), bar))
-        bar.show("place of the camera")
-        return lens, calibrate_plate(lens, seen, maze, markers, pivot)
+    if "focal_px" not in given:
+        problem = "has no lens yet: give pictures of a chessboard with --boards"
+        raise SettingsError(problem, file=file.path, key="camera")
+    model = camera_section(given, file.data).model()
+    return LensCalibration(model.matrix, model.distortion, model.size, 0.0, 0)
 
 
 def _lens_of(
     boards: str, size: tuple[int, int] | None, board: tuple[tuple[int, int], float], bar: ProgressBar
 ) -> LensCalibration:
-    """The lens from pictures of the chessboard. Raises InputError that names the bad picture, or their source."""
+    """The lens from pictures of the chessboard. Raises InputError that names the bad picture, or their source.
+
+    board: inner corners of the chessboard, and side of its squares, m"""
     from mazeplan.rigs.camera.calibration import calibrate_lens
     from mazeplan.rigs.camera.source import pictures
 
@@ -132,87 +154,23 @@ def _shown(found: Iterator[Any], bar: ProgressBar) -> Iterator[Any]:
     bar.show("fitting all pictures")
 
 
-def _corners(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{1,2})x([0-9]{1,2})", text.strip().lower())
-    if found is None or not (3 <= int(found[1]) <= 30 and 3 <= int(found[2]) <= 30):
-        raise InputError(f"--corners: got {text!r}, expected inner corners across x down, such as 9x6, 3 to 30 each")
-    return int(found[1]), int(found[2])
-
-
-def _lens(given: dict[str, Any], file: RigFile) -> LensCalibration:
-    """The lens in the rig's file. Raises SettingsError without one."""
-    from mazeplan.rigs.camera.calibration import LensCalibration
-    from mazeplan.rigs.camera.section import camera_section
-
-    if "focal_px" not in given:
-        problem = "has no lens yet: give pictures of a chessboard with --boards"
-        raise SettingsError(problem, file=file.path, key="camera")
-    model = camera_section(given, file.data).model()
-    return LensCalibration(model.matrix, model.distortion, model.size, 0.0, 0)
-
-
-def _markers(given: dict[str, Any], maze: Maze, file: RigFile) -> Markers:
-    """The markers in the rig's file; without them, those in the corners of the plate."""
-    from mazeplan.rigs.camera.markers import corner_markers
-    from mazeplan.rigs.camera.section import marker_section
-
-    if given.get("markers") is None:
-        return corner_markers(maze)
-    return marker_section(given["markers"], file.data).markers()
-
-
-def _section(done: Calibration, markers: Markers, given: dict[str, Any], file: RigFile) -> dict[str, Any]:
-    """The section `camera` for the rig's file."""
-    from datetime import date
-
-    from mazeplan.rigs.camera.section import mapping
-    from mazeplan.rigs.hardware.files import background_of
-
-    return mapping(
-        done.camera,
-        markers,
-        source=given.get("source", 0),
-        ball_hue_deg=given.get("ball_hue_deg"),
-        background=background_of(file.target),
-        date=date.today().isoformat(),
-        error_px=round(done.error_px, 3),
-        error_mm=round(done.error_mm, 3),
-    )
-
-
-app = typer.Typer(help="Calibrate a real rig, and write the result into its file.", no_args_is_help=True)
-LARGEST_ERROR_DEG = 0.1
-Readings = Annotated[
-    Path | None,
-    Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
-]
-Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
-
-app.command("camera")(camera)
-
-
 @app.command("tilt")
 def tilt(
-    rig: opt.RigFileName = "hardware",
+    rig: RigFileName = "hardware",
     readings: Readings = None,
     grid: Grid = 7,
     map_: opt.Map = "cme",
-    dry_run: opt.DryRun = False,
-    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the tilt sensor, and with known pulses the servos, to readings of a clinometer. The map sets the tilt limit.
 
     Exit status 1: the error exceeds 0.1 degrees, and the rig's file stays as it is."""
-    from datetime import date
-
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.hardware.files import hardware_file
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
-    if not dry_run:
-        file.check_writable()
+    file.check_writable()
     if readings is None:
         place = free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
         taken = _ask_at_board(file, limit, grid, place)
@@ -222,36 +180,26 @@ def tilt(
         fit = fit_tilt(taken)
     except InputError as problem:
         raise InputError(problem.problem, file=place if place.exists() else None, key=problem.key) from None
-    sections = {"tilt": fit.section(date.today().isoformat())}
-    servo = _servo_section(fit, file.data.get("servo"))
-    if servo is not None:
-        sections["servo"] = servo
+    servos = {}
+    if fit.level_us is not None and fit.us_per_deg is not None:  # readings with pulses
+        fitted = zip(("beta", "gamma"), fit.level_us, fit.us_per_deg, strict=True)
+        servos = {axis: {"level_us": level, "us_per_deg": gain} for axis, level, gain in fitted}
     good, written = fit.error_deg <= LARGEST_ERROR_DEG, None
     try:
-        written = None if dry_run or not good else str(file.write(sections))
+        written = str(file.write(_tilt_sections(fit, servos, file.data.get("servo")))) if good else None
     finally:
-        _report(fit, readings, as_json, written)
+        _report(fit, servos, readings, as_json, written)
     sys.exit(0 if good else 1)
 
 
-def _servo_section(fit: TiltFit, given: Any) -> dict[str, Any] | None:
-    """The section `servo` with the fitted level pulses and gains; None for readings without pulses."""
-    servos = _servos(fit)
-    if not servos:
-        return None
-    section = dict(given) if isinstance(given, dict) else {}
+def _tilt_sections(fit: TiltFit, servos: dict[str, dict[str, float]], given: Any) -> dict[str, Any]:
+    """The sections `tilt`, and `servo` with the fitted level pulses and gains. given: the section `servo` so far"""
+    sections: dict[str, Any] = {"tilt": fit.section(date.today().isoformat())}
+    servo = dict(given) if isinstance(given, dict) else {}
     for axis, found in servos.items():
         rounded = {"level_us": round(found["level_us"], 1), "us_per_deg": round(found["us_per_deg"], 3)}
-        section[axis] = {**dict(section.get(axis) or {}), **rounded}
-    return section
-
-
-def _servos(fit: TiltFit) -> dict[str, dict[str, float]]:
-    """{axis: fitted level pulse and gain}; empty for readings without pulses."""
-    if fit.level_us is None or fit.us_per_deg is None:
-        return {}
-    fitted = zip(("beta", "gamma"), fit.level_us, fit.us_per_deg, strict=True)
-    return {axis: {"level_us": level, "us_per_deg": gain} for axis, level, gain in fitted}
+        servo[axis] = {**dict(servo.get(axis) or {}), **rounded}
+    return {**sections, "servo": servo} if servos else sections
 
 
 def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> list[Reading]:
@@ -303,9 +251,11 @@ def _ask(question: str) -> tuple[float, float] | None:
         say("expected two finite numbers, such as: -2.3 0.4")
 
 
-def _report(fit: TiltFit, readings: Path | None, as_json: bool, written: str | None) -> None:
+def _report(
+    fit: TiltFit, servos: dict[str, dict[str, float]], readings: Path | None, as_json: bool, written: str | None
+) -> None:
     """Print the fit. written: the rig's file, if it was written"""
-    axes, servos = {"beta": fit.beta, "gamma": fit.gamma}, _servos(fit)
+    axes = {"beta": fit.beta, "gamma": fit.gamma}
     if as_json:
         found = {
             axis: {"terms": f.terms, "rms_deg": f.rms, "worst_deg": f.worst, "left_out_deg": f.left_out, "used": f.used}

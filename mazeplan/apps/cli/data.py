@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say
 
-if TYPE_CHECKING:
-    from mazeplan.learning.published_rig import ImportedRing
-
 app = typer.Typer(help="Import measured data.", no_args_is_help=True, rich_markup_mode=None)
 
+FIGURES = ("step", "published", "recovered", "segments", "noise", "noise_variance")
 ModelsFolder = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of the model files, CircularMaze/Models in PyRoboCOP.")
 ]
-TablesFolder = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        parser=opt.folder,
-        callback=opt.new_folder,
-        metavar="OUT",
-        help="Folder for ring1.csv, ring2.csv ...",
-    ),
-]
+TablesFolder = Annotated[Path, opt.output_folder("Folder for ring1.csv, ring2.csv ...")]
 
 
 @app.callback()
@@ -55,24 +43,18 @@ def import_cme(
             bar.show(f"ring {ring}")
             found[ring] = import_ring(model, advance=piece(bar.advance, i, 1, len(models)))
             write_ring(found[ring], paths[ring])
+    document: dict[str, dict[str, Any]] = {}
+    for ring, imported in found.items():
+        figures = {name: getattr(imported, name) for name in FIGURES}
+        figures = {"file": str(paths[ring]), "source": imported.file.name, **figures}
+        document[f"ring{ring}"] = {**figures, "checks": dict(imported.checks)}
     if as_json:
-        print_json({f"ring{ring}": _document(imported, paths[ring]) for ring, imported in found.items()})
+        print_json(document)
     else:
-        print("\n".join(_line(imported) for imported in found.values()))
+        for ring, row in document.items():
+            checks = ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in row["checks"].items())
+            print(
+                f"{ring}: {row['published']} rows published (1 sample in {row['step']}), {row['recovered']} recovered, "
+                f"{row['segments']} segments; noise {row['noise']:.4g} rad/s^2; should be 0: {checks}"
+            )
     say(f"wrote {', '.join(path.name for path in paths.values())} to {output}")
-
-
-def _document(imported: ImportedRing, path: Path) -> dict[str, Any]:
-    names = ("step", "published", "recovered", "segments", "noise", "noise_variance")
-    figures = {name: getattr(imported, name) for name in names}
-    return {"file": str(path), "source": imported.file.name, **figures, "checks": dict(imported.checks)}
-
-
-def _line(imported: ImportedRing) -> str:
-    """A line for a ring: rows, segments, noise, and the checks that should be 0."""
-    checks = ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in imported.checks.items())
-    return (
-        f"ring {imported.ring}: {imported.published} rows published (1 sample in {imported.step}), "
-        f"{imported.recovered} recovered, {imported.segments} segments; noise {imported.noise:.4g} rad/s^2 "
-        f"(variance {imported.noise_variance:.6g}); should be 0: {checks}"
-    )

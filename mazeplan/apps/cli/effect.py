@@ -46,11 +46,8 @@ def show(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson
     if as_json:
         print_json({**document(effect), "text": effect.text, "source": effect.source})
         return
-    print(f"{name}: {effect.text}")
-    print(f"acts on    {_acts_on(effect)}")
-    print(f"formula    {document(effect)['formula']}")
-    print(f"source     {effect.source}")
-    print(f"planned    {'yes' if effect.planned else f'no: {effect.why_not}'}")
+    print(f"{name}: {effect.text}\nacts on    {_acts_on(effect)}\nformula    {document(effect)['formula']}")
+    print(f"source     {effect.source}\nplanned    {'yes' if effect.planned else f'no: {effect.why_not}'}")
     print("parameters (unit; value without the effect; bounds; smallest relevant size):")
     width = max(map(len, effect.parameters))
     for key, p in effect.parameters.items():

@@ -24,7 +24,7 @@ def evaluate(
     start: opt.StartRing = "ring1",
     goal: opt.GoalRing = "centre",
     balls: opt.Balls = None,
-    seed: opt.FirstSeed = 0,
+    seed: opt.Seed = 0,
     time_limit: opt.TimeLimit = 20.0,
     workers: opt.Workers = None,
     dask: opt.Dask = None,
@@ -41,11 +41,9 @@ def evaluate(
         _compare(compare, as_json)
         return
     from mazeplan.apps.cli.progress import campaign_progress
-    from mazeplan.apps.cli.report import write_report
     from mazeplan.apps.report.evaluation import evaluation_section
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import section_text
-    from mazeplan.core.results import finite
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.balls import with_balls
@@ -57,22 +55,19 @@ def evaluate(
         runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
         time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
-        own_process=True, say=say,
-        bar=lambda total, begin: campaign_progress(total, begin=begin),
+        own_process=True, say=say, bar=campaign_progress,
     )  # fmt: skip
-    document = done.document
-    name = document["setup"]["rig"] + (" with faults" if faults else "")
     if report is not None:
-        write_report("evaluation", document, report, name)
+        say(f"wrote {done.report(report)}")
     if as_json:
-        print_json(document)
+        print_json(done.document)
     else:
-        print(section_text(evaluation_section(Input("evaluation", Path(name), name, finite(document)))))
-    sys.exit(_exit_status(document))
+        name = done.document["setup"]["rig"] + (" with faults" if faults else "")
+        print(section_text(evaluation_section(Input("evaluation", Path(name), name, done.json()))))
+    sys.exit(_exit_status(done.document))
 
 
 def _compare(files: tuple[Path, Path], as_json: bool) -> None:
-    """Print the difference between two evaluations. Raises InputError."""
     from mazeplan.apps.report.inputs import read_document
     from mazeplan.run.campaign.pairs import paired
 

@@ -1,11 +1,8 @@
-"""`collect`, `learn` and `improve`: from a rig to a record, to a model, and round again; `policy train`: imitation."""
+"""`collect`, `learn`, `diagnose` and `improve`: from a rig to a record, to a model, and round again; `policy train`."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +12,6 @@ from mazeplan.apps.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from mazeplan.run.campaign.imitation import Round
-    from mazeplan.run.collect import Collected
 
 
 def collect(
@@ -41,35 +37,24 @@ def collect(
 
     if rings and not place:
         note_missing_model(rig, model)
-    with _report_kept(output), ProgressBar("seconds", transient=False) as bar:
-        done = record(
-            output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed, tilt=tilt,
-            highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
-            advance=bar.advance,
-        )  # fmt: skip
-    if done.tour is not None:
-        report(done.tour)
+    try:
+        with ProgressBar("seconds", transient=False) as bar:
+            done = record(
+                output, seconds, rig=rig, map=map_, ring=ring, rings=rings, place=place, model=model, seed=seed,
+                tilt=tilt, highest_hz=highest_hz, own_process=True, guard=lambda machine: stop_key(machine, interrupt),
+                advance=bar.advance,
+            )  # fmt: skip
+    except KeyboardInterrupt as problem:
+        if output.exists():
+            problem.add_note(f"the samples so far are in {output}")
+        raise
+    if (tour := done.tour) is not None:
+        say("time       " + ", ".join(f"ring {ring} {time:.0f} s" for ring, time in tour.ring_s.items()))
+        say(f"drives     {tour.drives}, {tour.failed} did not arrive; {tour.changes} changes of ring")
+        say("openings   " + ", ".join(f"{name} {count}" for name, count in tour.passed.items()))
     if as_json:
         print_json(done.document)
     say(f"wrote {done.document['samples']} samples to {output}")
-
-
-@contextmanager
-def _report_kept(output: Path) -> Iterator[None]:
-    """On Ctrl-C, print the file that holds the samples so far."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        if output.exists():
-            say(f"the samples so far are in {output}")
-        raise
-
-
-def report(tour: Collected) -> None:
-    """Print the time in each ring, the drives and the passed openings on stderr."""
-    say("time       " + ", ".join(f"ring {ring} {time:.0f} s" for ring, time in tour.ring_s.items()))
-    say(f"drives     {tour.drives}, {tour.failed} did not arrive; {tour.changes} changes of ring")
-    say("openings   " + ", ".join(f"{name} {count}" for name, count in tour.passed.items()))
 
 
 def learn(
@@ -77,7 +62,7 @@ def learn(
     output: opt.OutputFolder,
     kind: opt.Kind = "sp",
     device: opt.Device = "cpu",
-    most: opt.LearnRows = 4000,
+    most: opt.Most = 4000,
     seed: opt.Seed = 0,
     map_: opt.MapOfLog = None,
     columns: opt.Columns = None,
@@ -85,10 +70,6 @@ def learn(
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""
-    from mazeplan.core.logs.table import check_there
-
-    for log in logs:  # checked before torch loads
-        check_there(log)
     from mazeplan.apps.cli.model import model_lines
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.learning import score_section
@@ -113,6 +94,37 @@ def learn(
     print("\n".join([*lines, f"wrote {learned.document['model']}", scored]))
 
 
+def diagnose(
+    logs: opt.Logs,
+    model: opt.KnownModel = None,
+    radius: opt.Radius = None,
+    declare: opt.Declare = None,
+    ring: opt.Ring = None,
+    test: opt.TestLog = None,
+    map_: opt.MapOfLog = None,
+    system: opt.System = "ring",
+    effects: opt.EffectModule = None,
+    output: opt.MaybeOutputFolder = None,
+    reference: opt.Reference = None,
+    columns: opt.Columns = None,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Find the effect that a model lacks, and the improvement of its predictions with the effect."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.run.commands.diagnose import diagnose as find
+
+    with ProgressBar("diagnosing") as bar:
+        done = find(
+            logs, model=model, radius=radius, declare=declare or [], ring=ring, test=test, map=map_, system=system,
+            effects=effects, output=output, reference=reference or [], columns=columns or [], progress=bar.show,
+        )  # fmt: skip
+    if as_json:
+        print_json(done.document)
+    else:
+        print("\n".join(done.lines))
+
+
 def improve(
     rig: opt.RigName,
     model: opt.KnownModel = None,
@@ -125,7 +137,7 @@ def improve(
     map_: opt.Map = "cme",
     seed: opt.Seed = 0,
     workers: opt.Workers = None,
-    output: opt.ReportFolder = None,
+    output: opt.MaybeOutputFolder = None,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
@@ -146,35 +158,25 @@ def improve(
     done = improved.rounds
     if as_json:
         print_json({"rounds": done})
-    else:
-        print("\n".join(round_lines(done)))
+    for number, entry in () if as_json else enumerate(done, start=1):
+        print("\n".join(_round_lines(number, entry)))
     unknown = any(entry["diagnosis"]["verdict"] == "unknown_effect" for entry in done)
     sys.exit(1 if unknown or done[-1]["navigation"]["after"]["success"] != runs else 0)
 
 
-def round_lines(rounds: list[dict[str, Any]]) -> list[str]:
-    """Lines for each round: the diagnosis, the navigations before and after, and the model."""
-    lines = []
-    for number, entry in enumerate(rounds, start=1):
-        lines.append(f"round {number}: {entry['diagnosis']['sentence']}")
-        for when, n in entry["navigation"].items():
-            mean = n["time_s"]["mean"]
-            lines.append(
-                f"  {when:7s} {n['success']} of {n['runs']} arrived" + (f", mean {mean:.2f} s" if mean else "")
-            )
-        if entry.get("compared"):
-            lines.append(f"  {entry['compared']['sentence']}")
-        lines += [f"  {line}" for line in entry["diagnosis"]["advice"]]
-        if entry["diagnosis"]["model"]:
-            lines.append(f"  model   {entry['diagnosis']['model']}")
-    return lines
+def _round_lines(number: int, entry: dict[str, Any]) -> list[str]:
+    """Lines for a round: the diagnosis, the navigations before and after, and the model."""
+    diagnosis = entry["diagnosis"]
+    lines = [f"round {number}: {diagnosis['sentence']}"]
+    for when, n in entry["navigation"].items():
+        mean = f", mean {n['time_s']['mean']:.2f} s" if n["time_s"]["mean"] else ""
+        lines.append(f"  {when:7s} {n['success']} of {n['runs']} arrived{mean}")
+    lines += [f"  {entry['compared']['sentence']}"] if entry.get("compared") else []
+    lines += [f"  {line}" for line in diagnosis["advice"]]
+    return lines + ([f"  model   {diagnosis['model']}"] if diagnosis["model"] else [])
 
 
 policy_app = typer.Typer(help="Train policies that imitate the planner.", no_args_is_help=True)
-PolicyRounds = Annotated[
-    int, typer.Option("--rounds", min=1, metavar="N", help="Rounds; in the first one the planner drives.")
-]
-PolicyRuns = Annotated[int, typer.Option("--runs", min=1, metavar="N", help="Runs of each round.")]
 Epochs = Annotated[int, typer.Option("--epochs", min=1, metavar="N", help="Passes over the samples in each fit.")]
 
 
@@ -185,11 +187,11 @@ def train(
     map_: opt.Map = "cme",
     model: opt.Model = None,
     settings: opt.Settings = None,
-    rounds: PolicyRounds = 6,
-    runs: PolicyRuns = 80,
+    rounds: opt.Rounds = 6,
+    runs: opt.RoundRuns = 80,
     epochs: Epochs = 20,
     seed: opt.Seed = 0,
-    workers: opt.Processes = 1,
+    workers: opt.Workers = 1,
     device: opt.Device = "cpu",
     force: opt.Force = False,
     as_json: opt.AsJson = False,
@@ -215,21 +217,15 @@ def train(
     with ProgressBar("learning") as bar:
 
         def tell(done: Round) -> None:
-            lines.append(round_line(done))
+            held_out = f"commands off by {done.error:.2f} deg on average on those held out"
+            samples = f"{done.samples} samples so far, {held_out}"
+            lines.append(f"round {done.number + 1}: {done.arrived} of {done.runs} arrived, {samples}")
             bar.show(lines[-1])
 
-        options = Options(rounds, runs, seed, workers, epochs, device=device)
+        options = Options(rounds, runs, seed, workers or 1, epochs, device=device)
         policy = train_policy(campaign, options, show=bar.show, advance=bar.advance, tell=tell)
     path = save_policy(policy, output)
     if as_json:
         print_json({"policy": str(path.parent), **policy_document(policy)})
     else:
         print("\n".join([*lines, f"wrote {path}"]))
-
-
-def round_line(done: Round) -> str:
-    """The result of a round of training, in one line."""
-    return (
-        f"round {done.number + 1}: {done.arrived} of {done.runs} arrived, {done.samples} samples so far, "
-        f"commands off by {done.error:.2f} deg on average on those held out"
-    )

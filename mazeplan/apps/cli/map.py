@@ -6,40 +6,33 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.map_learn import learn
 from mazeplan.apps.cli.option_checks import listed
 from mazeplan.apps.cli.output import plural, print_json, say
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.run.commands.log_context import parse_opening
+from mazeplan.core.whole_file import write_text
+from mazeplan.run.commands.log_context import logged_map, parse_opening
 
 if TYPE_CHECKING:
-    from mazeplan.core.logs.run_log import RunLog
-    from mazeplan.core.records import Array
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.graph import Route
+    from mazeplan.maze.learnedmap import LearnedMap
+    from mazeplan.maze.transitions import BallTrack
 
 app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
-app.command()(learn)
 
 LOOK_S = 0.25  # s between two looks at a watched file
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
 MapFiles = Annotated[list[str], typer.Argument(metavar="MAP", help="Map files, or names of packaged maps.")]
-Picture = Annotated[
-    Path,
-    typer.Option(
-        "--output", "-o", parser=opt.file(*opt.PICTURES, chosen=True), callback=opt.new_file, metavar="FILE",
-        help="Picture to write: .png, .svg or .pdf.",
-    ),
-]  # fmt: skip
+Picture = Annotated[Path, opt.output_file("Picture to write: .png, .svg or .pdf.", ".png", ".svg", ".pdf", chosen=True)]
 Watch = Annotated[bool, typer.Option("--watch", help="Draw again at each save of the map.")]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route to the centre, or to the goal of --log.")]
 WithLabels = Annotated[
@@ -48,26 +41,26 @@ WithLabels = Annotated[
 TrailLog = Annotated[
     Path | None, typer.Option("--log", metavar="LOG", help="Run log: also draw the trail of the ball.")
 ]
+LearnedFile = Annotated[Path, opt.output_file("Map file to write.", *opt.YAML)]
+MinCount = Annotated[int, typer.Option("--min-count", min=1, metavar="N", help="Fewest passages of an opening.")]
 
 
 @app.command()
-def check(files: MapFiles, json: opt.AsJson = False) -> None:
+def check(files: MapFiles, as_json: opt.AsJson = False) -> None:
     """Check maps, and name the line and key of each problem."""
     from mazeplan.maze.mapfile import check_map
 
     results = [(file, check_map(file)) for file in files]
-    if json:
+    if as_json:
         keys = ("file", "ok", "errors", "warnings")
         rows = [(file, r.maze is not None, [*map(str, r.errors)], [*r.warnings]) for file, r in results]
         print_json([dict(zip(keys, row, strict=True)) for row in rows])
-    for file, result in () if json else results:
+    for file, result in () if as_json else results:
         for line in (*result.errors, *result.warnings):
             say(f"mazeplan: {line}")
-        if result.maze is not None:
-            rings, openings = len(result.maze.rings), len(result.maze.openings)
-            walls = len(result.maze.radial_walls)
-            across = f", {plural(walls, 'radial wall')}" if walls else ""
-            print(f"{file}: ok: {result.maze.name}, {rings} rings, {openings} openings{across}")
+        if (maze := result.maze) is not None:
+            across = f", {plural(len(maze.radial_walls), 'radial wall')}" if maze.radial_walls else ""
+            print(f"{file}: ok: {maze.name}, {len(maze.rings)} rings, {len(maze.openings)} openings{across}")
     if any(result.errors for _, result in results):
         raise typer.Exit(2)
 
@@ -114,117 +107,47 @@ def _draw(map_: str, output: Path, *, with_route: bool, labels: bool, log: Path 
     from mazeplan.maze.drawing import save_drawing
     from mazeplan.maze.mapfile import load_map
 
-    maze = load_map(map_)
-    trail, second, start, goal, title = None, None, ("ring1", 0.0), None, f"map {maze.name}"
-    if log is not None:
-        from mazeplan.apps.report.run import lead, second_trail
-        from mazeplan.apps.report.run import trail as trail_of
+    if log is None:
+        maze = load_map(map_)
+        first, last, theta = 1, len(maze.rings), 0.0
+        drawn: dict[str, Any] = {"title": f"map {maze.name}"}
+    else:
+        from mazeplan.apps.report.run import lead, second_trail, trail
+        from mazeplan.core.logs.run_log import read_log
 
-        read = _log_of(log, maze)
-        trail, second = trail_of(read), second_trail(read)
-        start, number = _beginning(trail, maze), read.header.get("goal_ring")
-        goal = f"ring{number}" if number else None
-        title += f", rig {read.header.get('rig')}, seed {read.header.get('seed')}\n{lead(read)}"
-    best = _find(maze, start[0], goal, None, start[1], ()).require_route(maze) if with_route else None
-    save_drawing(maze, output, route=best, trail=trail, names=labels, title=title, second=second)
+        maze, read = logged_map(map_, log).maze, read_log(log)  # it warns if the log is of another map
+        header, start = read.header, (read.result or {}).get("start") or {}
+        first, last = header.get("start_ring", 1), header.get("goal_ring", len(maze.rings))
+        theta = start.get("theta", 0.0)
+        title = f"map {maze.name}, rig {header.get('rig')}, seed {header.get('seed')}\n{lead(read)}"
+        drawn = {"title": title, "trail": trail(read), "second": second_trail(read)}
+    best = _route(maze, first, last, theta) if with_route else None
+    if with_route and best is None:
+        _end_without_route(maze, first, last)
+    save_drawing(maze, output, route=best, names=labels, **drawn)
 
 
 @app.command()
 def route(
     map_: MapArgument = "cme",
     start: opt.StartRing = "ring1",
-    goal: opt.MapGoal = None,
-    start_angle: opt.MapAngle = None,
+    goal: opt.GoalRing = "centre",
+    start_angle: opt.StartAngle = None,
     close: opt.Close = None,
-    json: opt.AsJson = False,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Find the fastest expected route: for each ring the turn and the opening."""
     from mazeplan.maze.mapfile import load_map
-
-    maze = load_map(map_)
-    found = _find(maze, start, goal, start_angle, 0.0, listed(close))
-    if json:
-        print_json(_document(maze, found))
-        if found.route is None:
-            raise typer.Exit(1)
-        return
-    best = found.require_route(maze)
-    for leg in best.legs:
-        turn, name, there = math.degrees(leg.turn_rad), leg.opening.name, leg.opening.leads_to(leg.ring)
-        print(f"ring {leg.ring}: turn {turn:+7.1f} deg, opening {name} to ring {there}, {leg.expected_s:.2f} s")
-    print(f"ring {found.last}: goal, {best.expected_s:.2f} s expected")
-
-
-def _log_of(log: Path, maze: Maze) -> RunLog:
-    """Read the log of a run. Prints a line if the log is of another map."""
-    from mazeplan.core.logs.run_log import read_log
-    from mazeplan.maze.mapfile import dump_map
-    from mazeplan.maze.mapschema import MAX_BALLS
-
-    read = read_log(log)
-    same = [dump_map(replace(maze, balls=balls)) for balls in range(1, MAX_BALLS + 1)]
-    if read.header.get("map", same[0]) not in same:
-        say(f"{log} is of another map ({read.header.get('map_name')}); drawing its trail on {maze.name}")
-    return read
-
-
-def _beginning(trail: Array, maze: Maze) -> tuple[str, float]:
-    """Ring and angle (degrees) where a trail begins; ring1 and 0 for a ball that was never seen."""
-    import numpy as np
-
-    seen = trail[np.isfinite(trail).all(axis=1)]
-    if not len(seen):
-        return "ring1", 0.0
-    x, y = seen[0, :2]
-    return f"ring{maze.ring_at(math.hypot(x, y))}", place_deg(math.atan2(y, x))
-
-
-class _Found(NamedTuple):
-    """First and last ring, start angle in degrees, and the route, if there is one."""
-
-    first: int
-    last: int
-    angle: float
-    route: Route | None
-
-    def require_route(self, maze: Maze) -> Route:
-        """The route. Without one, prints a message and ends with status 1."""
-        if self.route is None:
-            closed = sum(opening.closed for opening in maze.openings)
-            shut = f" ({closed} of {len(maze.openings)} are closed in it)" if closed else ""
-            way = f"from ring{self.first} to ring{self.last} through the openings of map {maze.name}"
-            say(f"mazeplan: no route {way}{shut}")
-            raise typer.Exit(1)
-        return self.route
-
-
-def _find(
-    maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: Iterable[str]
-) -> _Found:
-    """Find the route.
-
-    start_angle: degrees; raises InputError if the ball has no room there
-    usual: start angle without `start_angle`, degrees, moved to the nearest free angle
-    close: openings to close"""
-    from mazeplan.maze.graph import RouteGraph
     from mazeplan.run.resolve import check_start_angle, ring_number
 
-    first = ring_number(start, maze)
-    last = len(maze.rings) if goal is None else ring_number(goal, maze)
+    maze = load_map(map_)
+    first, last = ring_number(start, maze), ring_number(goal, maze)
     if start_angle is not None:
         check_start_angle(start_angle, first, maze, "--start-angle")
-        angle = start_angle
-    else:
-        free = maze.has_room(first, math.radians(usual))
-        angle = usual if free else place_deg(maze.clear_angle(first, math.radians(usual)))
-    graph = RouteGraph(maze)
-    for name in close:
-        graph.close(parse_opening(name, maze))
-    return _Found(first, last, angle, graph.route(first, last, math.radians(angle)))
-
-
-def _document(maze: Maze, found: _Found) -> dict[str, Any]:
-    best = found.route
+    theta = math.radians(start_angle or 0.0)
+    if not maze.has_room(first, theta):
+        theta = maze.clear_angle(first, theta)
+    best = _route(maze, first, last, theta, listed(close))
     legs = [
         {
             "ring": leg.ring,
@@ -235,5 +158,104 @@ def _document(maze: Maze, found: _Found) -> dict[str, Any]:
         }
         for leg in (best.legs if best else ())
     ]
-    task = {"map": maze.name, "from": found.first, "to": found.last, "start_angle_deg": found.angle}
-    return {**task, "found": best is not None, "expected_s": best.expected_s if best else None, "legs": legs}
+    if as_json:
+        degrees = place_deg(theta) if start_angle is None else start_angle
+        task = {"map": maze.name, "from": first, "to": last, "start_angle_deg": degrees, "found": best is not None}
+        print_json({**task, "expected_s": best.expected_s if best else None, "legs": legs})
+    if best is None:
+        _end_without_route(maze, first, last)
+    if not as_json:
+        for leg in best.legs:
+            to = f"opening {leg.opening.name} to ring {leg.opening.leads_to(leg.ring)}"
+            print(f"ring {leg.ring}: turn {math.degrees(leg.turn_rad):+7.1f} deg, {to}, {leg.expected_s:.2f} s")
+        print(f"ring {last}: goal, {best.expected_s:.2f} s expected")
+
+
+def _route(maze: Maze, first: int, last: int, theta: float, close: Iterable[str] = ()) -> Route | None:
+    """The fastest route without the openings in `close`. theta: start angle, rad"""
+    from mazeplan.maze.graph import RouteGraph
+
+    graph = RouteGraph(maze)
+    for name in close:
+        graph.close(parse_opening(name, maze))
+    return graph.route(first, last, theta)
+
+
+def _end_without_route(maze: Maze, first: int, last: int) -> NoReturn:
+    closed = sum(opening.closed for opening in maze.openings)
+    shut = f" ({closed} of {len(maze.openings)} are closed in it)" if closed else ""
+    say(f"mazeplan: no route from ring{first} to ring{last} through the openings of map {maze.name}{shut}")
+    raise typer.Exit(1)
+
+
+@app.command()
+def learn(
+    logs: opt.Logs,
+    output: LearnedFile = Path("learned.yaml"),
+    min_count: MinCount = 2,
+    map_: opt.MapOfLog = None,
+    columns: opt.Columns = None,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Learn rings and openings from the places of the ball and its changes of ring. The map has the missing figures."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.learnedmap import learn_map, map_text
+
+    names = ", ".join(str(log) for log in logs)
+    with ProgressBar("learning a map") as bar:
+        bar.show("reading")
+        prior = logged_map(map_, *logs)
+        track = _track(logs, columns or [])
+        try:
+            learned = learn_map(track, prior.maze, prior_name=prior.source, min_count=min_count, progress=bar.show)
+        except TableError as problem:
+            raise TableError(problem.problem, file=names) from None
+    if learned.maze is not None:
+        write_text(output, map_text(learned, [log.name for log in logs]))
+    if as_json:  # lengths in m, angles in rad
+        known = {key: value for key, value in asdict(learned).items() if key != "maze"}
+        print_json({"map": None if learned.maze is None else str(output), **known})
+    else:
+        print("\n".join(_learned_lines(learned)))
+    for line in (*(f"warning: {line}" for line in learned.warnings), *learned.problems):
+        say(f"mazeplan: {names}: {line}")
+    if learned.maze is None:
+        raise typer.Exit(1)
+    say(f"wrote {output}")
+
+
+def _track(logs: list[Path], columns: list[str]) -> BallTrack:
+    """The measured places of the ball in all logs. Raises TableError with file and line."""
+    import numpy as np
+
+    from mazeplan.core.logs.column_units import parse_columns
+    from mazeplan.core.logs.table import join, read_table
+    from mazeplan.maze.transitions import BallTrack
+
+    tables = [read_table(log, parse_columns(columns)) for log in logs]
+    for log, table in zip(logs, tables, strict=True):
+        if "x" not in table or "y" not in table:
+            raise TableError("needs x and y, or theta and r: theta alone shows no rings", file=log)
+    whole = join(tables)
+    seen = np.isfinite(whole["x"]) & np.isfinite(whole["y"])
+    return BallTrack(whole["t"][seen], whole["x"][seen], whole["y"][seen], whole.segment[seen])
+
+
+def _learned_lines(learned: LearnedMap) -> list[str]:
+    """Rings and openings as two tables."""
+    lines = ["ring  inner mm         outer mm         samples at them"]
+    for ring in learned.rings:
+        inner, outer = (
+            f"{1e3 * radius:6.2f} {'(a guess)' if sigma is None else f'± {1e3 * sigma:.3f}' if radius else '(disc)'}"
+            for radius, sigma in ((ring.inner_radius, ring.inner_stderr), (ring.outer_radius, ring.outer_stderr))
+        )
+        lines.append(f"{ring.number:4d}  {inner:16s} {outer:16s} {ring.inner_touches}, {ring.outer_touches}")
+    lines.append("rings  angle deg       width mm  width from                  passages")
+    lines += [
+        f"{o.outer}-{o.outer + 1}    {place_deg(o.angle, 2):6.2f} ± {math.degrees(o.angle_stderr):4.2f}  "
+        f"{1e3 * (o.width or 0.0):8.2f}  {o.width_from:26s}  {o.count:8d}{f'  left out: {o.problem}' * bool(o.problem)}"
+        for o in learned.openings
+    ]
+    x, y = (1e3 * value for value in learned.centre)
+    return [*lines, f"centre of the circles x {x:.2f}, y {y:.2f} mm; camera noise {1e3 * learned.noise:.2f} mm"]

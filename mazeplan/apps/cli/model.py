@@ -20,6 +20,7 @@ KINDS = {
     "sp": "fitted effects, and a Gaussian process for the rest",
     "np": "a Gaussian process alone",
 }
+CELL = 20  # characters of a number with its standard error
 ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="Folder of a model, or name of a packaged one.")]
 
 
@@ -64,11 +65,10 @@ def model_lines(model: RigModel) -> list[str]:
         if key in document:
             lines += _ring_lines(document[key]) if key == "rings" else _lines(key, document[key], "")
     lines += ["body (a rigid ball; forces by its mass: its spin makes accelerations smaller):"] if body else []
+    words = {name: parameter.words for name, parameter in PARAMETERS.items()}
+    words["delay"] = "camera, beyond camera_delay_s"
     for name, value in body.items():
-        words = {"delay": "camera, beyond camera_delay_s"}.get(
-            name, PARAMETERS[name].words if name in PARAMETERS else ""
-        )
-        lines += [f"{line:48s}{words}".rstrip() for line in _lines(name, value, "  ")]
+        lines += [f"{line:48s}{words.get(name, '')}".rstrip() for line in _lines(name, value, "  ")]
     return lines + [f"learned part of ring {n}: {len(part)} rows" for n, part in sorted(model.processes.items())]
 
 
@@ -91,16 +91,12 @@ def _ring_lines(rings: dict[int, dict[str, Any]]) -> list[str]:
             for name, number in parts.items():
                 numbers.setdefault(f"{effect}.{name}", {})[ring] = number
     kept = {name: row for name, row in numbers.items() if any(number["value"] for number in row.values())}
-    cells = {
-        name: [_value(row[ring], ".4g", ".2g") if ring in row else "" for ring in rings] for name, row in kept.items()
-    }
     first = max(map(len, kept), default=0) + 2
-    wide = max((len(cell) for row in cells.values() for cell in row), default=0) + 2
-    lines = [f"{'rings:':{first + 2}s}" + "".join(f"{ring:<{wide}}" for ring in rings).rstrip()]
-    for name, row in cells.items():
-        unit = next(iter(kept[name].values()))["unit"]
-        line = "".join(f"{cell:{wide}s}" for cell in row)
-        lines.append(f"  {name:{first}s}{line}{unit if unit != '1' else ''}".rstrip())
+    lines = [f"{'rings:':{first + 2}s}" + "".join(f"{ring:<{CELL}}" for ring in rings).rstrip()]
+    for name, row in kept.items():
+        unit = next(iter(row.values()))["unit"]
+        cells = "".join(f"{_value(row[ring], '.4g', '.2g') if ring in row else '':{CELL}s}" for ring in rings)
+        lines.append(f"  {name:{first}s}{cells}{unit if unit != '1' else ''}".rstrip())
     return lines
 
 
@@ -165,19 +161,14 @@ def compare(
     ring: opt.Ring = None,
     radius: opt.Radius = None,
     kinds: opt.CompareKinds = "rf,p,pi,np,sp",
-    most: opt.CompareRows = 5000,
+    most: opt.Most = 5000,
     page: opt.Report = None,
     seed: opt.Seed = 0,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
-    from mazeplan.core.logs.table import check_there
-
-    for log in (*logs, *(test or ())):
-        check_there(log)
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.cli.report import write_report
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.models import models_section
     from mazeplan.apps.report.page import section_text
@@ -188,11 +179,10 @@ def compare(
             logs, test=test, map=map_, columns=columns or [], ring=ring, radius=radius, kinds=kinds, most=most,
             seed=seed, progress=bar.show, advance=bar.advance, say=say,
         )  # fmt: skip
-    document, name = done.document, ", ".join(log.name for log in logs)
     if as_json:
-        print_json(document)
+        print_json(done.document)
     else:
-        print(section_text(models_section(Input("comparison", logs[0], name, document))))
-    # the files come last: one that cannot be written loses no result
-    if page is not None:
-        write_report("comparison", document, page, name)
+        name = ", ".join(log.name for log in logs)
+        print(section_text(models_section(Input("comparison", logs[0], name, done.document))))
+    if page is not None:  # comes last: a file that cannot be written loses no result
+        say(f"wrote {done.report(page)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,11 +16,7 @@ from mazeplan.core.errors import InputError, RigError
 
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
-    from mazeplan.learning.modelfile import RigModel
-    from mazeplan.rigs.interface import Rig
     from mazeplan.run.request import Company, NavigationRequest
-
-LEARNING_S = 120.0  # s of record: on rigs of eight kinds, a model of 600 s arrives at most 2 % sooner
 
 
 def navigate(
@@ -30,7 +25,6 @@ def navigate(
     map_: opt.Map = "cme",
     rig: opt.RigName = "toy",
     model: opt.Model = None,
-    learn: opt.FirstModel = None,
     effects: opt.EffectModule = None,
     policy: opt.Policy = None,
     behavior: opt.Behavior = "navigate",
@@ -52,13 +46,9 @@ def navigate(
     """Bring the ball from one ring to another."""
     from mazeplan.run.request import Company, NavigationRequest
 
-    if learn is not None:
-        if model is not None:
-            raise InputError("--learn with --model: give one of them")
-        model = str(learned_model(learn, rig, map_, seed, force))
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
-        tuple(listed(close)), tuple(listed(via)), balls, seed, time_limit, log,
+        listed(close), listed(via), balls, seed, time_limit, log,
     )  # fmt: skip
     if video is not None and view:
         raise InputError("--video with --view: give one of them")
@@ -76,36 +66,6 @@ def navigate(
     if as_json:
         print_json(result.json())
     sys.exit(0 if result.success else 1)
-
-
-def learned_model(folder: Path, rig: str, map_: str, seed: int, force: bool) -> Path:
-    """The folder of a model of the rig. If it holds none, the model is learned there from LEARNING_S of record.
-
-    Raises InputError, TableError, RigError."""
-    from mazeplan.apps.cli.emergency import interrupt, stop_key
-    from mazeplan.apps.cli.option_checks import check_new
-    from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.registry import make_rig
-    from mazeplan.run.commands.collect import collect
-    from mazeplan.run.commands.learn import learn
-
-    log = folder / "record.mcap"
-    if (folder / "model.yaml").exists():
-        return folder
-    if not log.exists():
-        check_new("--learn", folder, force, folder=True)
-        make_rig(rig, load_map(map_))
-        folder.mkdir(parents=True, exist_ok=True)
-        with ProgressBar("seconds", transient=False) as bar:
-            collect(
-                log, LEARNING_S, rig=rig, map=map_, rings=True, place=True, seed=seed, own_process=True,
-                guard=lambda machine: stop_key(machine, interrupt), advance=bar.advance,
-            )  # fmt: skip
-    with ProgressBar("learning") as bar:
-        learned = learn([log], folder, kind="pi", progress=bar.show, advance=bar.advance)
-    say(f"{learned.learned.judgement.words()}; wrote {folder}")
-    return folder
 
 
 @contextmanager
@@ -127,50 +87,42 @@ def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
             say(f"wrote {path}")
 
 
-def note_missing_model(rig: str, model: str | Path | RigModel | None) -> None:
+def note_missing_model(rig: str, model: str | None) -> None:
     """Print how well the model fits its machine, or a note if the run has no fitted model and uses nominal physics.
 
     Raises InputError for a rig or a model that does not exist."""
     from mazeplan.learning.fits import fits_words
-    from mazeplan.learning.modelfile import RigModel, load_model, model_names, model_path
+    from mazeplan.learning.modelfile import load_model, model_names
     from mazeplan.rigs.registry import rig_model_hint
 
-    if isinstance(model, RigModel):  # the command has learned it
-        return
     if model is not None:
-        model_path(model)
         if words := fits_words(load_model(model)):
             say(f"model {model}: {words}")
-    if model is None and rig not in model_names() and rig_model_hint(rig) is None:
+    elif rig not in model_names() and rig_model_hint(rig) is None:
         say(f"no model for rig {rig}: using nominal physics; fit a model with `mazeplan collect` and `learn`")
 
 
 def navigate_once(request: NavigationRequest, company: Company) -> NavigationResult:
-    """Run one request and show its progress on the terminal. A key stops a real rig."""
+    """Run one request of the command line and show its progress on the terminal. A key stops a real rig."""
     from mazeplan.apps.cli.emergency import stop_key
-    from mazeplan.apps.cli.progress import NavigationProgress
-    from mazeplan.core.errors import RigError
+    from mazeplan.apps.cli.progress import NavigationProgress, report_compiling
     from mazeplan.run.execution import execute
     from mazeplan.run.goals import Goals
 
-    goals = company.goals or Goals(request.maze)
+    goals, progress = company.goals or Goals(request.maze), NavigationProgress(str(request.rig))
 
     @contextmanager
-    def guard(machine: Rig) -> Iterator[None]:
-        note_missing_model(str(request.rig), request.model)
+    def guard(machine: Any) -> Iterator[None]:
+        note_missing_model(str(request.rig), None if request.model is None else str(request.model))
         with stop_key(machine, goals.stop):
             yield
 
-    company = replace(company, own_process=True, goals=goals, guard=guard)
-    with NavigationProgress(rig=str(request.rig)) as progress:
-        try:
-            result = execute(request, replace(company, display=progress))
-        except RigError as problem:
-            if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
-                progress.finished(problem.result)
-            raise
-        progress.finished(result)
-    if result.reason == "failed" and not result.failures:
-        tree = shlex.quote(request.behavior)
-        say(f"the tree ended by itself, and nothing went wrong with the ball: mazeplan behavior check {tree}")
+    report_compiling()
+    try:
+        result = execute(request, replace(company, own_process=True, goals=goals, guard=guard, display=progress))
+    except RigError as problem:
+        if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
+            progress.finished(problem.result)
+        raise
+    progress.finished(result)
     return result

@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import check_new, say
+from mazeplan.apps.cli.option_checks import check_new
+from mazeplan.apps.cli.output import say
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
@@ -29,48 +30,21 @@ FILES = {  # template: file; {} stands for the name
 }
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the rig and its module: letters, digits and _.")]
-NewFolder = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        parser=opt.folder,
-        callback=opt.new_folder,
-        metavar="FOLDER",
-        help="Folder to write. Default: ./NAME.",
-    ),
-]
-
-MapFile = Annotated[
-    Path,
-    typer.Option(
-        "-o", "--output", parser=opt.file(*opt.YAML), callback=opt.new_file, metavar="FILE", help="File to write."
-    ),
-]
-TreeFile = Annotated[
-    Path,
-    typer.Option(
-        "-o", "--output", parser=opt.file(opt.TREE), callback=opt.new_file, metavar="FILE", help="File to write."
-    ),
-]
+NewFolder = Annotated[Path | None, opt.output_folder("Folder to write. Default: ./NAME.")]
+MapFile = Annotated[Path, opt.output_file("File to write.", *opt.YAML)]
+MapName = Annotated[str, typer.Argument(metavar="MAP", help="Packaged map.")]
+TreeFile = Annotated[Path, opt.output_file("File to write.", opt.TREE)]
+TreeName = Annotated[str, typer.Argument(metavar="TREE", help="Packaged behaviour tree.")]
 
 
 @app.command("map")
-def copy_map(
-    output: MapFile,
-    name: Annotated[str, typer.Argument(metavar="MAP", help="Packaged map.")] = "cme",
-    force: opt.Force = False,
-) -> None:
+def copy_map(output: MapFile, name: MapName = "cme", force: opt.Force = False) -> None:
     """Write a copy of a packaged map for you to change."""
     _copy("maps", name, output)
 
 
 @app.command("tree")
-def copy_tree(
-    output: TreeFile,
-    name: Annotated[str, typer.Argument(metavar="TREE", help="Packaged behaviour tree.")] = "navigate",
-    force: opt.Force = False,
-) -> None:
+def copy_tree(output: TreeFile, name: TreeName = "navigate", force: opt.Force = False) -> None:
     """Write a copy of a packaged behaviour tree for you to change."""
     _copy("behaviors", name, output)
 

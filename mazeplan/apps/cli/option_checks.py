@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from typer import BadParameter, CallbackParam, Context
 
-from mazeplan.apps.cli.output import check_new
 from mazeplan.core.errors import InputError
 from mazeplan.core.whole_file import in_dev, is_stream
 
@@ -23,47 +22,35 @@ PATHS = {"DIR", "FILE", "FOLDER", "INPUT", "LOG", "MAP", "MODEL", "OUT", "RIG", 
 _OUTPUTS = "mazeplan.outputs"
 
 
-def number(
-    unit: str = "", *, positive: bool = True, least: float = -math.inf, most: float = math.inf
-) -> Callable[[str], float]:
-    """Parser of a finite number.
-
-    positive: whether it has to be greater than 0
-    least, most: minimum and maximum"""
-    low = max(least, 0.0) if positive else least
-    expected = "a finite number" + " > 0" * positive + (f" of {unit}" if unit else "")
+def number(least: float, most: float) -> Callable[[str], float]:
+    """Parser of a number from `least` to `most`."""
 
     def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or (positive and value <= 0.0):
-            raise BadParameter(f"got {str(text)!r}, expected {expected}")
-        if not low <= value <= most:
-            wanted = f"{low:g} to {most:g}"
-            if math.inf in (-low, most):
-                wanted = f"at most {most:g}" if low == -math.inf else f"at least {low:g}"
-            raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}")
+        if not least <= value <= most:
+            raise BadParameter(f"got {str(text)!r}, expected a number from {least:g} to {most:g}")
         return value
 
     return parse
 
 
-def folder_problem(folder: Path) -> str:
-    """Why a folder can neither be made nor written to; empty if it can."""
-    place = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    if place.is_dir() and os.access(place, os.W_OK):
-        return ""
-    why = "may not be written to" if place.is_dir() else "is a file"
-    return f"got {folder}, but {place} {why}; expected a folder that can be made or written to"
+def ring(text: str) -> int:
+    """Parser of a ring that has a channel: 2, or ring2."""
+    number = text.lower().removeprefix("ring")
+    if not (number.isdecimal() and number.isascii() and int(number) >= 1):
+        raise BadParameter(f"got {text!r}, expected a ring such as ring2")
+    return int(number)
 
 
 def folder(text: str) -> Path:
     """Parser of a folder to write into."""
-    problem = folder_problem(Path(text)) if str(text) else "got '', expected a folder"
-    if problem:
-        raise BadParameter(problem)
+    path = Path(text).absolute()
+    place = next(place for place in (path, *path.parents) if place.exists())
+    if not text or not place.is_dir() or not os.access(place, os.W_OK):
+        raise BadParameter(f"got {text!r}, expected a folder that can be made or written to")
     return Path(text)
 
 
@@ -74,75 +61,60 @@ def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
 
     def parse(text: str) -> Path:
         path = Path(text)
-        problem = folder_problem(path.absolute().parent)
-        wrong = endings and path.suffix.lower() not in endings and (chosen or not in_dev(path))
-        if wrong or path.is_dir():
-            what = ", a folder" if path.is_dir() else ""
-            ends = f" that ends in {', '.join(endings)}" if endings else ""
-            problem = f"got {str(path)!r}{what}, expected a file{ends}"
-        if problem:
-            raise BadParameter(problem)
+        if path.is_dir() or (path.suffix.lower() not in endings and (chosen or not in_dev(path))):
+            raise BadParameter(f"got {text!r}, expected a file that ends in {', '.join(endings)}")
+        folder(str(path.parent))
         return path
 
     return parse
 
 
-def file_or_stdout(*endings: str) -> Callable[[str], str]:
-    """Parser of a file to write, with one of the endings, or - for stdout."""
-    parse = file(*endings)
-    return lambda text: text if text == "-" else str(parse(text))
+def check_new(option: str, path: Path, force: bool, *, folder: bool = False) -> None:
+    """Raises InputError for a file that exists, or a folder with files that are not hidden, unless `force` is true.
+
+    Devices and pipes, such as /dev/null, may always be written."""
+    if folder:
+        there = path.is_dir() and any(not name.startswith(".") for name in os.listdir(path))
+    else:
+        there = os.path.lexists(path) and not is_stream(path)
+    if there and not force:
+        what = "files in it" if folder else "it"
+        raise InputError(f"{option}: {path} exists; expected a new name, or --force to replace {what}")
 
 
 def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
-    """Check of the file that a command writes: it must be new, unless --force is given. - is stdout.
-
-    Raises InputError."""
-    if value is not None and value != "-":
-        check_new(_note_output(ctx, param), Path(value), bool(ctx.params.get("force")))
-    return value
+    """Check of the file that a command writes: it must be new, unless --force is given. Raises InputError."""
+    return _new(ctx, param, value, folder=False)
 
 
-def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
+def new_folder(ctx: Context, param: CallbackParam, value: Any) -> Any:
     """Check of the folder that a command writes: new or empty, unless --force is given. Raises InputError."""
-    if value is not None:
-        check_new(_note_output(ctx, param), value, bool(ctx.params.get("force")), folder=True)
-    return value
+    return _new(ctx, param, value, folder=True)
 
 
-def _note_output(ctx: Context, param: CallbackParam) -> str:
-    """Record that an option names an output, for `check_outputs`. Returns the option."""
-    ctx.meta.setdefault(_OUTPUTS, set()).add(param.name)
-    return min(param.opts, key=len)
+def _new(ctx: Context, param: CallbackParam, path: Path | None, *, folder: bool) -> Path | None:
+    if path is not None:
+        ctx.meta.setdefault(_OUTPUTS, set()).add(param.name)  # for `check_outputs`
+        check_new(min(param.opts, key=len), path, bool(ctx.params.get("force")), folder=folder)
+    return path
 
 
 def check_outputs(ctx: Context) -> None:
     """Raises InputError for an output that is also another file of the command line, even under another name."""
-    named = list(_named_paths(ctx))
-    for output, path, is_output in named:
-        for option, other, _ in named if is_output and not is_stream(path) else ():
-            if option != output and os.path.realpath(other) == os.path.realpath(path):
-                raise InputError(f"{output}: {path} is the file of {option}, too; expected another name")
-
-
-def _named_paths(ctx: Context) -> Iterator[tuple[str, Path, bool]]:
-    """(option or name of an argument, path, whether it is an output) of the files in a command line."""
+    outputs, named = ctx.meta.get(_OUTPUTS, ()), list[tuple[str, str, Path]]()
     for param in ctx.command.params:
-        metavar = (getattr(param, "metavar", None) or "").partition(" ")[0]
-        value = ctx.params.get(param.name or "")
+        metavar, name = str(getattr(param, "metavar", "")).partition(" ")[0], param.name or ""
+        value = ctx.params.get(name)
         for text in value if isinstance(value, list | tuple) else [value]:
-            if metavar in PATHS and text not in (None, "", "-"):
+            if metavar in PATHS and text:
                 option = metavar if param.param_type_name == "argument" else min(param.opts, key=len)
-                yield option, Path(text), param.name in ctx.meta.get(_OUTPUTS, ())
+                named.append((name, option, Path(text)))
+    for output, option, path in named:
+        for name, other, path2 in named if output in outputs and not is_stream(path) else ():
+            if name != output and os.path.realpath(path2) == os.path.realpath(path):
+                raise InputError(f"{option}: {path} is the file of {other}, too; expected another name")
 
 
 def listed(values: Iterable[str] | None) -> tuple[str, ...]:
     """The names of a repeatable option. Each value may have several names, separated by commas."""
     return tuple(name.strip() for text in values or () for name in text.split(","))
-
-
-def ring(text: str) -> int:
-    """Parser of a ring that has a channel: 2, or ring2."""
-    number = text.lower().removeprefix("ring")
-    if not (number.isdecimal() and number.isascii() and int(number) >= 1):
-        raise BadParameter(f"got {text!r}, expected a ring such as ring2")
-    return int(number)

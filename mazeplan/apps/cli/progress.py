@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import Any, Self, TextIO
 
 from mazeplan.apps.cli.output import plural, say
-
-if TYPE_CHECKING:
-    from mazeplan.core.records import NavigationResult
+from mazeplan.core.progress import Display, of_total
 
 COMPILING_S = 2.0
 QUIET_S = 8.0  # s, after which a new step is printed without a terminal
@@ -26,49 +26,56 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
 
 
-class NavigationProgress:
-    """Prints a line for each event of a navigation; a context manager."""
+class NavigationProgress(Display):
+    """Prints a line for each event of a navigation."""
 
-    def __init__(self, stream: TextIO | None = None, rig: str | None = None) -> None:
+    def __init__(self, rig: str) -> None:
         """rig: as it was given on the command line, for what to do next"""
-        self._stream, self._rig = sys.stderr if stream is None else stream, rig
-
-    def __enter__(self) -> Self:
-        report_compiling()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def _print(self, text: str) -> None:
-        with suppress(OSError):  # the reader left
-            print(text, file=self._stream, flush=True)
+        self._rig = rig
 
     def ring_entered(self, ring: int, t: float) -> None:
         """Show the ring that the ball is in now. t: rig time, s"""
-        self._print(f"{t:7.2f} s  in ring {ring}")
+        say(f"{t:7.2f} s  in ring {ring}")
 
     def passed(self, ring: int, opening: str, t: float) -> None:
         """Show the opening through which the ball left `ring`."""
-        self._print(f"{t:7.2f} s  left ring {ring} by {opening}")
+        say(f"{t:7.2f} s  left ring {ring} by {opening}")
 
     def event(self, t: float, text: str) -> None:
         """Show a failure or recovery."""
-        self._print(f"{t:7.2f} s  {text}")
+        say(f"{t:7.2f} s  {text}")
 
-    def tick(self, t: float, ring: int, text: str) -> None:
-        """Nothing is shown of a tick."""
-
-    def finished(self, result: NavigationResult) -> None:
-        """Print the result."""
-        from mazeplan.apps.cli.advice import next_step
-
+    def finished(self, result: Any) -> None:
+        """Print the result (`records.NavigationResult`), and what to do next."""
         outcome = "arrived" if result.success else f"did not arrive: {result.reason}"
         failures = plural(len(result.failures), "failure")
         goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
-        self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures}{goals})")
-        if advice := next_step(result, self._rig or result.rig):
-            self._print(f"next: {advice}")
+        say(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures}{goals})")
+        if advice := next_step(result, self._rig):
+            say(f"next: {advice}")
+
+
+def next_step(result: Any, rig: str) -> str:
+    """What to look at after a run that did not arrive; empty if it arrived or somebody ended it."""
+    from mazeplan.core.records import FailureKind as Kind
+
+    if result.success or result.reason in ("stopped", "interrupted", "skipped"):
+        return ""
+    kinds = Counter(f.kind for f in result.failures if f.kind not in (Kind.OUT_OF_TIME, Kind.MISFIT))
+    kind = kinds.most_common(1)[0][0] if kinds else None
+    if kind in (Kind.NO_ROUTE, Kind.OPENING_CLOSED):
+        return "mazeplan map route: it shows which openings lead to the goal"
+    measured = kind in (Kind.BALL_LOST, Kind.BALL_OUT, Kind.RIG_FAILED)
+    if measured or result.doubts or result.reason == Kind.MISFIT:
+        return f"mazeplan rig check {shlex.quote(rig)}: it tests signs, axes, clock and sensors of the rig"
+    if kind is None and result.reason == "failed":
+        return "mazeplan behavior check: the tree ended by itself, and nothing went wrong with the ball"
+    if kind is None:
+        return "a larger --time-limit: nothing went wrong"
+    if result.log is None:
+        return "the same command with --log run.mcap, then mazeplan report run.mcap: it draws each failure"
+    log, what = shlex.quote(result.log), kind.replace("_", " ")
+    return f"mazeplan report {log}: it draws each {what}; mazeplan diagnose {log}: it says what the model lacks"
 
 
 class ProgressBar:
@@ -80,11 +87,8 @@ class ProgressBar:
     transient: whether to erase the bar at the end
     compiles: whether the work may compile for a minute; this is reported without a terminal, too"""
 
-    def __init__(
-        self, label: str, stream: TextIO | None = None, *, transient: bool = True, compiles: bool = True
-    ) -> None:
+    def __init__(self, label: str, *, transient: bool = True, compiles: bool = True) -> None:
         self._label, self._transient, self._compiles = label, transient, compiles
-        self._stream = sys.stderr if stream is None else stream
         self._bar: Any = None
         self._task: Any = None
         self._done, self._total = 0.0, math.inf
@@ -93,8 +97,8 @@ class ProgressBar:
     def __enter__(self) -> Self:
         if self._compiles:
             report_compiling()
-        if is_terminal(self._stream):
-            self._bar = _rich_bar(self._stream, self._transient)
+        if is_terminal(sys.stderr):
+            self._bar = _rich_bar(self._transient)
             self._task = self._bar.add_task(self._label, total=None, step="")
             self._bar.start()
         return self
@@ -122,8 +126,7 @@ class ProgressBar:
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
-            with suppress(OSError):  # the reader left
-                print(text, file=self._stream, flush=True)
+            say(text)
 
     def advance(self, done: float, total: float) -> None:
         """Show `done` of `total`. A smaller `done` or another `total` begins a new step."""
@@ -137,16 +140,14 @@ class ProgressBar:
 
 
 @contextmanager
-def campaign_progress(
-    total: int, stream: TextIO | None = None, *, label: str = "runs", begin: int = 0
-) -> Iterator[Callable[[int], None]]:
-    """A bar that stays on the screen. Yields `advance(finished)`. begin: number of runs finished before"""
-    with ProgressBar(label, stream, transient=False) as bar:
+def campaign_progress(total: int, begin: int) -> Iterator[Callable[[float], None]]:
+    """A bar of `total` runs that stays on the screen. Yields `advance(finished)`. begin: runs finished before"""
+    with ProgressBar("runs", transient=False) as bar:
         bar.advance(begin, total)
-        yield lambda finished: bar.advance(finished, total)
+        yield of_total(bar.advance, total)
 
 
-def _rich_bar(stream: TextIO, transient: bool) -> Any:
+def _rich_bar(transient: bool) -> Any:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -154,7 +155,7 @@ def _rich_bar(stream: TextIO, transient: bool) -> Any:
         TextColumn("{task.description}"), BarColumn(bar_width=16), TaskProgressColumn(show_speed=True),
         TimeRemainingColumn(), TextColumn("{task.fields[step]}", markup=False),
     )  # fmt: skip
-    console = Console(file=stream, force_terminal=True)
+    console = Console(file=sys.stderr, force_terminal=True)
     return Progress(*columns, console=console, redirect_stdout=False, transient=transient)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import headline, print_json, say
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import MazeplanError, RigError
 
 if TYPE_CHECKING:
@@ -40,19 +42,18 @@ def check(
     Of a real rig, first check each part, the board first. Exit status: 1 a check failed, 2 a file is wrong or not
     calibrated, 3 a part is silent."""
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.conformance import check_rig
+    from mazeplan.rigs.conformance import CheckResult, check_rig
     from mazeplan.rigs.hardware.files import is_hardware
     from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 
-    maze, results = load_map(map_), []
+    maze, results = load_map(map_), list[CheckResult]()
     problem: MazeplanError | None = None
     if is_hardware(rig):
-        found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes)
+        found: Iterable[CheckResult] = _check_hardware(rig, maze, seed=seed, yes=yes)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
-        checks = check_rig(machine, maze, seed=seed, repeatable=not hardware)
-        found = iter(checks)
+        found = check_rig(machine, maze, seed=seed, repeatable=not hardware)
     try:
         for result in found:
             results.append(result)
@@ -115,15 +116,20 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
         name: {"default": info.default if name != "faults" else [], "what": info.description or ""}
         for name, info in SimulatedSettings.model_fields.items()
     }
+    what = {name: _headline(PACKAGED / f"{name}.yaml") for name in rig_names()}
     if as_json:
-        print_json({"rigs": [*rig_names()], "settings": keys, "what": {
-            name: headline(PACKAGED / f"{name}.yaml") for name in rig_names()
-        }})  # fmt: skip
+        print_json({"rigs": list(what), "settings": keys, "what": what})
         return
-    width = max(map(len, rig_names()))
     print("packaged rigs:")
-    for name in rig_names():
-        print(f"  {name:{width}s}  {headline(PACKAGED / f'{name}.yaml')}")
+    for name, words in what.items():
+        print(f"  {name:10s}  {words}")
     print("keys of a simulated rig (default; meaning):")
     for name, key in keys.items():
         print(f"  {name:28s} {key['default']!s:12s} {key['what']}")
+
+
+def _headline(path: Path) -> str:
+    """The first sentence of the comment at the beginning of a packaged file; empty without a comment."""
+    comment = re.match(r"(?:#.*\n)*", path.read_text(encoding="utf-8"))
+    words = " ".join(line.lstrip("# ") for line in comment[0].splitlines()) if comment else ""
+    return re.split(r"(?<=[.;])\s", words)[0].rstrip(".;")

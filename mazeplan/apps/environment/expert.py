@@ -9,8 +9,8 @@ import gymnasium
 import numpy as np
 
 from mazeplan.apps.environment.single import CircularMazeEnv
-from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import InputError
+from mazeplan.core.progress import Display
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.loop import Run
@@ -39,7 +39,7 @@ class Expert:
         """Begin a new episode. The environment commands its rig; the run of the tree has a stand-in for one."""
         unmoved = SimpleNamespace(rate_hz=self._env.rig.rate_hz, command=lambda u_beta, u_gamma: None)
         start = self._env.maze.rings[0].number  # only logs use it, and here there is no log
-        self._run = Run(cast(Rig, unmoved), self._setup, Job(start, self._goal), None, NullDisplay())
+        self._run = Run(cast(Rig, unmoved), self._setup, Job(start, self._goal), None, Display())
 
     def act(self) -> np.ndarray:
         """The action that answers the last sample of the rig, (2,), float32.

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.core.display import NullDisplay
 from mazeplan.core.maths.spread import spread
+from mazeplan.core.progress import Display
 from mazeplan.core.records import NavigationResult
 from mazeplan.rigs.registry import is_simulated
 from mazeplan.run.campaign.executor import Executor, open_executor
@@ -65,7 +65,7 @@ def run_all(
 def check(campaign: Campaign) -> None:
     """Prepare a run without doing it, to find wrong input before any process begins. Raises InputError."""
     ready = campaign.resolve(job=campaign.job_of(0))
-    Run(ready.rig, ready.setup, ready.job, None, NullDisplay())
+    Run(ready.rig, ready.setup, ready.job, None, Display())
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
