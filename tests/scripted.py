@@ -38,6 +38,4 @@ def wrap(kind, children, values=None, run=None):
 
 
 def tick(node):
-    for _ in node.tick():
-        pass
-    return SHORT[node.result]
+    return SHORT[node.execute()]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
 from mazeplan.behavior.opening_leaves import gets_in
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.opening import aligned
 from mazeplan.control.policy import Policy, policy_inputs

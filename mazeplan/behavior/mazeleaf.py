@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from py_trees.common import Status
-
 from mazeplan.behavior.current_leg import measured_miss
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import shown
+from mazeplan.btree.status import Status
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import Command, Failure, FailureKind, State
 from mazeplan.maze.geometry import Opening

@@ -11,10 +11,10 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import HELD_AFTER, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.control.opening import aligned, freeing_command, opening_command, opening_frame
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.events import OpeningPassed

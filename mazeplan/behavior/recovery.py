@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.behavior.mazeleaf import MazeLeaf
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import LEVEL, FailureKind
 

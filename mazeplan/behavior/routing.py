@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.behavior.mazeleaf import MazeLeaf
 from mazeplan.behavior.travel import arrival_s, plan_to
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.core.events import OpeningChosen, RoutePlanned
 from mazeplan.core.records import FailureKind
 

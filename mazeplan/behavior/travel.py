@@ -14,10 +14,10 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from py_trees.common import Status
 
 from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, StillWatch
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.control.opening import aligned
 from mazeplan.control.tracking import finished, follow_gains, off_plan, pd_to_angle
 from mazeplan.core.maths.angles import difference, nearest

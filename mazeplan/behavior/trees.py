@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.btree import check, treefile
+from mazeplan.btree.builder import build
 from mazeplan.btree.leaf import Context
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.tree import BehaviorTree
@@ -69,7 +70,7 @@ def load_tree(
     """Read a tree as `read_tree` does, and build the tree `main`; None: the file's main tree, or its only tree.
 
     Raises TreeError with file, line, path in the tree, and what is allowed."""
-    return read_tree(source).build(registry, context, main)
+    return build(read_tree(source), registry, context, main)
 
 
 def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], context: Context) -> check.Findings:

@@ -1,5 +1,4 @@
-"""The blackboard of one run: entries by name, in scopes. Each run has its own blackboard; that of py_trees, which the
-whole process shares, is not used.
+"""The blackboard of one run: entries by name, in scopes.
 
 Each SubTree has its own scope. A port that is remapped ({key}) reads and writes an entry of the scope outside; a port
 with a literal is an entry of the scope itself. A name that begins with @ belongs to the outermost scope.
@@ -66,39 +65,32 @@ class Blackboard:
         enums: Mapping[str, int] | None = None,
     ) -> None:
         self._entries = {name: Entry(value) for name, value in (values or {}).items()}
-        self._outside, self._remap, self._autoremap = outside, dict(remap or {}), autoremap
+        self.outside, self._remap, self._autoremap = outside, dict(remap or {}), autoremap
         self.enums: Mapping[str, int] = outside.enums if outside is not None else dict(enums or {})
-
-    def _resolve(self, name: str) -> tuple[Blackboard, str]:
-        """The scope to which a name belongs, and its name there."""
-        if name.startswith("@"):
-            return self._outermost(), name[1:]
-        if name not in self._entries and self._outside is not None:
-            if name in self._remap:
-                return self._outside._resolve(self._remap[name])
-            if self._autoremap and not name.startswith("_"):
-                return self._outside._resolve(name)
-        return self, name
 
     def scope_chain(self, name: str) -> Iterator[tuple[Blackboard, str]]:
         """(scope, name there) of each scope from this one to the scope to which the name belongs."""
-        yield self, name
-        outside = self._outside
-        if name.startswith("@"):
-            yield self._outermost(), name[1:]
-        elif outside is not None and name not in self._entries:
-            if name in self._remap:
-                yield from outside.scope_chain(self._remap[name])
-            elif self._autoremap and not name.startswith("_"):
-                yield from outside.scope_chain(name)
+        board = self
+        while True:
+            yield board, name
+            if name.startswith("@"):
+                board, name = self._outermost(), name[1:]
+            elif board.outside is None or name in board._entries:
+                return
+            elif name in board._remap:
+                board, name = board.outside, board._remap[name]
+            elif board._autoremap and not name.startswith("_"):
+                board = board.outside
+            else:
+                return
 
-    @property
-    def outside(self) -> Blackboard | None:
-        """The scope around this one; None for the outermost."""
-        return self._outside
+    def _resolve(self, name: str) -> tuple[Blackboard, str]:
+        """The scope to which a name belongs, and its name there."""
+        *_, home = self.scope_chain(name)
+        return home
 
     def _outermost(self) -> Blackboard:
-        return self if self._outside is None else self._outside._outermost()
+        return self if self.outside is None else self.outside._outermost()
 
     def find(self, name: str) -> Entry | None:
         """The entry of a name; None if it was neither declared nor set."""

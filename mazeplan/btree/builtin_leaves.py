@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
-from py_trees.common import Status
+from collections.abc import Callable
+from typing import ClassVar
 
 from mazeplan.btree.blackboard import EMPTY
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import REQUIRED, Key, Port
 from mazeplan.btree.script import Script, parse_script
 from mazeplan.btree.script_values import WHOLE, Scope, ScriptError, number_of
+from mazeplan.btree.status import Status
 
 
 class AlwaysSuccess(Leaf):
@@ -48,19 +48,11 @@ class _Scripted(Leaf):
     """A leaf with a script."""
 
     ports: ClassVar[dict[str, Port]] = {"code": Port(str, REQUIRED, "the script")}
-    _script: Script | None = None
 
-    def script(self) -> tuple[Script, Scope]:
-        """The script as it is now, and its scope."""
-        text = self.get("code")
-        script = self._script
-        if script is None or script.text != text:
-            script = self._script = self._tried(lambda: parse_script(text))
-        return script, Scope(self._board)
-
-    def _tried(self, action: Any) -> Any:
+    def evaluate(self, method: Callable[[Script, Scope], bool | None]) -> bool | None:
+        """Run the script as it is now by a method of `Script`."""
         try:
-            return action()
+            return method(parse_script(self.get("code")), Scope(self._board))
         except ScriptError as problem:
             raise self.wrong(f"code: {problem}") from None
 
@@ -70,8 +62,7 @@ class RunScript(_Scripted):
 
     def step(self) -> Status:
         """SUCCESS."""
-        script, scope = self.script()
-        self._tried(lambda: script.run(scope))
+        self.evaluate(Script.run)
         return Status.SUCCESS
 
 
@@ -85,8 +76,7 @@ class ScriptCondition(_Scripted):
 
     def step(self) -> Status:
         """SUCCESS or FAILURE."""
-        script, scope = self.script()
-        return Status.SUCCESS if self._tried(lambda: script.holds(scope)) else Status.FAILURE
+        return Status.SUCCESS if self.evaluate(Script.holds) else Status.FAILURE
 
 
 class SetBlackboard(Leaf):

@@ -9,12 +9,10 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.btree.node import Control
 from mazeplan.btree.ports import REQUIRED, Key, Port
 from mazeplan.btree.script_values import EPSILON, number_of, text_of
-from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.btree.status import FAILURE, FINISHED, RUNNING, SKIPPED, SUCCESS, Status
 from mazeplan.core.name_hints import one_of
 
 
@@ -26,36 +24,26 @@ class _Choice(Control):
 class IfThenElse(_Choice):
     """The second child if the first one succeeds, the third one if it fails; the first one is asked once."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def _forget(self) -> None:
         self._chosen = 0
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The result of the child that was chosen; FAILURE where it would be the third and there is none."""
         if self._chosen == 0:
             condition = self.tick_child(0)
             if condition is RUNNING:
                 return RUNNING
             if condition is SKIPPED or (condition is FAILURE and len(self.parts) == 2):
-                self.reset_children()
-                return condition
+                return self.finish(condition)
             self._chosen = 1 if condition is SUCCESS else 2
         result = self.tick_child(self._chosen)
-        if result is not RUNNING:
-            self.reset_children()
-            self._chosen = 0
-        return result
-
-    def on_halt(self) -> None:
-        """Halting forgets the choice."""
-        self._chosen = 0
-        super().on_halt()
+        return result if result is RUNNING else self.finish(result)
 
 
 class WhileDoElse(_Choice):
     """As IfThenElse, but the first child is asked at every tick; the other branch is halted when it changes."""
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The result of the child that is chosen now."""
         condition, three = self.tick_child(0), len(self.parts) == 3
         if condition is RUNNING:
@@ -69,9 +57,7 @@ class WhileDoElse(_Choice):
             result = self.tick_child(2)
         else:
             result = condition
-        if result is not RUNNING:
-            self.reset_children()
-        return result
+        return result if result is RUNNING else self.finish(result)
 
 
 class _Switch(Control):
@@ -79,24 +65,21 @@ class _Switch(Control):
 
     cases: ClassVar[int] = 2
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def _forget(self) -> None:
         self._running: int | None = None
 
-    def act(self) -> Result:
+    def act(self) -> Status:
         """One tick; the node itself runs only while its child does."""
         return self.run()
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The result of the child of the case that fits; SKIPPED if that child is skipped."""
         chosen = self._match()
         if self._running not in (None, chosen):
             self.parts[self._running or 0].reset()
         result = self.tick_child(chosen)
         self._running = chosen if result is RUNNING else None
-        if result in (SUCCESS, FAILURE):
-            self.reset_children()
-        return result
+        return self.finish(result) if result in FINISHED else result
 
     def _match(self) -> int:
         """The number of the case that equals the variable, as text, number or enum; the last child if none does, or
@@ -112,11 +95,6 @@ class _Switch(Control):
             if _equal(found, _text(self.get(f"case_{i + 1}")), self._board.enums):
                 return i
         return self.cases
-
-    def on_halt(self) -> None:
-        """Halting forgets the case."""
-        self._running = None
-        super().on_halt()
 
 
 def _text(value: Any) -> str:
@@ -147,26 +125,26 @@ class ManualSelector(Control):
         "repeat_last_selection": Port(bool, False, "whether the last child selected is ticked again"),
     }
 
+    _last: int | None = None  # the child that was selected last
+
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._values.setdefault("selection", Key("selection"))
         self._board.declare("selection")
-        self._chosen: int | None = None
-        self._again = False
 
-    def run(self) -> Result:
+    def _forget(self) -> None:
+        self._chosen: int | None = None
+
+    def run(self) -> Status:
         """RUNNING until something is selected; then the result of that child. A selection is used once."""
-        if self._chosen is None and not (self._again and self.get("repeat_last_selection")):
+        if self._chosen is None and (self._last is None or not self.get("repeat_last_selection")):
             text = self._selected()
             if text in ("SUCCESS", "FAILURE", "RUNNING", ""):
                 return Status(text) if text else RUNNING
             self._last = self._number(text)
-        self._chosen, self._again = self._last, True
-        result = self.tick_child(self._chosen)
-        if result is not RUNNING:
-            self._chosen = None
-            self.reset_children()
-        return result
+        self._chosen = self._last
+        result = self.tick_child(self._last or 0)
+        return result if result is RUNNING else self.finish(result)
 
     def _selected(self) -> str:
         key = self._values["selection"]
@@ -186,11 +164,6 @@ class ManualSelector(Control):
         if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
             return int(number) - 1
         raise self.wrong(f"selection: got {text!r}, expected {one_of(names, text)}, or 1 to {len(names)}")
-
-    def on_halt(self) -> None:
-        """Halting forgets what was selected."""
-        self._chosen = None
-        super().on_halt()
 
 
 SWITCHES = tuple(_switch(n) for n in range(2, 7))

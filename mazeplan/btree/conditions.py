@@ -20,16 +20,16 @@ from typing import Any
 
 from mazeplan.btree.script import Script
 from mazeplan.btree.script_values import Scope, ScriptError
-from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 
 WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
-DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order of evaluation: (decisive value of the script, result)
+DECISIONS: dict[str, tuple[bool, Status]] = {  # in the order of evaluation: (decisive value of the script, result)
     "_failureIf": (True, FAILURE),
     "_successIf": (True, SUCCESS),
     "_skipIf": (True, SKIPPED),
     WHILE: (False, SKIPPED),
 }
-ENDINGS: dict[str, Result] = {"_onSuccess": SUCCESS, "_onFailure": FAILURE}
+ENDINGS: dict[str, Status] = {"_onSuccess": SUCCESS, "_onFailure": FAILURE}
 CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
 
 
@@ -40,7 +40,7 @@ class Conditions:
     given: Mapping[str, Script] = field(default_factory=dict)
     scope: Scope = field(default_factory=Scope)
 
-    def decide(self, status: Result) -> Result | None:
+    def decide(self, status: Status) -> Status | None:
         """The result that the preconditions give in place of a tick; None: the node is ticked.
 
         status: of the node before. Raises ScriptError that names the attribute."""
@@ -50,7 +50,7 @@ class Conditions:
                 return result
         return None
 
-    def after(self, result: Result) -> None:
+    def after(self, result: Status) -> None:
         """Run the scripts of a node that has ended. Raises ScriptError, which names the attribute."""
         for name, ending in ENDINGS.items():
             if result is ending:

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.btree.choices import SWITCHES, IfThenElse, ManualSelector, WhileDoElse
 from mazeplan.btree.node import Control, Node
 from mazeplan.btree.ports import Port
-from mazeplan.btree.status import FAILURE, INVALID, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Status
 
 
 class _Ordered(Control):
@@ -26,11 +24,10 @@ class _Ordered(Control):
     remembers: ClassVar[bool] = False
     pauses: ClassVar[bool] = False
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def _forget(self) -> None:
         self._current = self._skips = 0
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """Tick children in order, from the one that is running."""
         if self.fresh:
             self._skips = 0
@@ -43,22 +40,16 @@ class _Ordered(Control):
             if result is SKIPPED:
                 self._skips += 1
             elif result is not self.go_on:
-                self.reset_children(self._current if self.remembers else 0)
-                self._current = self._current if self.remembers else 0
+                if not self.remembers:
+                    return self.finish(result)
+                for child in self.parts[self._current :]:
+                    child.reset()
                 return result
             self._current += 1
             if self.pauses and idle and result is not SKIPPED and self._current < n and self.waker is not None:
-                return self.pause()
-        skipped = self._skips == n
-        self.reset_children()
-        self._current = self._skips = 0
-        return SKIPPED if skipped else self.go_on
-
-    def on_halt(self) -> None:
-        """Halting forgets the place, except in the node with memory."""
-        if not self.remembers:
-            self._current = self._skips = 0
-        super().on_halt()
+                self.waker.asked = True
+                return RUNNING
+        return self.finish(SKIPPED if self._skips == n else self.go_on)
 
 
 class Sequence(_Ordered):
@@ -77,6 +68,10 @@ class SequenceWithMemory(_Ordered):
     remembers: ClassVar[bool] = True
     pauses: ClassVar[bool] = True
 
+    def on_halt(self) -> None:
+        """Halted: so are its children; the place stays."""
+        self.reset_children()
+
 
 class Fallback(_Ordered):
     """Children in order until one succeeds."""
@@ -94,7 +89,7 @@ class AsyncFallback(_Ordered):
 class _Reactive(Control):
     go_on: ClassVar[Status] = SUCCESS
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """Tick from the first child; a child that runs halts all others."""
         skips = 0
         for i, child in enumerate(self.parts):
@@ -108,10 +103,8 @@ class _Reactive(Control):
                 skips += 1
                 child.reset()
             elif result is not self.go_on:
-                self.reset_children()
-                return result
-        self.reset_children()
-        return SKIPPED if skips == len(self.parts) else self.go_on
+                return self.finish(result)
+        return self.finish(SKIPPED if skips == len(self.parts) else self.go_on)
 
 
 class ReactiveSequence(_Reactive):
@@ -127,9 +120,8 @@ class ReactiveFallback(_Reactive):
 class _SideBySide(Control):
     """Children that are ticked side by side; those that have finished wait for the others."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._done: dict[int, Result] = {}
+    def _forget(self) -> None:
+        self._done: dict[int, Status] = {}
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
@@ -144,29 +136,18 @@ class _SideBySide(Control):
             raise self.wrong(f"{port}: got {threshold}, expected at most its number of children, {n}")
         return threshold if threshold >= 0 else max(n + threshold + 1, 0)
 
-    def tick_open(self, index: int) -> Result | None:
+    def tick_open(self, index: int) -> Status | None:
         """Tick a child that has not finished."""
         if index in self._done:
             return None
         result = self.tick_child(index)
-        if result in (SUCCESS, FAILURE):
+        if result in FINISHED:
             self._done[index] = result
         return result
 
-    def count(self, result: Result) -> int:
+    def count(self, result: Status) -> int:
         """How many children have finished so."""
         return sum(done is result for done in self._done.values())
-
-    def finish(self, result: Result) -> Result:
-        """Finished: all children are idle."""
-        self._done.clear()
-        self.reset_children()
-        return result
-
-    def on_halt(self) -> None:
-        """Halting forgets which children have finished."""
-        self._done.clear()
-        super().on_halt()
 
 
 class Parallel(_SideBySide):
@@ -177,7 +158,7 @@ class Parallel(_SideBySide):
         "failure_count": Port(int, 1, "failures that make it fail; -1: all, -2: all but one, ..."),
     }
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """Tick the children that have not finished, until enough of them have. With a negative success_count a child
         that is skipped counts as a success."""
         n, skips = len(self.parts), 0
@@ -200,7 +181,7 @@ class ParallelAll(_SideBySide):
         "max_failures": Port(int, 1, "failures that make it fail; -1: all, -2: all but one, ...")
     }
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """Tick the children that have not finished; the result when all of them have, or are skipped."""
         n, allowed = len(self.parts), self.threshold("max_failures")
         skips = sum(self.tick_open(i) is SKIPPED for i in range(n))
@@ -219,11 +200,10 @@ class TryCatch(Control):
         "catch_on_halt": Port(bool, False, "whether the last child is ticked, once, when the node is halted, too")
     }
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def _forget(self) -> None:
         self._current, self._skips, self._catching = 0, 0, False
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """SUCCESS when all have succeeded; FAILURE when the last child has ended after a failure."""
         if self.fresh:
             self._skips, self._catching = 0, False
@@ -244,9 +224,7 @@ class TryCatch(Control):
             result = FAILURE
         else:
             result = SKIPPED if self._skips == last else SUCCESS
-        self.reset_children()
-        self._current, self._skips, self._catching = 0, 0, False
-        return result
+        return self.finish(result)
 
     def on_halt(self) -> None:
         """With catch_on_halt the last child gets one tick, unless it is running already."""
@@ -255,7 +233,6 @@ class TryCatch(Control):
             for child in self.parts[:-1]:
                 child.reset()
             self.tick_child(len(self.parts) - 1)
-        self._current, self._skips, self._catching = 0, 0, False
         super().on_halt()
 
 

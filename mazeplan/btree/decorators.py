@@ -6,13 +6,11 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.btree.node import Node
 from mazeplan.btree.ports import REQUIRED, Key, Port
-from mazeplan.btree.script import Script, parse_script
+from mazeplan.btree.script import parse_script
 from mazeplan.btree.script_values import Scope, ScriptError
-from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Result, result_named
+from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Status
 
 RESULTS = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")
 
@@ -23,7 +21,7 @@ class Decorator(Node):
     category: ClassVar[str] = "Decorator"
     most: ClassVar[int | None] = 1
 
-    def execute(self) -> Result:
+    def execute(self) -> Status:
         """One tick; a child that has finished is idle after it."""
         result = super().execute()
         if self.parts[0].status in FINISHED:
@@ -37,9 +35,11 @@ class _Loop(Decorator):
     again: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
     reread: ClassVar[bool] = True  # the limit, after each round: the child may have changed it
-    _count = 0
 
-    def run(self) -> Result:
+    def _forget(self) -> None:
+        self._count = 0
+
+    def run(self) -> Status:
         """Loop within the tick, reactive nodes above looking at their conditions after each round; without end, one
         round a tick, or it would never return. A skipped child does not reset the count."""
         limit, child = self.get(self.limit), self.parts[0]
@@ -52,23 +52,16 @@ class _Loop(Decorator):
             if result is SKIPPED:
                 return SKIPPED
             if result is not self.again:
-                self._count = 0
-                return result
+                return self.finish(result)
             self._count += 1
             if self.reread:
                 limit = self.get(self.limit)
             if limit < 0 and idle:
                 return RUNNING
             if idle and self._count < limit and self.waker is not None:
-                return self.pause()
-        self._count = 0
-        child.reset()  # it may run: the limit has changed
-        return self.again
-
-    def on_halt(self) -> None:
-        """Halting forgets the count."""
-        self._count = 0
-        super().on_halt()
+                self.waker.asked = True
+                return RUNNING
+        return self.finish(self.again)  # the child may run: the limit has changed
 
 
 class RetryUntilSuccessful(_Loop):
@@ -89,7 +82,8 @@ class Repeat(_Loop):
 class _Timed(Decorator):
     """Keeps the rig time of its start until its child has finished."""
 
-    _began: float | None = None
+    def _forget(self) -> None:
+        self._began: float | None = None
 
     def started(self) -> float:
         """The time since its start, ms."""
@@ -98,35 +92,19 @@ class _Timed(Decorator):
             self._began = now
         return 1e3 * (now - self._began) + 1e-6
 
-    def child(self) -> Result:
-        """Tick the child; the clock stops when it has finished."""
-        result = self.tick_child(0)
-        if result in FINISHED:
-            self._began = None
-        return result
-
-    def on_halt(self) -> None:
-        """Halting stops the clock."""
-        self._began = None
-        super().on_halt()
-
 
 class Timeout(_Timed):
     """FAILURE when its child takes too long, in rig time."""
 
     ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "limit in ms; 0: none", least=0)}
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The child's result, until the time is over."""
         limit, since = self.get("msec"), self.started()
         if 0 < limit <= since and self.parts[0].status is RUNNING:
-            self._began = None
-            self.reset_children()
-            return FAILURE
-        result = self.child()
-        if result is SKIPPED:  # the time is that of the child
-            self._began = None
-        return result
+            return self.finish(FAILURE)
+        result = self.tick_child(0)
+        return result if result is RUNNING else self.finish(result)
 
 
 class Delay(_Timed):
@@ -134,44 +112,47 @@ class Delay(_Timed):
 
     ports: ClassVar[dict[str, Port]] = {"delay_msec": Port(int, REQUIRED, "delay in ms", least=0)}
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """RUNNING until the time is over, then the child's result."""
-        return self.child() if self.started() >= self.get("delay_msec") else RUNNING
+        if self.started() < self.get("delay_msec"):
+            return RUNNING
+        result = self.tick_child(0)
+        return self.finish(result) if result in FINISHED else result
 
 
-class Inverter(Decorator):
+class _Changed(Decorator):
+    """Its child, whose results are replaced by others."""
+
+    instead: ClassVar[dict[Status, Status]] = {}
+
+    def run(self) -> Status:
+        """The child's result, or the one in its place."""
+        result = self.tick_child(0)
+        return self.instead.get(result, result)
+
+
+class Inverter(_Changed):
     """SUCCESS and FAILURE exchanged."""
 
-    def run(self) -> Result:
-        """The opposite; RUNNING and SKIPPED as they are."""
-        result = self.tick_child(0)
-        return FAILURE if result is SUCCESS else SUCCESS if result is FAILURE else result
+    instead: ClassVar[dict[Status, Status]] = {SUCCESS: FAILURE, FAILURE: SUCCESS}
 
 
-class ForceSuccess(Decorator):
+class ForceSuccess(_Changed):
     """SUCCESS whatever its child returns."""
 
-    def run(self) -> Result:
-        """SUCCESS when its child has finished."""
-        result = self.tick_child(0)
-        return SUCCESS if result in FINISHED else result
+    instead: ClassVar[dict[Status, Status]] = {FAILURE: SUCCESS}
 
 
-class ForceFailure(Decorator):
+class ForceFailure(_Changed):
     """FAILURE whatever its child returns."""
 
-    def run(self) -> Result:
-        """FAILURE when its child has finished."""
-        result = self.tick_child(0)
-        return FAILURE if result in FINISHED else result
+    instead: ClassVar[dict[Status, Status]] = {SUCCESS: FAILURE}
 
 
-class KeepRunningUntilFailure(Decorator):
+class KeepRunningUntilFailure(_Changed):
     """RUNNING until its child fails."""
 
-    def run(self) -> Result:
-        """RUNNING or FAILURE."""
-        return FAILURE if self.tick_child(0) is FAILURE else RUNNING
+    instead: ClassVar[dict[Status, Status]] = {SUCCESS: RUNNING, SKIPPED: RUNNING}
 
 
 class RunOnce(Decorator):
@@ -180,15 +161,15 @@ class RunOnce(Decorator):
     ports: ClassVar[dict[str, Port]] = {
         "then_skip": Port(bool, True, "whether it is skipped afterwards; otherwise it returns the same result again")
     }
-    _ended: Result | None = None
+    _ended: Status | None = None
 
-    def act(self) -> Result:
+    def act(self) -> Status:
         """One tick; it does not run where its child is not ticked."""
         if self._ended is not None:
             return SKIPPED if self.get("then_skip") else self._ended
         return super().act()
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The child's result, which is kept."""
         result = self.tick_child(0)
         self._ended = result if result in FINISHED else None
@@ -202,68 +183,58 @@ class Precondition(Decorator):
         "if": Port(str, REQUIRED, "script that is true where the child may be ticked"),
         "else": Port(str, "FAILURE", "the result where it is not", choices=RESULTS),
     }
-    _inside = False
-    _script: Script | None = None
 
-    def act(self) -> Result:
+    def _forget(self) -> None:
+        self._inside = False
+
+    def act(self) -> Status:
         """One tick; it runs only while its child does."""
         return self.run()
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The child's result, or that of `else`."""
-        text = self.get("if")
         try:
-            if self._script is None or self._script.text != text:
-                self._script = parse_script(text)
-            self._inside = self._inside or self._script.holds(Scope(self._board))
+            self._inside = self._inside or parse_script(self.get("if")).holds(Scope(self._board))
         except ScriptError as problem:
             raise self.wrong(f"if: {problem}") from None
         if not self._inside:
-            return result_named(self.get("else"))
+            return Status(self.get("else"))
         result = self.tick_child(0)
-        if result in FINISHED:
-            self._inside = False
-        return result
-
-    def on_halt(self) -> None:
-        """Halted: the script is asked again."""
-        self._inside = False
-        super().on_halt()
+        return self.finish(result) if result in FINISHED else result
 
 
 class _Queue(Decorator):
     """Its child once for each value of a queue, one a tick."""
 
     convert: ClassVar[Callable[[str], Any]] = str
-    _queue: deque[Any] | None = None
-    _busy = False
+
+    def _forget(self) -> None:
+        self._queue: deque[Any] | None = None
+        self._busy = False
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
         """A word of a literal queue that is no value."""
+        queue = values.get("queue")
         try:
-            cls.literals(values.get("queue"))
+            for word in queue.split(";") if queue and isinstance(queue, str) else ():
+                cls.convert(word)
         except ValueError as problem:
             return f"queue: {problem}"
         return None
 
-    @classmethod
-    def literals(cls, queue: Any) -> tuple[Any, ...]:
-        """The values of a queue that stands in the tree; none of any other. Raises ValueError."""
-        return tuple(map(cls.convert, queue.split(";"))) if queue and isinstance(queue, str) else ()
-
-    def act(self) -> Result:
+    def act(self) -> Status:
         """One tick; it runs once it has a value."""
         if self.status is not RUNNING:
-            self._busy, self._queue = False, None
+            self._forget()
         return self.run()
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """RUNNING while there are values; FAILURE when the child fails; `if_empty` when no value is left."""
         if not self._busy:
             queue = self._source()
             if not queue:
-                return result_named(self.get("if_empty"))
+                return Status(self.get("if_empty"))
             self.set("value", queue.popleft())
         self.status = RUNNING
         result = self.tick_child(0)
@@ -308,15 +279,18 @@ def _loop(name: str, kind: type, words: str) -> type[_Queue]:
 class _Updated(Decorator):
     """Its child only where an entry of the blackboard was set since the last time."""
 
-    otherwise: ClassVar[Result] = SKIPPED
+    otherwise: ClassVar[Status] = SKIPPED
     ports: ClassVar[dict[str, Port]] = {"entry": Port(str, REQUIRED, "the {key}, or its name")}
-    _seen, _busy = 0, False
+    _seen = 0
 
-    def act(self) -> Result:
+    def _forget(self) -> None:
+        self._busy = False
+
+    def act(self) -> Status:
         """One tick; it runs only while its child does."""
         return self.run()
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The child's result; otherwise that of a node that waits."""
         if not self._busy:
             key = self._values["entry"]
@@ -328,11 +302,6 @@ class _Updated(Decorator):
         self._busy = result is RUNNING
         return result
 
-    def on_halt(self) -> None:
-        """Halted: so is its child."""
-        self._busy = False
-        super().on_halt()
-
 
 class SkipUnlessUpdated(_Updated):
     """Its child where an entry was set since the last time, else SKIPPED."""
@@ -341,17 +310,16 @@ class SkipUnlessUpdated(_Updated):
 class WaitValueUpdate(_Updated):
     """Its child where an entry was set since the last time, else RUNNING."""
 
-    otherwise: ClassVar[Result] = RUNNING
+    otherwise: ClassVar[Status] = RUNNING
 
 
 class SubTree(Decorator):
     """Another tree of the file, on a blackboard scope of its own. by_model: ports whose value is a default of its
-    model; named: whether the file gives it a name."""
+    model."""
 
     by_model: frozenset[str] = frozenset()
-    named: bool = False
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """The result of the tree."""
         return self.tick_child(0)
 

@@ -7,17 +7,13 @@ leaf is interrupted in between. A leaf that fails gives the reason with `fail`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol, TypeVar
-
-from py_trees.common import Status
+from typing import Any, ClassVar, Protocol
 
 from mazeplan.btree.blackboard import Blackboard
-from mazeplan.btree.blame import CommandError, blame
+from mazeplan.btree.blame import CommandError
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import shown
-from mazeplan.btree.status import FINISHED, RUNNING, Result
-
-Returned = TypeVar("Returned")
+from mazeplan.btree.status import FINISHED, RUNNING, Status
 
 
 class Context(Protocol):
@@ -39,10 +35,9 @@ class Leaf(TreeNode):
     category: ClassVar[str] = "Action"
 
     def __init__(self, name: str, context: Any, blackboard: Blackboard, values: Mapping[str, Any]) -> None:
-        super().__init__(name)
+        super().__init__(name, blackboard, values)
         self.context = context
-        self._board, self._values = blackboard, dict(values)
-        self._running = False
+        self.interrupted = False  # whether it was entered and has not ended, as after an exception
 
     def start(self) -> None:
         """Called when the leaf is entered."""
@@ -60,42 +55,27 @@ class Leaf(TreeNode):
         self.context.failed(failure)
         return Status.FAILURE
 
-    def act(self) -> Result:
+    def act(self) -> Status:
         """One tick: entered unless it runs, then a step."""
         if self.status is not RUNNING:
-            self._running = True
-            self.blamed(self.start)
-        status = self.blamed(self.step)
-        self._running = status not in FINISHED
-        return self.checked(status, "step")
+            self.interrupted = True
+            self.call(self.start)
+        status = self.call(self.step)
+        self.interrupted = status not in FINISHED
+        if status is not RUNNING and status not in FINISHED:
+            expected = "expected RUNNING, SUCCESS or FAILURE"
+            raise self.wrong(f"{type(self).__name__}.step returned {shown(status)}, {expected}")
+        return status
 
     def on_halt(self) -> None:
         """Interrupted: `halt`, once."""
-        if self._running:
-            self._running = False
-            self.blamed(self.halt)
+        if self.interrupted:
+            self.interrupted = False
+            self.call(self.halt)
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether it was entered and neither finished nor was halted, as after an exception."""
-        return self._running
-
-    def blamed(self, method: Callable[[], Returned]) -> Returned:
-        """Call a method of the leaf; what it raises names the leaf. Raises TreeError for a command that cannot go out;
-        anything else keeps its type and gets a note."""
+    def call(self, method: Callable[[], Any]) -> Any:
+        """Call a method of the leaf (`blamed`). Raises TreeError for a command that cannot go out."""
         try:
-            return method()
+            return self.blamed(method, "leaf")
         except CommandError as problem:
             raise self.wrong(str(problem)) from None
-        except (Exception, SystemExit) as problem:
-            ended = blame(problem, self.where)
-            if ended is problem:
-                raise
-            raise ended from None
-
-    def checked(self, status: Any, method: str) -> Status:
-        """What a method returned. Raises TreeError where that is no status."""
-        if status is not Status.RUNNING and status not in FINISHED:
-            what = f"{type(self).__name__}.{method} returned {shown(status)}"
-            raise self.wrong(f"{what}, expected RUNNING, SUCCESS or FAILURE")
-        return status

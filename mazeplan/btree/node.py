@@ -1,29 +1,21 @@
 """The base of all nodes of a tree: ports, pre- and postconditions, a place in a file, and the states of
-BehaviorTree.CPP 4. A node is idle, is ticked by `execute`, is RUNNING, and is finished until its parent resets it.
-
-From py_trees the nodes only use the base `Behaviour`, because its composites differ in important points: a retry costs
-a tick, and timers read the wall clock. INVALID is py_trees' word for idle. A node that was skipped keeps its status;
-`last` has the result of its last tick.
+BehaviorTree.CPP 4. A node is idle (INVALID), is ticked by `execute`, is RUNNING, and is finished until its parent
+resets it. A node that was skipped keeps its status; `last` has the result of its last tick.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from collections.abc import Sequence as Row
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
-from weakref import ref
-
-from py_trees.behaviour import Behaviour
-from py_trees.common import Status
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.blame import blame
 from mazeplan.btree.conditions import Conditions
 from mazeplan.btree.ports import Key, Port, one_line, shown
 from mazeplan.btree.script_values import ScriptError
-from mazeplan.btree.status import FINISHED, INVALID, RESULTS, RUNNING, SKIPPED, Result
+from mazeplan.btree.status import FINISHED, INVALID, RUNNING, SKIPPED, Status
 from mazeplan.core.errors import TreeError
 
 
@@ -36,66 +28,49 @@ class Place:
     path: str
 
 
-class Probe(Protocol):
-    """Watches the ticks of a node and may change their results."""
-
-    def before(self, node: TreeNode) -> Result | None:
-        """Called before a node is ticked. Returns a result that replaces the tick, or None."""
-        ...
-
-    def after(self, node: TreeNode, result: Result) -> Result | None:
-        """Called after a node was ticked. Returns another result, or None."""
-        ...
-
-
+@dataclass
 class Waker:
     """Asks the tree to tick its root again in the same tick. A loop asks for it when it has more to do: before the loop
     goes on, reactive nodes above it check their conditions."""
 
-    def __init__(self) -> None:
-        self.asked = False
-
-    def take(self) -> bool:
-        """Whether another tick was asked for. Clears the request."""
-        asked, self.asked = self.asked, False
-        return asked
+    asked: bool = False
 
 
-class TreeNode(Behaviour):
+class Probe(Protocol):
+    """Watches the ticks of a node, or replaces them."""
+
+    def before(self, node: TreeNode) -> Status | None:
+        """Called before a node is ticked. Returns a result that replaces the tick, or None."""
+        ...
+
+    def after(self, node: TreeNode, result: Status) -> None:
+        """Called after a node was ticked."""
+        ...
+
+
+class TreeNode:
     """Base of all nodes. status: RUNNING, SUCCESS, FAILURE, or INVALID while idle; last: how its last tick ended,
-    INVALID before the first one and after it was halted."""
+    INVALID before the first one and after it was halted; parts: its children."""
 
     ports: ClassVar[dict[str, Port]] = {}
     category: ClassVar[str] = ""  # Action, Condition, Control or Decorator: the element of the explicit form
     place: Place | None = None
     conditions: Conditions | None = None
-    probe: Probe | None = None
     waker: Waker | None = None
-    last: Result = INVALID
-    _board: Blackboard
-    _values: dict[str, Any]
-    _parent: ref[Behaviour] | None = None
+    probe: Probe | None = None
+    status: Status = INVALID
+    last: Status = INVALID
+    parts: tuple[TreeNode, ...] = ()
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.iterator = iter(())  # py_trees' own one knows the node, which would be in a cycle of references
-
-    @property
-    def parent(self) -> Behaviour | None:
-        """The node above; None for the root, and where the tree above is gone: a node does not keep it."""
-        return None if self._parent is None else self._parent()
-
-    @parent.setter
-    def parent(self, above: Behaviour | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        self._parent = None if above is None else ref(above)
+    def __init__(self, name: str, board: Blackboard, values: Mapping[str, Any]) -> None:
+        self.name, self._board, self._values = name, board, dict(values)
 
     def get(self, port: str) -> Any:
         """The value of a port: literal, blackboard entry, or default. Raises TreeError, at the line of the node, where
         the entry is missing or not of the port's type, or the node has no such port."""
         if port not in self.ports:
-            raise self.wrong(
-                f"get: got {shown(port)}, expected one of {', '.join(self.ports) or 'its ports: it has none'}"
-            )
+            known = ", ".join(self.ports) or "its ports: it has none"
+            raise self.wrong(f"get: got {shown(port)}, expected one of {known}")
         if port not in self._values:
             return self.ports[port].default
         value = self._values[port]
@@ -105,10 +80,11 @@ class TreeNode(Behaviour):
             found = self._board.get(value.name)
         except KeyError as missing:
             raise self.wrong(f"{port}: {missing.args[0]}") from None
+        context = getattr(self, "context", None)
         try:
-            return self.ports[port].accept(found, getattr(self, "context", None))
+            return self.ports[port].accept(found, context)
         except (ValueError, OverflowError):
-            expected = self.ports[port].expects(getattr(self, "context", None))
+            expected = self.ports[port].expects(context)
             raise self.wrong(f"{port}: got {shown(found)} from {value}, expected {expected}") from None
 
     def set(self, port: str, value: Any) -> None:
@@ -133,32 +109,21 @@ class TreeNode(Behaviour):
             return TreeError(one_line(problem), key=one_line(self.name))
         return TreeError(one_line(problem), file=self.place.file, line=self.place.line, key=one_line(self.place.path))
 
-    @property
-    def where(self) -> str:
-        """File, line and path in the tree; its name if it stands in no file."""
-        place = self.place
-        return self.name if place is None else f"{place.file}:{place.line}: {place.path}"
-
-    @property
-    def result(self) -> Result:
-        """How its last tick ended; see `last`."""
-        return self.last
-
-    def execute(self) -> Result:
+    def execute(self) -> Status:
         """One tick, unless the preconditions decide; then the postconditions, if it has ended."""
-        conditions, probe = self.conditions, self.probe
+        conditions = self.conditions
         result = None if conditions is None else self._scripted(conditions.decide, self.status)
         if result is SKIPPED and self.status is RUNNING:
             self.halt_node()
-        if result is None and probe is not None and self.status not in FINISHED:
-            result = probe.before(self)
+        if result is None and self.probe is not None and self.status not in FINISHED:
+            result = self.probe.before(self)
         if result is None:
             result = self.act()
         if conditions is not None and result in FINISHED:
             self._scripted(conditions.after, result)
-        if probe is not None:
-            result = probe.after(self, result) or result
-        if isinstance(result, Status):
+        if self.probe is not None:
+            self.probe.after(self, result)
+        if result is not SKIPPED:
             self.status = result
         self.last = result
         return result
@@ -169,7 +134,19 @@ class TreeNode(Behaviour):
         except ScriptError as problem:
             raise self.wrong(str(problem)) from None
 
-    def act(self) -> Result:
+    def blamed(self, method: Callable[[], Any], kind: str) -> Any:
+        """Call a method of the node; what it raises keeps its type and names the node. kind: leaf or node"""
+        try:
+            return method()
+        except (Exception, SystemExit) as problem:
+            place = self.place
+            where = self.name if place is None else f"{place.file}:{place.line}: {place.path}"
+            ended = blame(problem, where, kind)
+            if ended is problem:
+                raise
+            raise ended from None
+
+    def act(self) -> Status:
         """One tick of the node itself."""
         # a node without an act is a mistake in the program: nothing sensible could be done at run time
         raise NotImplementedError(f"{type(self).__name__} has no act")
@@ -190,22 +167,6 @@ class TreeNode(Behaviour):
             self.halt_node()
         self.status = INVALID
 
-    # -- py_trees ---------------------------------------------------------------------------------------------------
-
-    def tick(self) -> Iterator[Behaviour]:
-        """py_trees: one tick."""
-        self.execute()
-        yield self
-
-    def update(self) -> Status:
-        """py_trees: wants one of every node; a tick goes by `execute`."""
-        return self.status
-
-    def stop(self, new_status: Status = INVALID) -> None:
-        """py_trees: halted from outside."""
-        self.reset()
-        self.status = new_status
-
 
 class Node(TreeNode):
     """Base of nodes with children. least, most: children allowed (None: any number)."""
@@ -217,71 +178,63 @@ class Node(TreeNode):
     def __init__(
         self,
         name: str,
-        children: Row[TreeNode],
+        children: Sequence[TreeNode],
         clock: Callable[[], float],
         blackboard: Blackboard,
         values: Mapping[str, Any],
     ) -> None:
-        super().__init__(name)
-        self.parts = tuple(children)
-        self.children = list(children)
-        for child in children:
-            child.parent = self
-        self.clock, self._board, self._values = clock, blackboard, dict(values)
+        super().__init__(name, blackboard, values)
+        self.parts, self.clock = tuple(children), clock
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what the node keeps from tick to tick: its place among the children, counts, times."""
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
         """What is wrong with these literals for n children, if anything; asked when a file is read."""
         return None
 
-    def act(self) -> Result:
+    def act(self) -> Status:
         """One tick, children first."""
         self.fresh = self.status is not RUNNING
         self.status = RUNNING
-        try:
-            result = self.run()
-        except (Exception, SystemExit) as problem:
-            ended = blame(problem, self.where, "node")
-            if ended is problem:
-                raise
-            raise ended from None
-        if result not in RESULTS:
+        result = self.blamed(self.run, "node")
+        if not isinstance(result, Status) or result is INVALID:
             what = f"{type(self).__name__}.run returned {shown(result)}"
             raise self.wrong(f"{what}, expected RUNNING, SUCCESS, FAILURE or SKIPPED")
         return result
 
-    def run(self) -> Result:
+    def run(self) -> Status:
         """One tick of the node: RUNNING, SUCCESS, FAILURE or SKIPPED. `tick_child` ticks a child; children that have
         finished are to be reset before the node finishes (`reset_children`)."""
         # a node without a run is a mistake in the program, as a leaf without a step is
         raise NotImplementedError(f"{type(self).__name__} has no run")
 
-    def tick_child(self, index: int) -> Result:
+    def tick_child(self, index: int) -> Status:
         """Tick one child and return how that ended. Raises TreeError where there is none of that number."""
         try:
             child = self.parts[index]
         except (IndexError, TypeError):
-            n = len(self.parts)
-            expected = f"a number from 0 to {n - 1}" if n > 1 else "0"
-            children = "one child" if n == 1 else f"{n} children"
-            what = f"tick_child of {type(self).__name__}: got {shown(index)}, expected {expected}"
-            raise self.wrong(f"{what}: it has {children}") from None
+            what = f"tick_child of {type(self).__name__}: got {shown(index)}"
+            raise self.wrong(f"{what}, expected a number from 0 to {len(self.parts) - 1}") from None
         return child.execute()
 
-    def reset_children(self, start: int = 0) -> None:
-        """Make the children idle, from `start` on; those that run are halted."""
-        for child in self.parts[start:]:
+    def reset_children(self) -> None:
+        """Make the children idle; those that run are halted."""
+        for child in self.parts:
             child.reset()
 
-    def on_halt(self) -> None:
-        """Halted: so are its children. A node that keeps a place or a count forgets it here."""
+    def finish(self, result: Status) -> Status:
+        """The node has finished: its children are idle, and it forgets what it keeps. Returns the result."""
         self.reset_children()
+        self._forget()
+        return result
 
-    def pause(self) -> Result:
-        """RUNNING, and the tree goes on in the same tick; only for a node that has a `waker`."""
-        if self.waker is not None:
-            self.waker.asked = True
-        return RUNNING
+    def on_halt(self) -> None:
+        """Halted: so are its children."""
+        self._forget()
+        self.reset_children()
 
 
 class Control(Node):

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NoReturn
 
 from mazeplan.btree.script_values import (
@@ -48,10 +49,6 @@ POWERS = {  # precedence of the operators; assignments and ?: are handled separa
 }  # fmt: skip
 QUOTES = ("'", '"')
 PREFIXES = ("-", "!", "~")
-SLIPS = {  # operators of other languages, and what is probably meant
-    "<>": "!=", "=<": "<=", "=>": ">=", "=!": "!=", "===": "==", "!==": "!=", "**": "* for a product",
-    "++": "+= 1 to count up",
-}  # fmt: skip
 ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ ! {' '.join((*POWERS, *ASSIGNMENTS))}"
 
 
@@ -64,8 +61,6 @@ class Script:
     reads: names on the blackboard that it reads
     writes: names that it assigns to by `:=`, which makes entries
     needs: names that it always reads before it makes them
-    sets: names that it assigns to by any sign
-    orders: pairs of names that it compares by <, <=, > or >=
     """
 
     text: str
@@ -73,8 +68,6 @@ class Script:
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
-    sets: frozenset[str] = frozenset()
-    orders: frozenset[tuple[str, str]] = frozenset()
 
     def holds(self, scope: Scope) -> bool:
         """Whether its value is true. Raises ScriptError."""
@@ -92,15 +85,14 @@ class _Token:
     column: int  # from 1
 
 
+@lru_cache(maxsize=1000)
 def parse_script(text: str) -> Script:
-    """Parse a script. Raises ScriptError with the column and what is allowed there."""
+    """Parse a script, once. Raises ScriptError with the column and what is allowed there."""
     if len(text) > MAX_LENGTH:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
     evaluate = parser.whole()
-    found = (parser.reads, parser.writes, parser.needs, parser.sets)
-    reads, writes, needs, sets = (frozenset(names) for names in found)
-    return Script(text, evaluate, reads, writes, needs, sets, frozenset(parser.orders))
+    return Script(text, evaluate, frozenset(parser.reads), frozenset(parser.writes), frozenset(parser.needs))
 
 
 class _Parser:
@@ -111,8 +103,6 @@ class _Parser:
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.needs: set[str] = set()
-        self.sets: set[str] = set()
-        self.orders: set[tuple[str, str]] = set()
         self._made: set[str] = set()  # names that := has made until now
         self._branches = 0  # number of ?: around the present place
 
@@ -147,10 +137,6 @@ class _Parser:
 
     def _unexpected(self, expected: str) -> NoReturn:
         token = self._now
-        before = self._tokens[max(self._at - 1, 0)]
-        slip = SLIPS.get(before.text + token.text) if before.column + len(before.text) == token.column else None
-        if slip is not None:
-            raise ScriptError(f"column {before.column}: got {before.text}{token.text}, expected {slip}")
         got = "the end" if token.kind == "end" else repr(token.text)
         raise ScriptError(f"column {token.column}: got {got}, expected {expected}")
 
@@ -174,7 +160,7 @@ class _Parser:
                 break
             if POWERS.get(sign, -1) < least:
                 break
-            left = self._comparison(left, name) if sign in COMPARISONS else self._binary(left)
+            left = self._comparison(left) if sign in COMPARISONS else self._binary(left)
             name = None
         self._depth -= 1
         return left
@@ -183,7 +169,6 @@ class _Parser:
         if name is None:
             self._unexpected("a name on the blackboard to the left of it")
         self._at += 1
-        self.sets.add(name)
         if sign == ":=":  # it needs no entry; undo the read that `_prefix` noted for the name
             self.reads.discard(name)
             self.writes.add(name)
@@ -202,17 +187,11 @@ class _Parser:
         self._branches -= 1
         return lambda scope: (then if chosen(condition(scope), scope) else other)(scope)
 
-    def _comparison(self, left: Evaluate, name: str | None) -> Evaluate:
-        """name: the left side if it is no more than a name"""
+    def _comparison(self, left: Evaluate) -> Evaluate:
         parts, signs = [left], []
         while (sign := self._take(*COMPARISONS)) is not None:
             signs.append(sign)
-            token, first = self._now, self._at
             parts.append(self._expression(11))
-            right = token.text if token.kind == "name" and self._at == first + 1 else None
-            if name and right and sign not in ("==", "!="):
-                self.orders.add((name, right))
-            name = right
 
         def evaluate(scope: Scope) -> Any:
             value = parts[0](scope)

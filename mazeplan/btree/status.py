@@ -1,28 +1,20 @@
-"""The results of a tick of a node: the statuses of py_trees, and SKIPPED, which py_trees lacks.
-
-A node that was skipped did nothing. For py_trees it is as idle as before (INVALID); only its parent gets SKIPPED.
-"""
+"""The results of a tick of a node."""
 
 from __future__ import annotations
 
 from enum import Enum
 
-from py_trees.common import Status
 
+class Status(Enum):
+    """How a tick of a node ended. INVALID: the node is idle. A node that was skipped did nothing: its own status stays,
+    only its parent gets SKIPPED."""
 
-class Skipped(Enum):
-    """The status that py_trees lacks."""
-
+    RUNNING = "RUNNING"
+    SUCCESS = "SUCCESS"
+    FAILURE = "FAILURE"
     SKIPPED = "SKIPPED"
+    INVALID = "INVALID"
 
 
-Result = Status | Skipped
-SKIPPED = Skipped.SKIPPED
-RUNNING, SUCCESS, FAILURE, INVALID = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.INVALID
+RUNNING, SUCCESS, FAILURE, SKIPPED, INVALID = Status
 FINISHED = (SUCCESS, FAILURE)
-RESULTS = (RUNNING, SUCCESS, FAILURE, SKIPPED)
-
-
-def result_named(name: str) -> Result:
-    """The result with this name: SUCCESS, FAILURE, RUNNING or SKIPPED."""
-    return SKIPPED if name == "SKIPPED" else Status(name)

@@ -7,8 +7,8 @@ from typing import Any
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.leaf import Leaf
-from mazeplan.btree.node import Node, TreeNode, Waker
-from mazeplan.btree.status import FINISHED, INVALID, RUNNING, Result
+from mazeplan.btree.node import TreeNode, Waker
+from mazeplan.btree.status import FINISHED, INVALID, RUNNING, Status
 
 MOST_ROUNDS = 1000  # maximum ticks of the root in one tick; a tree that asks for more goes on at the next tick
 
@@ -20,18 +20,19 @@ class BehaviorTree:
         self, root: TreeNode, blackboard: Blackboard, name: str = "", again: Callable[[], None] | None = None
     ) -> None:
         self.root, self.blackboard, self.name = root, blackboard, name
-        self._paths = [(path, node) for path, node in _walk(root, "")]
+        self._paths = list(_walk(root, ""))
         self._waker, self._again = Waker(), again
         for _, node in self._paths:
             node.waker = self._waker
 
-    def tick(self) -> Result:
+    def tick(self) -> Status:
         """One tick of the tree: SUCCESS, FAILURE, RUNNING, or SKIPPED if conditions or children of the root say so.
 
         If a loop pauses, the root is ticked again at once, so that reactive nodes check their conditions."""
-        self._waker.take()
+        self._waker.asked = False
         result, rounds = self.root.execute(), 1
-        while result is RUNNING and rounds < MOST_ROUNDS and self._waker.take():
+        while result is RUNNING and self._waker.asked and rounds < MOST_ROUNDS:
+            self._waker.asked = False
             if self._again is not None:
                 self._again()
             result, rounds = self.root.execute(), rounds + 1
@@ -72,7 +73,7 @@ class BehaviorTree:
         number = {id(node): i for i, (_, node) in enumerate(self._paths)}
         parents = [-1] * len(self._paths)
         for _, node in self._paths:
-            for child in parts_of(node):
+            for child in node.parts:
                 parents[number[id(child)]] = number[id(node)]
         nodes = list(self.nodes())
         return {
@@ -83,18 +84,9 @@ class BehaviorTree:
             "conditions": tuple(i for i, node in enumerate(nodes) if node.category == "Condition"),
         }
 
-    def results(self) -> list[str]:
-        """Result of the last tick of each node, in the order of `nodes`; see `snapshot`."""
-        return [node.last.name for _, node in self._paths]
-
 
 def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
     path = f"{above}/{node.name}" if above else node.name
     yield path, node
-    for child in parts_of(node):
+    for child in node.parts:
         yield from _walk(child, path)
-
-
-def parts_of(node: TreeNode) -> tuple[TreeNode, ...]:
-    """The children of a node; empty for a leaf."""
-    return node.parts if isinstance(node, Node) else ()

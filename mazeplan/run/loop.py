@@ -19,6 +19,7 @@ from mazeplan.behavior.context import BallRoles, LeafOptions, RunContext, Steeri
 from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import read_tree
+from mazeplan.btree.builder import build
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
 from mazeplan.control.deadline import Live, Stopwatch
@@ -173,7 +174,7 @@ class Run:
             policy=setup.policy,
             balls=BallRoles(aheads=self._balls.ahead),
         )
-        tree = self._tree_file.build(self._leaves, context)
+        tree = build(self._tree_file, self._leaves, context)
         check_policy(tree, setup.policy)
         tree.blackboard.set_external("goal", goal)
         tree.blackboard.set_external("waypoints", [*via, goal])

@@ -140,7 +140,7 @@ class RunRecorder:
 
     def statuses(self, t: float, tree: BehaviorTree) -> None:
         """Record the statuses of a tree if they have changed."""
-        letters = "".join([STATUSES[name] for name in tree.results()])
+        letters = "".join([STATUSES[node.last.name] for node in tree.nodes()])
         if letters != self._statuses:
             self._statuses = letters
             self._log.statuses(t, letters)

@@ -71,7 +71,7 @@ def test_every_duration_and_tilt_of_a_packaged_leaf_is_bounded():
         (
             '<SubTree ID="S" way="9-9@1"/>',
             '<BehaviorTree ID="S"><Align opening="{way}"/></BehaviorTree>',
-            f"Sequence/S: way: got '9-9@1', {OPENINGS}",
+            f"Sequence/S/Align: opening: got '9-9@1' from {{way}}, which a SubTree gives, {OPENINGS}",
         ),
     ],
 )

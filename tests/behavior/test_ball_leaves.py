@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import BallView
+from mazeplan.btree.status import Status
 from mazeplan.core.errors import TreeError
 from mazeplan.core.records import FailureKind
 
@@ -26,8 +26,7 @@ class Two(Bench):
 
     def once(self, kind, **ports):
         leaf = self.leaf(kind, **ports)
-        for _ in leaf.tick():
-            pass
+        leaf.execute()
         return leaf.status
 
 
@@ -42,8 +41,7 @@ def test_the_ball_that_can_be_there_soonest_is_chosen(two):
         leaf = two.leaf("ChooseBall", goal=5)
         numbers = []
         leaf.set = lambda port, value, into=numbers: into.append(value)
-        for _ in leaf.tick():
-            pass
+        leaf.execute()
         assert (leaf.status, numbers) == (Status.SUCCESS, [soonest])
 
 
@@ -110,8 +108,7 @@ def chosen(two, *states):
     two.see(*states)
     leaf, numbers = two.leaf("ChooseBall", goal=5), []
     leaf.set = lambda port, value: numbers.append(value)
-    for _ in leaf.tick():
-        pass
+    leaf.execute()
     return leaf.status, numbers
 
 

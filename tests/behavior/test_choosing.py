@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import LeafOptions, TravelOptions
 from mazeplan.behavior.travel import arrival_s, arrival_speed, plan_to
 from mazeplan.btree.ports import Key
+from mazeplan.btree.status import Status
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.core.records import Plan, StopReason
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.current_leg import ENTERING
 from mazeplan.btree.ports import Key
+from mazeplan.btree.status import Status
 from mazeplan.core.records import FailureKind
 
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import Key
+from mazeplan.btree.status import Status
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.events import LawChanged, OpeningPassed
@@ -58,8 +58,7 @@ class Bench:
 
     def tick(self, leaf, state):
         self.run.begin(state.t, state, state)
-        for _ in leaf.tick():
-            pass
+        leaf.execute()
         return leaf.status
 
     def failure(self):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
+from mazeplan.btree.status import Status
 from mazeplan.control.estimation.rim_watch import Out
 from mazeplan.core.events import RecoveryChosen
 from mazeplan.core.records import LEVEL, Failure, FailureKind
@@ -85,14 +85,14 @@ def test_a_ball_out_of_the_maze_is_told_before_one_that_is_lost_and_awaited_too(
     state = at(1, lost=True)
     leaf = bench.leaf("BallSeen")
     bench.run.begin(0.0, state, state, out)
-    assert [*leaf.tick()][-1].status is Status.FAILURE
+    assert leaf.execute() is Status.FAILURE
     (failure,) = bench.run.history.failures
     assert (failure.kind, failure.x, failure.y) == (FailureKind.BALL_OUT, 0.12, 0.0)
     assert failure.words == "the ball has left the maze: it is 21 mm beyond the rim"
     wait = bench.leaf("LevelPlate", timeout_s=1.0)
     for t, where, expected in ((0.0, out, Status.RUNNING), (0.5, out, Status.RUNNING), (0.6, None, Status.SUCCESS)):
         bench.run.begin(t, at(1, t=t), at(1, t=t), where)
-        assert [*wait.tick()][-1].status is expected
+        assert wait.execute() is expected
         assert bench.run.command == (LEVEL if expected is Status.RUNNING else None)
 
 

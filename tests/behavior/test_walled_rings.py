@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 from test_leaves import MAZE, Bench, at, failing
 
 from mazeplan.btree.ports import Key
+from mazeplan.btree.status import Status
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.graph import RouteGraph

@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 from tree_checks import found_in, main
 
-TEXTS = '<SetBlackboard value="9" output_key="a"/><SetBlackboard value="10" output_key="b"/>'
 WARNED = [
     ('<SubTree ID="Leg" ring="2" rang="3"/>', "rang: nothing in Leg reads it"),
     ('<SubTree ID="Leg" ring="2" rang="{goal}"/>', "rang: nothing in Leg reads it"),
-    (f'<Sequence>{TEXTS}<ScriptCondition code="a &lt; b"/></Sequence>', "a and b are texts ('9', '10')"),
 ]
 QUIET = [
     '<SubTree ID="Leg" ring="{goal}"/>',
@@ -22,7 +20,6 @@ QUIET = [
     '<Sequence><Replan _skipIf="goal == 1" _onSuccess="b := a"/><Script code="a := 1"/></Sequence>',
     '<Fallback><Sequence><Replan/><InRing ring="{a}"/></Sequence><Script code="a := 1"/></Fallback>',
     '<Sequence><SetBlackboard value="0.5" output_key="d"/><Settle ring="1" hold_s="{d}"/></Sequence>',
-    f'<Sequence>{TEXTS}<Script code="a := 1"/><ScriptCondition code="a &lt; goal &amp;&amp; a == b"/></Sequence>',
     '<LoopInt queue="3;5" value="{r}"><InRing ring="{r}"/></LoopInt>',
 ]
 OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
@@ -78,19 +75,18 @@ def test_attributes_of_editors_are_ignored():
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ('<Replan _skipif="true"/>', "_skipif is ignored here; did you mean _skipIf?"),
-        ('<SubTree ID="Rest" _onSucces="a := 1"/>', "_onSucces is ignored here; did you mean _onSuccess?"),
-        ('<SubTree ID="Rest" _autoRemap="true"/>', "_autoRemap is ignored here; did you mean _autoremap?"),
-        ('<Replan _autoremap="true"/>', "_autoremap is ignored here"),
+        ('<Replan _skipif="true"/>', "'_skipif', expected one of _failureIf,"),
+        ('<SubTree ID="Rest" _onSucces="a := 1"/>', "did you mean _onSuccess?"),
+        ('<SubTree ID="Rest" _autoRemap="true"/>', "did you mean _autoremap?"),
+        ('<Replan _autoremap="true"/>', "unknown attribute '_autoremap'"),
     ],
 )
-def test_an_attribute_that_is_ignored_but_looks_like_another_is_a_warning(content, said):
-    rest = '<BehaviorTree ID="Rest"><Replan/></BehaviorTree><BehaviorTree ID="Used"><SubTree ID="Rest"/></BehaviorTree>'
-    found = found_in(main(content), rest)
-    assert [(e.line, e.problem) for e in found.warnings if not e.problem.startswith("not used")] == [(2, said)]
-    assert found.errors == ()
+def test_an_attribute_that_looks_like_one_with_a_meaning_is_refused(content, said):
+    (error,) = found_in(main(content), '<BehaviorTree ID="Rest"><Replan/></BehaviorTree>').errors
+    assert error.line == 2
+    assert said in error.problem
 
 
-def test_a_precondition_of_a_whole_tree_is_ignored_with_a_warning():
-    (warning,) = found_in(main("<Replan/>").replace('ID="Main"', 'ID="Main" _skipIf="true"')).warnings
-    assert warning.problem == "_skipIf is ignored here"
+def test_a_precondition_of_a_whole_tree_is_refused():
+    (error,) = found_in(main("<Replan/>").replace('ID="Main"', 'ID="Main" _skipIf="true"')).errors
+    assert error.problem.startswith("unknown attribute '_skipIf'")

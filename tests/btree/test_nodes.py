@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from py_trees.common import Status
 from scripted import Run, build, tick
 
 from mazeplan.btree.controls import CONTROLS
@@ -39,8 +38,8 @@ def test_halting_reaches_the_running_child_exactly_once(kind):
     values = {"RetryUntilSuccessful": {"num_attempts": 2}, "Repeat": {"num_cycles": 2}, "Timeout": {"msec": 1000}}
     node, (leaf,) = build(kind, ["R"], values.get(kind))
     assert tick(node) == "R"
-    node.stop(Status.INVALID)
-    node.stop(Status.INVALID)
+    node.reset()
+    node.reset()
     assert (leaf.starts, leaf.halts) == (1, 1)
     assert tick(node) == "R"
     assert leaf.starts == 2

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import ClassVar
 
 import pytest
-from py_trees.common import Status
 
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.outline import tree_text
 from mazeplan.btree.palette import write_palette
 from mazeplan.btree.ports import REQUIRED, Port
+from mazeplan.btree.status import Status
 from mazeplan.core.errors import TreeError
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
@@ -105,7 +105,7 @@ def test_the_type_is_kept_through_two_subtrees(tmp_path):
     tree, run = load(tmp_path, '<SubTree ID="S" n="7"/>', more)
     tree.tick()
     assert run.seen[0][0] == 7
-    with pytest.raises(TreeError, match=r"Main/S: n: got -7, expected a whole number >= 0; inside, Take reads \{m\}"):
+    with pytest.raises(TreeError, match=r"Main/S/T/Take: number: got -7 from \{m\}, which a SubTree gives, expected"):
         load(tmp_path, '<SubTree ID="S" n="-7"/>', more)
 
 

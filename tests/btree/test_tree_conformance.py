@@ -8,8 +8,9 @@ halts a child that runs, as _while does.
 from __future__ import annotations
 
 import pytest
-from py_trees.common import Status
 from scripted import Run, build, scripted, tick, wrap
+
+from mazeplan.btree.status import Status
 
 TABLE = """
 Sequence                            | S S     | S    | 1 1   | 0 0
@@ -130,8 +131,8 @@ def test_a_row_of_the_table(row):
     assert [leaf.halts for leaf in leaves] == list(map(int, halts))
     if node.status is not Status.RUNNING:
         assert all(player.leaf.status is not Status.RUNNING for player in leaves)
-    node.stop(Status.INVALID)
-    node.stop(Status.INVALID)
+    node.reset()
+    node.reset()
     assert [leaf.ends + leaf.halts for leaf in leaves] == [leaf.starts for leaf in leaves]
     assert all(player.leaf.status is not Status.RUNNING for player in leaves)
 

@@ -30,7 +30,6 @@ def test_check_and_list_for_programs(call, tmp_path):
     assert (code, err) == (2, "")
     assert good == {
         "file": "navigate", "ok": True, "nodes": good["nodes"], "error": None, "errors": [], "warnings": [],
-        "names_map": False,
     }  # fmt: skip
     assert good["nodes"] > 20
     assert (bad["ok"], bad["nodes"]) == (False, None)

@@ -71,7 +71,7 @@ def test_your_own_leaf_is_checked_shown_listed_and_in_the_palette(call, refused)
     assert "Base:" not in listed
     assert '<Action ID="GiveUp">' in call("behavior", "palette", *MODULE)[1]
     assert (
-        "tree.xml:2: Main: unknown node 'GiveUp'; one of your own needs --behavior-module; expected one of "
+        "tree.xml:2: Main/GiveUp: unknown node 'GiveUp', which --behavior-module may add; expected one of "
         in refused("behavior", "check", "tree.xml")
     )
 

@@ -13,13 +13,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from py_trees.common import Status
-
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree import tree as trees
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import REQUIRED, Port
-from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS
+from mazeplan.btree.status import FAILURE, RUNNING, SUCCESS, Status
 from mazeplan.core.errors import TreeError
 
 FOLDER = Path(__file__).resolve().parent

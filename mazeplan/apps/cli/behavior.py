@@ -52,7 +52,7 @@ def check(
         errors, warnings = [str(e) for e in result.errors], [str(w) for w in result.warnings]
         found.append({
             "file": source, "ok": not errors, "nodes": result.nodes, "error": errors[0] if errors else None,
-            "errors": errors, "warnings": warnings, "names_map": result.names_map,
+            "errors": errors, "warnings": warnings,
         })  # fmt: skip
     if as_json:
         print_json(found)
@@ -61,8 +61,6 @@ def check(
             say(f"mazeplan: {line}")
         if tree["ok"]:
             print(f"{tree['file']}: ok, {tree['nodes']} nodes")
-        if tree["names_map"] and map_ is None:
-            say("mazeplan: rings and openings that the tree names were not looked up: give --map MAP")
     if not all(tree["ok"] for tree in found):
         raise SystemExit(2)
 

@@ -18,12 +18,12 @@ from typing import Any
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import shown
-from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Failure, FailureKind
 
-STATUSES: dict[str, Result] = {"RUNNING": RUNNING, "SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
-LETTERS: dict[str, Result] = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "-": SKIPPED}
+STATUSES: dict[str, Status] = {"RUNNING": RUNNING, "SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
+LETTERS: dict[str, Status] = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "-": SKIPPED}
 KINDS = "|".join(FailureKind)
 ACT = re.compile(rf"(RUNNING|SUCCESS|SKIPPED|FAILURE(?:\s*\(\s*({KINDS})\s*\))?)\s*(?:x\s*([0-9]{{1,4}}))?")
 GRAMMAR = (
@@ -36,7 +36,7 @@ GRAMMAR = (
 class Act:
     """One tick of a script: the status that the leaf returns, and the kind of failure that it reports, if any."""
 
-    status: Result
+    status: Status
     kind: FailureKind | None = None
 
 
@@ -82,7 +82,7 @@ class Player:
         self.at = self.ticks = self.starts = self.halts = self.ends = 0
         leaf.probe, leaf.on_halt = self, self._count_halt
 
-    def before(self, node: TreeNode) -> Result:
+    def before(self, node: TreeNode) -> Status:
         """The result of this tick."""
         act = self.script.acts[self.at]
         self.at = min(self.at + 1, len(self.script.acts) - 1)
@@ -99,7 +99,7 @@ class Player:
                 self.leaf.set(port, value)
         return act.status
 
-    def after(self, node: TreeNode, result: Result) -> None:
+    def after(self, node: TreeNode, result: Status) -> None:
         """The result stays."""
 
     def _count_halt(self) -> None:

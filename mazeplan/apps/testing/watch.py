@@ -12,7 +12,7 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.node import TreeNode
 from mazeplan.btree.ports import shown
-from mazeplan.btree.status import RUNNING, Result
+from mazeplan.btree.status import RUNNING, Status
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import RunEvent, TimedEvent
@@ -65,14 +65,14 @@ class Watch:
         """Rig time, s, rounded because adding up samples leaves errors in the last digits."""
         return round(self._context.now, 9)
 
-    def before(self, node: TreeNode) -> Result | None:
+    def before(self, node: TreeNode) -> Status | None:
         """Called before a tick of a node (`btree.node.Probe`). The step keeps the place before those of children."""
         self._ticking.append(len(self.record.steps))
         self._note(node, RUNNING.name, ticked=True)
         player = self._players.get(node)
         return None if player is None else player.before(node)
 
-    def after(self, node: TreeNode, result: Result) -> None:
+    def after(self, node: TreeNode, result: Status) -> None:
         """Called after a tick of a node, and when a precondition has decided in its place."""
         steps, at = self.record.steps, self._ticking[-1] if self._ticking else None
         if at is not None and steps[at].node == self._numbers[node]:
@@ -97,7 +97,7 @@ class Watch:
     def _watch_ticks(self, tree: BehaviorTree) -> None:
         tick = tree.tick
 
-        def watched() -> Result:
+        def watched() -> Status:
             status, run, rig = tick(), self._context, self._rig
             ring, theta = (run.here.ring, run.here.theta) if rig is None else (rig.ring, rig.theta)
             seen, command, leaf = run.here.seen, run.command, run.commanded_by
