@@ -7,7 +7,7 @@ The background is drawn once; a frame draws only what changes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +43,9 @@ def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> No
     maze = maze_of(shown[0].header) if shown else None
     if maze is None:
         raise InputError("the run has no tick, or no map: there is nothing to film", file=path)
-    images = list[Any]()
-    for picture in frames(at_even_times(shown, HZ), maze):
-        image, first = Image.fromarray(picture), images[0] if images else None
+    picture, images = _Picture(maze, shown[0].header), list[Any]()
+    for moment in at_even_times(shown, HZ):
+        image, first = Image.fromarray(picture.frame(moment)), images[0] if images else None
         # with the colours of the first picture, so that unchanged parts cost nothing
         images.append(image.quantize(COLOURS_GIF, palette=first, dither=Image.Dither.NONE))
     more: Any = {"format": "GIF", "duration": round(1000.0 / HZ), "loop": 0, "optimize": True}
@@ -65,46 +65,24 @@ def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
     return [shown[i] for i in places] + [shown[-1]] * max(1, round(END_S * hz))
 
 
-def frames(shown: Sequence[Moment], maze: Maze) -> Iterator[Frame]:
-    """A picture of each moment."""
-    picture = _Picture(maze, shown[0].header)
-    return (picture.frame(moment) for moment in shown)
-
-
-class Plate:
-    """The plate from above, with the balls that the camera saw.
-
-    moving: artists that change"""
-
-    def __init__(self, axes: Any, maze: Maze) -> None:
-        from matplotlib.patches import Circle
-
-        draw_maze(maze, axes, labels=False, ball=False)
-        looks = ({"facecolor": MAZE["ball"]}, {"facecolor": COLOURS["second"]})
-        radius = MM * maze.ball.radius
-        self.moving = [Circle((0.0, 0.0), radius, edgecolor=INKS["ink"], lw=0.7, zorder=8, **look) for look in looks]
-        for ball in self.moving:
-            axes.add_patch(ball)
-
-    def show(self, moment: Moment) -> None:
-        """Show the balls of a moment."""
-        for patch, ball in zip(self.moving, (moment.ball, moment.second), strict=True):
-            patch.set_visible(ball is not None and ball.seen)
-            if ball is not None and ball.seen:
-                patch.set_center((MM * ball.x, MM * ball.y))
-
-
 class _Picture:
     """The parts of a frame that change, over a background that does not."""
 
     def __init__(self, maze: Maze, header: dict[str, Any]) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
 
         figure = Figure(figsize=INCHES, dpi=DPI)
         self._canvas, self._maze = FigureCanvasAgg(figure), maze
         plan = figure.add_axes((0.0, 0.02, 0.54, 0.96))
-        self._plate = Plate(plan, maze)
+        draw_maze(maze, plan, labels=False, ball=False)
+        self._balls = [
+            Circle((0.0, 0.0), MM * maze.ball.radius, fc=colour, ec=INKS["ink"], lw=0.7, zorder=8)
+            for colour in (MAZE["ball"], COLOURS["second"])
+        ]
+        for ball in self._balls:
+            plan.add_patch(ball)
         side = figure.add_axes((0.55, 0.0, 0.45, 1.0))
         side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         side.set_axis_off()
@@ -122,7 +100,7 @@ class _Picture:
         self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"], **plain)
         self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5, **plain) for k in range(ROWS)]
         self._axes = plan, side
-        self._moving = (*self._plate.moving, downhill, self._trail, self._planned, self._next, self._tilt)
+        self._moving = (*self._balls, downhill, self._trail, self._planned, self._next, self._tilt)
         self._texts = (self._time, self._said, *self._rows)
         for artist in (*self._moving, *self._texts):
             artist.set_animated(True)  # keeps it out of the background
@@ -142,8 +120,11 @@ class _Picture:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _place(self, moment: Moment) -> None:
-        self._plate.show(moment)
-        ahead = [self._maze.opening(opening.name) for opening in moment.openings if opening.next]
+        for patch, ball in zip(self._balls, (moment.ball, moment.second), strict=True):
+            patch.set_visible(ball is not None and ball.seen)
+            if ball is not None:
+                patch.set_center((MM * ball.x, MM * ball.y))
+        ahead = [opening for opening in self._maze.openings if opening.name == moment.opening]
         angles = np.array([opening.angle for opening in ahead])
         radii = np.array([self._maze.threshold_radius(opening) for opening in ahead])
         for line, points in (
@@ -157,9 +138,8 @@ class _Picture:
         self._tilt.set_data(ends[:, 0], ends[:, 1])
 
     def _write(self, moment: Moment) -> None:
-        task, result, failure = moment.task, moment.result, moment.failure
-        goal = "" if task.goal is None else f" → {task.goal}"
-        state = f"ring {task.ring or '–'}{goal}"
+        result, failure = moment.result, moment.failure
+        state = f"ring {moment.ring or '–'}{'' if moment.goal is None else f' → {moment.goal}'}"
         if result is not None:
             state = "arrived" if result.get("success") else str(result.get("reason", "ended"))
         self._time.set_text(f"{moment.t:.2f} s   {state}")

@@ -14,19 +14,23 @@ import socket
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from time import sleep
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.view.page import Page, RunView
+from mazeplan.apps.view.page import RunView, draw_loop, open_page
+from mazeplan.apps.view.server import STOP_BAR
 from mazeplan.apps.view.story import Story
 from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
+
+if TYPE_CHECKING:
+    from viser import ViserServer
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault", and its arguments}
 STATE = "state"  # topic of the session's phase, in addition to the topics of a run
@@ -50,35 +54,25 @@ class Offer:
 
 
 class LiveTab:
-    """See `page.Tab`.
+    """What a live page shows. order: gets all orders"""
 
-    drain: gives the messages (topic, document) since its last call
-    order: gets all orders"""
-
-    def __init__(
-        self, offer: Offer, drain: Callable[[], Iterable[tuple[str, dict[str, Any]]]], order: Callable[[Order], None]
-    ) -> None:
-        self._offer, self._drain, self._order = offer, drain, order
+    def __init__(self, server: ViserServer, offer: Offer, order: Callable[[Order], None]) -> None:
+        self._offer, self._order = offer, order
         self._story = Story()
         self._state: dict[str, Any] = {"phase": "idle", "note": ""}
         self._state_shown: dict[str, Any] = {}
-
-    def build(self, page: Page) -> None:
-        """Add scene, buttons, facts and tree to the page."""
-        gui = page.server.gui
-        with page.tabs.add_tab("Run"):
-            self._head = gui.add_html("")
-            self._build_buttons(gui)
-            self._view = RunView(page, self._offer.maze)
+        self._head = server.gui.add_html("")
+        self._build_buttons(server.gui)
+        self._view = RunView(server, offer.maze)
 
     def _build_buttons(self, gui: Any) -> None:
         offer = self._offer
         level = gui.add_command("Emergency stop", hotkey="escape", description="plate level at once, and the run ends")
         level.on_trigger(lambda event: self._order({"do": "level"}))
         self._start = gui.add_button("Start", color="green", hint="begin a run")
+        self._start.on_click(lambda event: self._order({"do": "start"}))
         self._stop = gui.add_button("Stop", color="gray", hint="end the run at its next tick, plate level")
-        for button, what in ((self._start, "start"), (self._stop, "stop")):
-            button.on_click(lambda event, what=what: self._order({"do": what}))
+        self._stop.on_click(lambda event: self._order({"do": "stop"}))
         rings = [str(ring.number) for ring in offer.maze.rings]  # short, so that seven are in one row
         goal = gui.add_button_group("Go to ring", rings, hint="from where the ball is")
         goal.on_click(lambda event: self._order({"do": "goal", "ring": int(event.target.value)}))
@@ -94,27 +88,28 @@ class LiveTab:
                 inject = gui.add_button("Inject", color="orange", hint="into the run that goes on")
                 inject.on_click(lambda event: self._order({"do": "fault", "kind": fault.value}))
 
+    def take(self, topic: str, document: dict[str, Any]) -> None:
+        """Take a message of the run or of the session."""
+        if topic == STATE:
+            self._state = document
+        else:
+            self._story.take(topic, document)
+
     def draw(self, now: float) -> None:
-        """Take new messages and draw."""
-        for topic, document in self._drain():
-            if topic == STATE:
-                self._state = document
-            else:
-                self._story.take(topic, document)
+        """Draw what the messages told until now; now: monotonic, s."""
         moment = self._story.moment()
         if moment.run:
             self._view.show(moment, now)
         if self._state != self._state_shown:
-            self._state_shown = state = dict(self._state)
-            phase = str(state.get("phase", "idle"))
+            self._state_shown, phase = self._state, str(self._state["phase"])
             resting = phase in ("idle", "failed")
             self._start.disabled, self._stop.disabled = not resting, resting
-            self._head.content = head_html(self._offer, phase, str(state.get("note", "")))
+            self._head.content = head_html(self._offer, phase, str(self._state["note"]))
 
 
 def head_html(offer: Offer, phase: str, note: str) -> str:
     """Rig and map, and in a frame the phase with a note: what a person waits for or has to know."""
-    sign, word, colour = PHASES.get(phase, ("", phase, "neutral"))
+    sign, word, colour = PHASES[phase]
     below = f'<div style="font-size:12px" data-note>{escape(note)}</div>' if note else ""
     frame = f"border-left:4px solid {COLOURS[colour]};padding-left:6px;margin-top:2px"
     return (
@@ -129,7 +124,6 @@ WAITING, MOST = 300, 5000  # with this many messages in the queue, frequent mess
 PAUSE_S = 0.015  # s between looks into the queue; it has no lock, so that the run never waits
 END_S = 2.0  # s that the page has to end by itself
 NICE = 5  # niceness of the page: the run goes first when both want the processor
-KEPT = 20_000  # maximum number of messages that wait to be drawn
 
 
 class PageLink:
@@ -165,11 +159,12 @@ class PageLink:
         self.take(STATE, 0.0, {"phase": phase, "note": note})
 
     def _send(self) -> None:
-        while not self.ended.is_set():
-            batch = [self._queue.popleft() for _ in range(len(self._queue))]
-            if batch and not _sent(self._pipe, batch):
-                return
-            sleep(PAUSE_S)
+        with suppress(OSError, ValueError):  # the page has ended
+            while not self.ended.is_set():
+                batch = [self._queue.popleft() for _ in range(len(self._queue))]
+                if batch:
+                    self._pipe.send(batch)
+                sleep(PAUSE_S)
 
     def _receive(self) -> None:
         while True:
@@ -207,64 +202,34 @@ class PageLink:
         self.close()
 
 
-def _sent(pipe: Connection, batch: list[tuple[str, dict[str, Any]]]) -> bool:
-    try:
-        pipe.send(batch)
-    except (OSError, ValueError):
-        return False
-    return True
-
-
-# -- the page's process ------------------------------------------------------------------------------------------------
-
-
 def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     """The page's process. It draws until the other end of the pipe is gone. It leaves Ctrl-C to the run's process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
-    from mazeplan.apps.view.page import Page
-    from mazeplan.apps.view.server import STOP_BAR
+    server, ready = open_page(listening, STOP_BAR)
+    lock, viewers = threading.Lock(), 0
 
-    line = _PageEnd(pipe)
-    page = Page(listening, LiveTab(offer, line.drain, line.order), bar=STOP_BAR)
-    viewers = -1
+    def order(order: Order) -> None:
+        with lock, suppress(OSError):  # a button's thread may call this
+            pipe.send(order)
 
     def on() -> bool:
+        """Send the number of viewers, and take what the run has told."""
         nonlocal viewers
-        now = len(page.server.get_clients())
-        if now != viewers:
-            viewers = now
-            line.order({"do": "viewers", "count": now})
-        return not line.over.is_set()
+        if len(server.get_clients()) != viewers:
+            viewers = len(server.get_clients())
+            order({"do": "viewers", "count": viewers})
+        try:
+            while pipe.poll():
+                for topic, document in pipe.recv():
+                    tab.take(topic, document)
+        except (EOFError, OSError):
+            return False
+        return True
 
-    page.loop(on)
+    tab = LiveTab(server, offer, order)
+    ready.set()
+    draw_loop(server, tab.draw, on)
     sys.stderr.flush()
     os._exit(0)  # viser's threads wait for browsers, which may hang
-
-
-class _PageEnd:
-    """The page's end of the line."""
-
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe, self._lock, self.over = pipe, threading.Lock(), threading.Event()
-        self._waiting: deque[tuple[str, dict[str, Any]]] = deque(maxlen=KEPT)
-        threading.Thread(target=self._receive, name="mazeplan line", daemon=True).start()
-
-    def _receive(self) -> None:
-        while True:
-            try:
-                self._waiting.extend(self._pipe.recv())
-            except (EOFError, OSError):
-                self.over.set()
-                return
-
-    def drain(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Messages since the last call."""
-        while self._waiting:
-            yield self._waiting.popleft()
-
-    def order(self, order: Order) -> None:
-        """Send an order. Any thread may call this."""
-        with self._lock, suppress(OSError):
-            self._pipe.send(order)

@@ -6,17 +6,17 @@ The time is that of the rig's clock, s.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.page import FONT, Page, RunView
+from mazeplan.apps.view.page import RunView, draw_loop, open_page
+from mazeplan.apps.view.panel import FONT
 from mazeplan.apps.view.server import check_installed, listen, url_of
 from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import LogError
@@ -25,7 +25,10 @@ from mazeplan.core.palette import INKS
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # s of the run in 1 s of wall time
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+SPEEDS = ("0.1×", "0.25×", "0.5×", "1×", "2×", "4×")  # of the original speed
 _NEAR = 1e-6  # s; times that are no farther apart are the same tick
 
 
@@ -98,47 +101,33 @@ class Playback:
 
 
 class ReplayTab:
-    """See `page.Tab`. Shows a recorded run."""
+    """What the page of a recorded run shows."""
 
-    def __init__(self, recording: RecordedRun) -> None:
-        self._recording = recording
-        self._player, self._lock = Playback(float(recording.times[0]), float(recording.times[-1])), RLock()
-        self._before, self._drawn = 0.0, ()
+    def __init__(self, server: ViserServer, recording: RecordedRun) -> None:
+        gui, times = server.gui, recording.times
+        self._recording, self._before, self._drawn = recording, 0.0, ()
+        self._player = player = Playback(float(times[0]), float(times[-1]))
+        self._head = gui.add_html("")
+        first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
+        marks = tuple(round(t, 2) for t in recording.failures)
+        self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
+        self._slider.on_update(self._seek)
+        self._play = gui.add_button("Play", color="blue", hint="space")
+        self._play.on_click(lambda event: player.toggle())
+        gui.add_command("Play or stop", hotkey="space").on_trigger(lambda event: player.toggle())
+        speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×", hint="1×: as fast as it was")
+        speed.on_update(lambda event: setattr(player, "speed", float(event.target.value[:-1])))
+        self._view = RunView(server, recording.maze)
 
-    def build(self, page: Page) -> None:
-        """Add scene, controls of time, facts and tree to the page."""
-        gui, player = page.server.gui, self._player
-        with page.tabs.add_tab("Replay"):
-            self._head = gui.add_html("")
-            first, span = round(player.first, 2), max(round(player.last - player.first, 2), 0.01)
-            marks = tuple(round(t, 2) for t in self._recording.failures)
-            self._slider = gui.add_slider("Time (s)", first, round(first + span, 2), 0.01, first, marks=marks or None)
-            self._slider.on_update(self._pressed(lambda event: player.seek(event.target.value)))
-            self._play = gui.add_button("Play", color="blue", hint="space")
-            self._play.on_click(self._pressed(lambda event: player.toggle()))
-            play = gui.add_command("Play or stop", hotkey="space")
-            play.on_trigger(self._pressed(lambda event: player.toggle()))
-            speeds = [f"{speed:g}×" for speed in SPEEDS]
-            speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
-            speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
-            self._view = RunView(page, self._recording.maze)
-
-    def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
-        """A callback for actions of a person, called one after another. It ignores changes by the program."""
-
-        def on(event: Any) -> None:
-            if getattr(event, "client_id", 0) is not None:
-                with self._lock:
-                    do(event)
-
-        return on
+    def _seek(self, event: Any) -> None:
+        if event.client_id is not None:  # else the program has moved the slider
+            self._player.seek(event.target.value)
 
     def draw(self, now: float) -> None:
-        """Let time pass, and draw the moment of the new time."""
-        with self._lock:
-            self._player.advance(now - self._before if self._before else 0.0)
-            self._before = now
-            t, playing = self._player.t, self._player.playing
+        """Let time pass, and draw the moment of the new time; now: monotonic, s."""
+        self._player.advance(now - self._before if self._before else 0.0)
+        self._before = now
+        t, playing = self._player.t, self._player.playing
         self._view.show(self._recording.moments[self._recording.tick_at(t)], now)
         shown = (round(t, 2), playing)
         if shown != self._drawn:
@@ -156,7 +145,7 @@ def head_html(recording: RecordedRun, t: float) -> str:
     cut = "" if recording.complete else " · the log was cut off"
     tick = f"tick {recording.tick_at(t) + 1} of {len(recording.moments)}{cut}"
     return (
-        f'<div style="{FONT}" data-t="{t:.3f}"><b>{escape(recording.name)}</b> '
+        f'<div style="{FONT}padding:2px 12px" data-t="{t:.3f}"><b>{escape(recording.name)}</b> '
         f'<div style="color:{INKS["quiet"]}">{escape(facts)} · {tick}</div></div>'
     )
 
@@ -165,12 +154,14 @@ def show_log(recording: RecordedRun, port: int) -> None:
     """Show a run until Ctrl-C. Raises InputError for a port that cannot be used, and without viser."""
     check_installed()
     with listen(port) as listening:
-        page = Page(listening, ReplayTab(recording))
+        server, ready = open_page(listening)
+        tab = ReplayTab(server, recording)
+        ready.set()
         try:
             with suppress(OSError):  # stderr may be closed; the page goes on
                 print(f"page: {url_of(listening)}", file=sys.stderr, flush=True)
-            page.loop(lambda: True)
+            draw_loop(server, tab.draw, lambda: True)
         except KeyboardInterrupt:  # Ctrl-C is the usual way to end a page
             pass
         finally:
-            page.close()
+            server.stop()

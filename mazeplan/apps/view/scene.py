@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.story import Moment, OpeningShown
+from mazeplan.apps.view.story import Moment
 from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 STEP = math.radians(3.0)  # maximum angle between points of an arc
-Mesh = tuple[Array, IntArray]
+Mesh = tuple[Array, IntArray]  # corners (N, 3), and the numbers of the corners of each triangle
 
 
 def joined(meshes: Iterable[Mesh]) -> Mesh:
@@ -37,7 +37,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def strip(left: Array, right: Array) -> Mesh:
-    """A band between two lines, (N, 3) each; its front is seen with `left` on the left, looking along it."""
+    """A band between two lines, (N, 3) each."""
     n = len(left)
     i = np.arange(n - 1)
     first = np.column_stack([i, i + n, i + 1])
@@ -45,55 +45,36 @@ def strip(left: Array, right: Array) -> Mesh:
     return np.vstack([left, right]), np.vstack([first, second])
 
 
-def arc(radius: float, angles: Array, z: float) -> Array:
-    """Points on a circle, (N, 3)."""
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), z)])
+def block(inner: Array, outer: Array, height: float) -> Mesh:
+    """A solid of a height over two lines of as many points, (N, 2); without a bottom."""
+    heads, feet = ([np.column_stack([line, np.full(len(line), z)]) for line in (inner, outer)] for z in (height, 0.0))
+    sides = [strip(*heads), strip(heads[1], feet[1]), strip(feet[0], heads[0])]
+    ends = [strip(np.stack([heads[0][k], heads[1][k]]), np.stack([feet[0][k], feet[1][k]])) for k in (0, -1)]
+    return joined([*sides, *ends])
 
 
-def sector(inner: tuple[float, Array], outer: tuple[float, Array], low: float, high: float, *, ends: bool) -> Mesh:
-    """A piece of wall between two arcs (radius, angles) of as many points, from z = low to high."""
-    r, a = inner
-    big_r, b = outer
-    parts = [
-        strip(arc(r, a, high), arc(big_r, b, high)),
-        strip(arc(big_r, b, high), arc(big_r, b, low)),
-        strip(arc(r, a, low), arc(r, a, high)),
-    ]
-    if ends:
-        for k, turned in ((0, False), (-1, True)):
-            feet = np.vstack([arc(r, a[[k]], low), arc(big_r, b[[k]], low)])
-            heads = feet + np.array([0.0, 0.0, high - low])
-            parts.append(strip(feet, heads) if turned else strip(heads, feet))
-    return joined(parts)
+def arc(radius: float, angles: Array) -> Array:
+    """Points on a circle, (N, 2)."""
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def wall_mesh(wall: Wall, height: float) -> Mesh:
     """The solid pieces of a wall between its openings, whose sides are parallel."""
-    if not wall.openings:
-        around = np.linspace(0.0, 2.0 * math.pi, 181)
-        return sector((wall.inner_radius, around), (wall.outer_radius, around), 0.0, height, ends=False)
-    gaps = sorted(wall.openings, key=lambda o: o.angle % (2.0 * math.pi))
+    gaps = sorted(wall.openings, key=lambda opening: opening.angle % math.tau)
+    if not gaps:
+        around = np.linspace(0.0, math.tau, 181)
+        return block(arc(wall.inner_radius, around), arc(wall.outer_radius, around), height)
     pieces = []
     for here, following in zip(gaps, gaps[1:] + gaps[:1], strict=True):
-        start, end = here.angle % (2.0 * math.pi), following.angle % (2.0 * math.pi)
-        end += 2.0 * math.pi if following is gaps[0] else 0.0
+        start, end = here.angle % math.tau, following.angle % math.tau
+        end += math.tau if following is gaps[0] else 0.0
         count = max(3, math.ceil((end - start) / STEP))
         inner, outer = (
-            (radius, np.linspace(start + _half(here, radius), end - _half(following, radius), count))
+            arc(radius, np.linspace(start + _half(here, radius), end - _half(following, radius), count))
             for radius in (wall.inner_radius, wall.outer_radius)
         )
-        pieces.append(sector(inner, outer, 0.0, height, ends=True))
+        pieces.append(block(inner, outer, height))
     return joined(pieces)
-
-
-def radial_mesh(maze: Maze, wall: RadialWall, height: float) -> Mesh:
-    """A wall across a ring, whose sides are parallel."""
-    ring = maze.ring(wall.ring)
-    inner, outer = (
-        (radius, wall.angle + wall.half_angle(radius) * np.linspace(-1.0, 1.0, 5))
-        for radius in (ring.inner_radius, ring.outer_radius)
-    )
-    return sector(inner, outer, 0.0, height, ends=True)
 
 
 def _half(opening: Opening, radius: float) -> float:
@@ -101,30 +82,33 @@ def _half(opening: Opening, radius: float) -> float:
     return math.asin(0.5 * opening.width / radius)
 
 
+def radial_mesh(maze: Maze, wall: RadialWall, height: float) -> Mesh:
+    """A wall across a ring, whose sides are parallel."""
+    ring = maze.ring(wall.ring)
+    inner, outer = (
+        arc(radius, wall.angle + wall.half_angle(radius) * np.linspace(-1.0, 1.0, 5))
+        for radius in (ring.inner_radius, ring.outer_radius)
+    )
+    return block(inner, outer, height)
+
+
 def ring_floor(maze: Maze, ring: int) -> Mesh:
     """The floor of a ring. It reaches to the middle of the walls on both sides."""
-    walls = maze.walls
-    outer = 0.5 * (walls[ring - 1].inner_radius + walls[ring - 1].outer_radius)
-    inner = 0.5 * (walls[ring].inner_radius + walls[ring].outer_radius) if ring < len(maze.rings) else 0.0
-    around = np.linspace(0.0, 2.0 * math.pi, 121)
-    return strip(arc(inner, around, 0.0), arc(outer, around, 0.0))
+    middles = [0.5 * (wall.inner_radius + wall.outer_radius) for wall in maze.walls]
+    around = np.linspace(0.0, math.tau, 121)
+    inner = middles[ring] if ring < len(maze.rings) else 0.0
+    return block(arc(inner, around), arc(middles[ring - 1], around), 0.0)
 
 
-def prism(feet: Array, height: float) -> Mesh:
-    """A block without a floor over four corners (4, 3), counter-clockwise."""
-    heads = feet + np.array([0.0, 0.0, height])
-    sides = [strip(heads[[i, (i + 1) % 4]], feet[[i, (i + 1) % 4]]) for i in range(4)]
-    return joined([strip(heads[[0, 1]], heads[[3, 2]]), *sides])
-
-
-def gap_box(maze: Maze, opening: Opening, low: float, high: float) -> Mesh:
-    """A block that fills an opening from z = low to high, such as a mark on its floor or a plug."""
-    inner, outer = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
-    along = np.array([math.cos(opening.angle), math.sin(opening.angle), 0.0])
-    across, half = np.array([-along[1], along[0], 0.0]), 0.5 * opening.width
-    corners = [(inner, -half), (outer, -half), (outer, half), (inner, half)]
-    feet = np.array([radius * along + side * across for radius, side in corners]) + np.array([0.0, 0.0, low])
-    return prism(feet, high - low)
+def gap_mesh(maze: Maze, opening: Opening, height: float) -> Mesh:
+    """A block in an opening, such as a mark on its floor or a plug."""
+    along = np.array([math.cos(opening.angle), math.sin(opening.angle)])
+    across = 0.5 * opening.width * np.array([-along[1], along[0]])
+    inner, outer = (
+        np.array([radius * along - across, radius * along + across])
+        for radius in (maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius)
+    )
+    return block(inner, outer, height)
 
 
 UNIT = 10.0  # lengths in the scene are dm, because viser's cameras and lights suit things of a size near 1
@@ -135,6 +119,7 @@ TRAIL_POINTS = 90
 PLAN_POINTS = 64
 TILT_SHOWN = 3.0  # drawn tilt over true tilt
 WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
+MARK = 4e-4  # m, height of the mark on the floor of an opening
 WALL, TABLE = (178, 184, 192), (205, 208, 212)
 FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
 GOAL_FLOOR = (172, 222, 190)
@@ -150,12 +135,12 @@ class Scene:
         self.tilt_shown = TILT_SHOWN
         self._plate = server.scene.add_frame("/plate", show_axes=False)
         self._build_plate()
-        self._openings = {opening.name: _OpeningMark(self, opening) for opening in maze.openings}
+        self._build_openings()
         self._build_ball()
         self._shown: tuple[Any, ...] = ()
-        self._goal: int | None = None
+        self._coloured: tuple[Any, ...] = ()
 
-    def mesh(self, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
+    def _mesh(self, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
         """Add a mesh, in m, to the plate."""
         vertices, faces = mesh
         more = {"side": "double", **more}
@@ -164,14 +149,14 @@ class Scene:
     def _build_plate(self) -> None:
         maze, scene, height = self._maze, self._server.scene, WALLS_SHOWN * self._maze.wall_height
         for wall in maze.walls:
-            self.mesh(f"wall{wall.outer_ring}", wall_mesh(wall, height), WALL, flat_shading=False)
+            self._mesh(f"wall{wall.outer_ring}", wall_mesh(wall, height), WALL, flat_shading=False)
         for i, across in enumerate(maze.radial_walls):
-            self.mesh(f"radial{i}", radial_mesh(maze, across, height), WALL, flat_shading=False)
+            self._mesh(f"radial{i}", radial_mesh(maze, across, height), WALL, flat_shading=False)
         self._floors: dict[int, Any] = {}
         along = np.array([math.cos(math.radians(LABELS_AT)), math.sin(math.radians(LABELS_AT)), 0.0])
         for ring in maze.rings:
             name = f"ring{ring.number}"
-            self._floors[ring.number] = self.mesh(name, ring_floor(maze, ring.number), FLOORS[ring.number % 2])
+            self._floors[ring.number] = self._mesh(name, ring_floor(maze, ring.number), FLOORS[ring.number % 2])
             out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
             place = UNIT * (out * along + np.array([0.0, 0.0, 0.001]))
             scene.add_label(f"/plate/{name}/number", str(ring.number), font_screen_scale=0.7, position=tuple(place))
@@ -179,6 +164,16 @@ class Scene:
         scene.add_cylinder(
             "/plate/base", rim, UNIT * 0.003, TABLE, radial_segments=96, position=(0.0, 0.0, -UNIT * 0.002)
         )
+
+    def _build_openings(self) -> None:
+        maze = self._maze
+        self._openings: dict[str, tuple[Any, Any]] = {}  # a mark on the floor, and a plug while it is closed
+        for opening in maze.openings:
+            name, plug = f"opening/{opening.name}", gap_mesh(maze, opening, WALLS_SHOWN * maze.wall_height)
+            self._openings[opening.name] = (
+                self._mesh(f"{name}/floor", gap_mesh(maze, opening, MARK), rgb("skipped")),
+                self._mesh(f"{name}/plug", plug, rgb("bad"), visible=False),
+            )
 
     def _build_ball(self) -> None:
         scene, radius = self._server.scene, UNIT * self._maze.ball.radius
@@ -194,8 +189,7 @@ class Scene:
 
     def show(self, moment: Moment) -> None:
         """Draw a moment of a run in this maze; only changes are sent."""
-        goal = moment.task.goal
-        shown = (moment.run, moment.tick, moment.openings, goal, self.tilt_shown, moment.result is None)
+        shown = (moment.run, moment.tick, moment.closed, moment.goal, self.tilt_shown, moment.result is None)
         if shown == self._shown:
             return
         self._shown = shown
@@ -212,31 +206,14 @@ class Scene:
             self._trail.points = segments(resampled(trail, TRAIL_POINTS), UNIT * 0.001)
         if moment.plan is not None:
             self._plan.points = segments(resampled(moment.plan.places, PLAN_POINTS), UNIT * 0.0015)
-        for opening in moment.openings:
-            if opening.name in self._openings:
-                self._openings[opening.name].show(opening)
-        if goal != self._goal:
-            for number, colour in ((self._goal, None), (goal, GOAL_FLOOR)):
-                if number in self._floors:
-                    self._floors[number].color = colour or FLOORS[number % 2]
-            self._goal = goal
-
-
-class _OpeningMark:
-    """The drawing of an opening: a mark on its floor, and a plug while it is closed."""
-
-    def __init__(self, scene: Scene, opening: Opening) -> None:
-        maze, name = scene._maze, f"opening/{opening.name}"
-        self._floor = scene.mesh(f"{name}/floor", gap_box(maze, opening, 0.0, 4e-4), rgb("idle"))
-        plug = gap_box(maze, opening, 0.0, WALLS_SHOWN * maze.wall_height)
-        self._plug = scene.mesh(f"{name}/plug", plug, rgb("bad"), visible=False)
-        self._before: tuple[Any, ...] = ()
-
-    def show(self, known: OpeningShown) -> None:
-        now = rgb("planned" if known.next else "skipped"), known.closed
-        if now != self._before:
-            self._before = now
-            self._floor.color, self._plug.visible = now
+        coloured = (moment.goal, moment.opening, moment.closed)
+        if coloured != self._coloured:
+            self._coloured = coloured
+            for number, floor in self._floors.items():
+                floor.color = GOAL_FLOOR if number == moment.goal else FLOORS[number % 2]
+            for name, (mark, plug) in self._openings.items():
+                mark.color = rgb("planned" if name == moment.opening else "skipped")
+                plug.visible = name in moment.closed
 
 
 def look_from_above(server: ViserServer, maze: Maze) -> None:

@@ -22,9 +22,7 @@ from __future__ import annotations
 import asyncio
 import gzip
 import socket
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import lru_cache
+from collections.abc import Sequence
 from http import HTTPStatus
 from importlib.util import find_spec
 from threading import Event
@@ -138,28 +136,9 @@ def open_server(listening: socket.socket, ready: Event, bar: str = "") -> ViserS
     Raises RuntimeError for a viser that starts in another way and would skip the check."""
     import rich
     import viser
-
-    rich.get_console().quiet = True  # viser prints its address on stdout, where results belong
-
-    class Server(viser.ViserServer):
-        def request_share_url(self, verbose: bool = True) -> None:
-            """Do nothing: a share URL would lead through somebody else's computer."""
-
-        def disconnect_share_url(self) -> None:
-            """Nothing to disconnect."""
-
-    with _behind(listening, ready, bar) as served:
-        server = Server(host=HOST, port=port_of(listening), verbose=False)
-    if not served:
-        server.stop()
-        raise RuntimeError(f"viser {viser.__version__} does not start as expected: the page would be open to everybody")
-    return server
-
-
-@contextmanager
-def _behind(listening: socket.socket, ready: Event, bar: str) -> Iterator[list[bool]]:
     import websockets.asyncio.server as asyncio_server
 
+    rich.get_console().quiet = True  # viser prints its address on stdout, where results belong
     before, served = asyncio_server.serve, []
 
     def serve(handler: Any, host: Any = None, port: Any = None, **more: Any) -> Any:
@@ -169,9 +148,13 @@ def _behind(listening: socket.socket, ready: Event, bar: str) -> Iterator[list[b
 
     asyncio_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        yield served
+        server = viser.ViserServer(host=HOST, port=port_of(listening), verbose=False)
     finally:
         asyncio_server.serve = before
+    if not served:
+        server.stop()
+        raise RuntimeError(f"viser {viser.__version__} does not start as expected: the page would be open to everybody")
+    return server
 
 
 def _checked(port: int, ready: Event, bar: str, then: Any) -> Any:
@@ -179,48 +162,33 @@ def _checked(port: int, ready: Event, bar: str, then: Any) -> Any:
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 
-    def answer(status: int, text: str) -> Response:
-        body = f"{text}\n".encode()
-        headers = Headers([("Content-Type", "text/plain; charset=utf-8"), ("Content-Length", str(len(body)))])
-        return Response(status, HTTPStatus(status).phrase, headers, body)
-
     async def process_request(connection: Any, request: Any) -> Any:
         while not ready.is_set():
             await asyncio.sleep(LOOK_S)
-        given = list(request.headers.raw_items())
-        wrong = refusal(port, given)
-        response = then(connection, request) if wrong is None else answer(*wrong)
+        wrong = refusal(port, list(request.headers.raw_items()))
+        if wrong is not None:
+            status, text = wrong
+            headers = Headers([("Content-Type", "text/plain; charset=utf-8"), ("Content-Length", str(len(text)))])
+            return Response(status, HTTPStatus(status).phrase, headers, text.encode())
+        response = then(connection, request)
         if response is not None:
             _add_bar(response, bar)
-            hosts = [value for name, value in given if name.lower() == "host"]
-            _protect(response.headers, hosts[0] if hosts else f"{HOST}:{port}")
+            response.headers["Content-Security-Policy"] = POLICY.format(host=request.headers["Host"])
+            response.headers["X-Frame-Options"] = "DENY"
+            response.headers["Cache-Control"] = "no-store"
         return response
 
     return process_request
-
-
-def _protect(headers: Any, host: str) -> None:
-    """Add to an answer the headers that forbid frames and loading from elsewhere."""
-    headers["Content-Security-Policy"] = POLICY.format(host=host)
-    headers["X-Frame-Options"] = "DENY"
-    headers["X-Content-Type-Options"] = "nosniff"
-    headers["Referrer-Policy"] = "no-referrer"
-    headers["Cross-Origin-Resource-Policy"] = "same-origin"
-    headers["Cache-Control"] = "no-store"
 
 
 def _add_bar(response: Any, bar: str) -> None:
     """If viser's answer is its page, put the bar above the client."""
     if not bar or not response.body or not response.headers.get("Content-Type", "").startswith("text/html"):
         return
-    response.body = _with_bar(response.body, response.headers.get("Content-Encoding") == "gzip", bar)
-    del response.headers["Content-Length"]
-    response.headers["Content-Length"] = str(len(response.body))
-
-
-@lru_cache(maxsize=2)  # the page has 0.6 MB, and each browser asks for it
-def _with_bar(body: bytes, packed: bool, bar: str) -> bytes:
-    page = gzip.decompress(body) if packed else body
+    packed = response.headers.get("Content-Encoding") == "gzip"
+    page = gzip.decompress(response.body) if packed else response.body
     before, root, after = page.rpartition(ROOT)
     page = before + bar.encode() + root + after
-    return gzip.compress(page, mtime=0) if packed else page
+    response.body = gzip.compress(page, mtime=0) if packed else page
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(response.body))

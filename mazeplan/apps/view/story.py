@@ -15,18 +15,11 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.events import (
-    DoubtRaised,
     FailureReported,
     GoalChanged,
-    MisfitSeen,
-    OpeningChosen,
     OpeningClosed,
-    OpeningPassed,
     OpeningReopened,
     RecoveryChosen,
-    RingEntered,
-    RunEvent,
-    StopRequested,
     TimedEvent,
 )
 from mazeplan.core.logs.run_log_reader import PLAN_STATES
@@ -45,7 +38,6 @@ class NodeShown:
     parent: number of the node above; -1 for the root
     depth: 0 for the root"""
 
-    path: str
     kind: str
     name: str
     parent: int
@@ -67,23 +59,6 @@ class TreeShown:
 
 
 @dataclass(frozen=True)
-class TaskShown:
-    """What the run is doing.
-
-    ring: of the ball
-    goal: goal ring
-    opening: the next opening
-    leaf: the leaf that commands
-    doubts: measurements that the run does not believe"""
-
-    ring: int | None = None
-    goal: int | None = None
-    opening: str | None = None
-    leaf: str = ""
-    doubts: str = ""
-
-
-@dataclass(frozen=True)
 class BallShown:
     """Estimated place of the ball; seen: whether the last picture showed it."""
 
@@ -94,21 +69,16 @@ class BallShown:
 
 @dataclass(frozen=True)
 class PlanShown:
-    """The plan that the run follows.
-
-    t0: time of the first step
-    dt: time between steps
-    theta: planned angles, (N,), rad
-    radius: of the ring's track, m"""
+    """A plan. t0: time of the first step; dt: between steps; theta: planned angles, (N,); radius: of the track"""
 
     t0: float
     dt: float
     theta: Array
-    radius: float = 0.0
+    radius: float
 
     @property
     def places(self) -> Array:
-        """x, y on the track of the ring, (N, 2), m."""
+        """x, y on the track of the ring, (N, 2)."""
         return self.radius * np.column_stack([np.cos(self.theta), np.sin(self.theta)])
 
     def at(self, t: float) -> float:
@@ -118,57 +88,41 @@ class PlanShown:
 
 
 @dataclass(frozen=True)
-class OpeningShown:
-    """An opening. next: whether the run brings the ball there"""
-
-    name: str
-    closed: bool
-    next: bool
-
-
-@dataclass(frozen=True)
-class EventShown:
-    """An event in words."""
-
-    t: float
-    text: str
-
-
-@dataclass(frozen=True)
 class Moment:
     """A run at one time.
 
     run: number of the run on this page
     tick: how many ticks the run has had
     header: of its log
+    ring, goal: of the ball, and the goal ring
+    leaf: the leaf that commands
+    opening: name of the opening to which the run brings the ball
+    closed: names of the closed openings
     ball: None while its place is unknown
     second: the second ball; None without one
     tilt: beta, gamma as measured
     trail: path of the ball in the last seconds, (N, 2); NaN where its place is unknown
-    ms: computing time of the planner and of the whole tick; NaN if unknown
+    plan: the plan that the run follows
     failure: the last failure
-    events: the last events
     result: None until the run ends"""
 
     run: int = 0
     tick: int = 0
     t: float = 0.0
     header: dict[str, Any] = field(default_factory=dict)
-    task: TaskShown = TaskShown()
+    ring: int | None = None
+    goal: int | None = None
+    leaf: str = ""
+    opening: str | None = None
+    closed: frozenset[str] = frozenset()
     ball: BallShown | None = None
     second: BallShown | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
     trail: Array = field(default_factory=lambda: np.empty((0, 2)))
-    ms: tuple[float, float] = (float("nan"), float("nan"))
     plan: PlanShown | None = None
-    openings: tuple[OpeningShown, ...] = ()
     tree: TreeShown = TreeShown()
     failure: Failure | None = None
-    events: tuple[EventShown, ...] = ()
     result: dict[str, Any] | None = None
-
-
-EVENTS = 8  # maximum number of events in a moment
 
 
 def number(value: Any) -> float:
@@ -186,44 +140,42 @@ class Story:
     def _begin(self, header: dict[str, Any]) -> None:
         self._header, self.maze = header, maze_of(header)
         self.ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
-        replay: Any = header.get("replay")
-        replay = replay if isinstance(replay, dict) else {}
         self._trail: deque[tuple[float, float, float]] = deque()  # t, x, y
         self._goal = header.get("goal_ring")
-        self._closed = {o.name for o in self.maze.openings if o.closed} if self.maze else set[str]()
-        self._closed |= set(replay.get("closed", ()))
+        self._closed = {opening.name for opening in self.maze.openings if opening.closed} if self.maze else set[str]()
+        replay: Any = header.get("replay")
+        self._closed |= set(replay.get("closed", ()) if isinstance(replay, dict) else ())
         self._tree = TreeShown()
         self._failure: Failure | None = None
-        self._events: deque[EventShown] = deque(maxlen=EVENTS)
         self._result: dict[str, Any] | None = None
-        self._new_plans: list[PlanShown] = []  # since the last tick
+        self._plans: list[PlanShown] = []  # the one followed until now, and those since the last tick
         self._followed: PlanShown | None = None
 
     def take(self, topic: str, document: dict[str, Any]) -> None:
         """Take one message. Unknown topics are ignored."""
-        if topic == "/header":
-            self._runs += 1
-            self._begin(document)
-        elif topic == "/tick":
-            self._take_tick(document)
-        elif topic == "/plan":
-            self._take_plan(document)
-        elif topic == "/tree":
-            self._tree = TreeShown(self._tree.number + 1, _nodes(document))
-        elif topic == "/status":
-            statuses = str(document.get("nodes", ""))
-            self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
-        elif topic == "/event":
-            self._take_event(document)
-        elif topic == "/result":
-            self._result = document
-
-    # -- messages ---------------------------------------------------------------------------------------------------
+        match topic:
+            case "/header":
+                self._runs += 1
+                self._begin(document)
+            case "/tick":
+                self._take_tick(document)
+            case "/plan":
+                self._take_plan(document)
+            case "/tree":
+                self._tree = TreeShown(self._tree.number + 1, _nodes(document))
+            case "/status":
+                statuses = str(document.get("nodes", ""))
+                self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
+            case "/event":
+                self._take_event(TimedEvent.from_document(document))
+            case "/result":
+                self._result = document
 
     def _take_tick(self, tick: dict[str, Any]) -> None:
         self._tick, self._t = tick, number(tick.get("t"))
         self.ticks += 1
-        self._follow(number(tick.get("planned_theta")), number(tick.get("estimate_t")))
+        self._followed = self._find_followed()
+        self._plans = [] if self._followed is None else [self._followed]
         self._trail.append((self._t, *_place(tick)))
         while self._trail[0][0] < self._t - TRAIL_S:
             self._trail.popleft()
@@ -232,33 +184,28 @@ class Story:
         theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
         t0, dt = number(plan.get("t0")), number(plan.get("dt"))
         if len(theta) > 1 and np.isfinite(theta).all() and math.isfinite(t0) and dt > 0.0:
-            self._new_plans.append(PlanShown(t0, dt, theta))
+            self._plans.append(PlanShown(t0, dt, theta, 0.0))
 
-    def _follow(self, planned: float, now: float) -> None:
-        """Find the plan that the run follows: the plan followed so far, or a plan of this tick.
+    def _find_followed(self) -> PlanShown | None:
+        """The plan that the run follows: the plan followed so far, or a plan of this tick.
 
         A tick may have one plan for each opening in question. The followed plan fits two angles in the tick best: the
         planned angle now, then the angle at the end of the plan."""
-        known, self._new_plans = [p for p in (self._followed, *self._new_plans) if p is not None], []
-        if math.isnan(planned):
-            self._followed = None
-            return
-        goal, ring = number(self._tick.get("goal_theta")), self._tick.get("ring")
+        planned, now = number(self._tick.get("planned_theta")), number(self._tick.get("estimate_t"))
+        goal, ring, maze = number(self._tick.get("goal_theta")), self._tick.get("ring"), self.maze
+        if math.isnan(planned) or not self._plans:
+            return None
 
         def off(plan: PlanShown) -> tuple[float, float]:
             end = 0.0 if math.isnan(goal) else abs(difference(float(plan.theta[-1]), goal))
             return round(abs(difference(plan.at(now), planned)), 5), end
 
-        followed = min(reversed(known), key=off, default=None)
-        if followed is not None and not followed.radius:
-            radius = 0.0
-            if self.maze is not None and isinstance(ring, int) and 1 <= ring <= len(self.maze.rings):
-                radius = self.maze.track_radius(ring)
-            followed = replace(followed, radius=radius)
-        self._followed = followed
+        followed = min(reversed(self._plans), key=off)
+        if followed.radius or maze is None or not isinstance(ring, int) or not 1 <= ring <= len(maze.rings):
+            return followed
+        return replace(followed, radius=maze.track_radius(ring))
 
-    def _take_event(self, event: dict[str, Any]) -> None:
-        timed = TimedEvent.from_document(event)
+    def _take_event(self, timed: TimedEvent) -> None:
         match timed.event:
             case GoalChanged(ring, closed):
                 self._goal = ring
@@ -267,21 +214,16 @@ class Story:
                 self._closed.add(opening)
             case OpeningReopened(opening):
                 self._closed.discard(opening)
-            case FailureReported() as failure:
-                self._failure = _failure(timed.t, failure)
+            case FailureReported(kind, where, detail) if kind in set(FailureKind):
+                self._failure = Failure(FailureKind(kind), where, timed.t, detail)
             case RecoveryChosen(recovery) if self._failure is not None:
                 self._failure = replace(self._failure, recovery=recovery)
-        text = _words(timed.event)
-        if text:
-            self._events.append(EventShown(timed.t, text))
-
-    # -- what is drawn ----------------------------------------------------------------------------------------------
 
     def moment(self) -> Moment:
         """The run as it is now."""
         tick, going_on = self._tick, self._result is None
         (x, y), tilt = _place(tick), (number(tick.get("beta")), number(tick.get("gamma")))
-        ring, opening = tick.get("ring"), tick.get("opening") if going_on else None
+        ring = tick.get("ring")
         if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
             ring = self.maze.ring_at(math.hypot(x, y))
         seen = tick.get("x") is not None and tick.get("y") is not None
@@ -290,20 +232,18 @@ class Story:
             tick=self.ticks,
             t=self._t,
             header=self._header,
-            task=TaskShown(ring, self._goal, opening, str(tick.get("leaf", "")), str(tick.get("doubts", ""))),
+            ring=ring,
+            goal=self._goal,
+            leaf=str(tick.get("leaf", "")),
+            opening=tick.get("opening") if going_on else None,
+            closed=frozenset(self._closed),
             ball=BallShown(x, y, seen) if math.isfinite(x) else None,
             second=_second(tick),
             tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
             trail=np.array(self._trail).reshape(-1, 3)[:, 1:],
-            ms=(number(tick.get("planner_ms")), number(tick.get("tick_ms"))),
             plan=self._followed if going_on and self._followed is not None and self._followed.radius > 0.0 else None,
-            openings=tuple(
-                OpeningShown(o.name, o.name in self._closed, o.name == opening)
-                for o in (self.maze.openings if self.maze else ())
-            ),
             tree=self._tree,
             failure=self._failure,
-            events=tuple(self._events),
             result=self._result,
         )
 
@@ -346,10 +286,9 @@ def _second(tick: dict[str, Any]) -> BallShown | None:
 
 def _nodes(document: dict[str, Any]) -> tuple[NodeShown, ...]:
     nodes: list[NodeShown] = []
-    columns = (document.get(key, ()) for key in ("paths", "kinds", "names", "parents"))
-    for path, kind, name, parent in zip(*columns, strict=False):
+    for kind, name, parent in zip(*(document.get(key, ()) for key in ("kinds", "names", "parents")), strict=False):
         depth = nodes[parent].depth + 1 if 0 <= parent < len(nodes) else 0
-        nodes.append(NodeShown(path, kind, name, parent, depth))
+        nodes.append(NodeShown(kind, name, parent, depth))
     return tuple(nodes)
 
 
@@ -360,37 +299,3 @@ def _active(nodes: tuple[NodeShown, ...], statuses: str) -> tuple[int, ...]:
         if letter == "R" and (node.parent < 0 or node.parent in running):
             running.append(i)
     return tuple(running)
-
-
-def _failure(t: float, event: FailureReported) -> Failure | None:
-    if event.kind not in set(FailureKind):
-        return None
-    return Failure(FailureKind(event.kind), event.where, t, event.detail)
-
-
-def _words(event: RunEvent) -> str:
-    """An event in words; empty for an event that the page does not show."""
-    match event:
-        case RingEntered(ring):
-            return f"in ring {ring}"
-        case OpeningPassed(opening):
-            return f"through {opening}"
-        case OpeningChosen(opening):
-            return f"towards {opening}"
-        case FailureReported(kind, _, detail):
-            return f"{kind}: {detail}"
-        case RecoveryChosen(recovery):
-            return f"recovery: {recovery}"
-        case GoalChanged(ring):
-            return f"new goal: ring {ring}"
-        case OpeningClosed(opening):
-            return f"{opening} closed"
-        case OpeningReopened(opening):
-            return f"{opening} open again"
-        case StopRequested():
-            return "stopped from outside"
-        case MisfitSeen(words):
-            return words
-        case DoubtRaised(what):
-            return f"not believed: {what}"
-    return ""
