@@ -11,9 +11,8 @@ from hidden_effects import KINDS, write_hidden_rig
 
 import mazeplan
 from mazeplan.core.logs.table import join, read_table
-from mazeplan.diagnosis.rig.reference_file import known_reference
-from mazeplan.diagnosis.rig.result import RigVerdict
-from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.rig.reference import known_reference
+from mazeplan.diagnosis.rig.verdict import RigVerdict, verdict_on
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.settings import load_settings
@@ -56,7 +55,7 @@ def loggedruns_section(quick: bool) -> Section:
         effect, done = KINDS[kind].effect, verdict(kind, RUNS, FIRST)
         told = [e["name"] for e in done.effects]
         told += [] if done.unknown is None else [done.unknown.document()["description"]]
-        seconds = len(done.body.pictures) * done.body.pictures.dt
+        seconds = len(done.plate.body.pictures) * done.plate.body.pictures.dt
         result = outcome(effect, done)
         found[result] += 1
         table.add(kind, effect, f"{seconds:.0f}", "; ".join(told) or "nothing is missing", result)

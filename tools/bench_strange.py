@@ -119,7 +119,7 @@ def trial(
     before: whether to run without the model"""
     from mazeplan.core.errors import MazeplanError
     from mazeplan.core.logs.table import read_table
-    from mazeplan.diagnosis.rig.reference_file import load_reference, save_reference
+    from mazeplan.diagnosis.rig.reference import load_reference, save_reference
     from mazeplan.learning.modelfile import load_model, save_model
     from mazeplan.learning.rig_model import RigModel
     from mazeplan.maze.mapfile import load_map

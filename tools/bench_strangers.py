@@ -82,7 +82,7 @@ def record(rig: Rig, change: dict[str, Any], seed: int, folder: Path, maze: Any)
 def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, folder: Path) -> dict[str, Any]:
     """The verdict on one record with the model that was learned from another one, or from this one."""
     from mazeplan.core.logs.table import read_table
-    from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
+    from mazeplan.diagnosis.rig.reference import known_reference, save_reference
     from mazeplan.diagnosis.rig.verdict import verdict_on
     from mazeplan.learning.modelfile import load_model, save_model
     from mazeplan.maze.mapfile import load_map

@@ -10,8 +10,7 @@ import tempfile
 from pathlib import Path
 
 from mazeplan.core.logs.table import read_table
-from mazeplan.diagnosis.rig.reference import reference_of
-from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
+from mazeplan.diagnosis.rig.reference import reference_of, reference_path, save_reference
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig

@@ -24,7 +24,8 @@ SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
 BODY_UNITS = {name: PARAMETERS[name].unit for name in KEPT}
 
 
-def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+def entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    """A number with its standard error, if that is known, and its unit."""
     entry: dict[str, Any] = {"value": float(f"{value:.6g}")}
     if stderr is not None and math.isfinite(stderr):
         entry["stderr"] = float(f"{stderr:.2g}")
@@ -37,7 +38,7 @@ def _entries(
     """The entries of a part; those of `more` only if they differ from their default."""
     usual = type(part)()
     chosen = {**units, **{name: unit for name, unit in more.items() if getattr(part, name) != getattr(usual, name)}}
-    return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
+    return {name: entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
 
 
 def _axis_entries(axis: StageAxis) -> dict[str, Any]:
@@ -58,7 +59,7 @@ def _axis_entries(axis: StageAxis) -> dict[str, Any]:
 def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     return {
         term.name: {
-            k: _entry(value, stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
+            k: entry(value, stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
             for k, value in term.values().items()
         }
         for term in terms
@@ -71,7 +72,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
         "format": FORMAT,
         "kind": model.kind,
         "rate_hz": model.rate_hz,
-        "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
+        "camera_delay_s": entry(model.camera_delay, model.camera_delay_stderr, "s"),
         "stage": {name: _axis_entries(getattr(model.stage, name)) for name in ("beta", "gamma")},
     }
     if model.camera != Camera():
@@ -81,7 +82,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
     out["rings"] = {ring: _term_entries(ball.effects, ball.stderr) for ring, ball in sorted(model.balls.items())}
     if model.body is not None:
         values, stderr = model.body.values, model.body.stderr
-        numbers = {name: _entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
+        numbers = {name: entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
         terms = {"terms": _term_entries(model.body.terms, {})} if model.body.terms else {}
         out["body"] = {"of": model.body.of, **numbers, **terms}
     if processes:

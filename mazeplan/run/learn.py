@@ -24,10 +24,9 @@ from mazeplan.core.logs.table import Table, join
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import side_by_side
-from mazeplan.diagnosis.rig.fitting import ENOUGH
+from mazeplan.diagnosis.rig.fitting import ENOUGH, PART, alternate
 from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_filter, shortened
-from mazeplan.diagnosis.rig.search import PART, alternate
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions

@@ -12,7 +12,7 @@ from commands import plain
 from planar_rig import PlanarRig
 
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.diagnosis.rig.reference_file import load_reference
+from mazeplan.diagnosis.rig.reference import load_reference
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, load_model
@@ -90,7 +90,7 @@ def test_models_with_gaussian_processes_are_written(learn, log, tmp_path, kind):
 
 @pytest.mark.slow
 def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path, monkeypatch):
-    monkeypatch.setattr("mazeplan.diagnosis.rig.result.REMAINS", 2.0)  # the planar rig's ball is no rigid ball
+    monkeypatch.setattr("mazeplan.diagnosis.rig.words.REMAINS", 2.0)  # the planar rig's ball is no rigid ball
     code, out, err = learn(log, "--most", "300", "--json", terminal=True)
     assert code == 0
     document = json.loads(out)

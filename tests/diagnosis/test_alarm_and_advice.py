@@ -9,8 +9,8 @@ import pytest
 
 from mazeplan.diagnosis.effect_entry import effect_entry
 from mazeplan.diagnosis.rig import findings, verdict
-from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
+from mazeplan.diagnosis.rig.words import advice
 from mazeplan.physics.registry import PACKAGED
 
 

@@ -20,10 +20,10 @@ from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.candidates import of_effect
-from mazeplan.diagnosis.rig.fitting import Reference
+from mazeplan.diagnosis.rig.findings import registry_entry
+from mazeplan.diagnosis.rig.fitting import Reference, surely_differs
 from mazeplan.diagnosis.rig.reference import reference_of
-from mazeplan.diagnosis.rig.registry import registry_entry
-from mazeplan.diagnosis.rig.search import search_rig, surely_differs
+from mazeplan.diagnosis.rig.search import search_rig
 from mazeplan.diagnosis.rig.update import moved_model
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from mazeplan.diagnosis.rig.result import Unknown, advice, sentence
+from mazeplan.diagnosis.rig.verdict import Unknown
+from mazeplan.diagnosis.rig.words import advice, sentence
 
 FRICTION = {
     "name": "dry_friction", "known_before": {"coefficient": 0.47}, "rings": {"1": {}}, "planned": True,
@@ -35,12 +36,13 @@ def done(
     *effects, verdict="effect_found", alike=(), unknown=None, z_score=33.0, remaining=1.07, ahead=40, stage=WHOLE,
     misfit="",
 ):  # fmt: skip
-    after = {f"rollout{ahead}": 0.1 if effects else 0.4}
+    errors = {"before": {f"rollout{ahead}": 0.4}, "after": {f"rollout{ahead}": 0.1 if effects else 0.4}}
+    body, overtaxed = SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)), stage is not None and stage.servos_overtaxed
     return SimpleNamespace(
-        effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
-        before={f"rollout{ahead}": 0.4}, after=after, held=SimpleNamespace(z_score=z_score, ahead=ahead),
-        was=SimpleNamespace(source="the reference", remaining=1.0), stage=stage,
-        body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)), misfit=misfit,
+        effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining, **errors,
+        held=SimpleNamespace(z_score=z_score, ahead=ahead, errors=errors.get),
+        was=SimpleNamespace(source="the reference", remaining=1.0), misfit=misfit,
+        plate=SimpleNamespace(stage=stage, body=body, overtaxed=overtaxed),
     )  # fmt: skip
 
 

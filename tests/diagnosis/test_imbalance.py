@@ -13,8 +13,7 @@ from scipy.stats import multivariate_normal
 
 from mazeplan.core.errors import ModelError
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, _Along, _follow, also_in, imbalance_entry
-from mazeplan.diagnosis.rig.reference import textbook
-from mazeplan.diagnosis.rig.reference_file import load_reference, reference_path, save_reference
+from mazeplan.diagnosis.rig.reference import load_reference, reference_path, save_reference, textbook
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 

@@ -12,10 +12,10 @@ import pytest
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import value_of
 from mazeplan.core.errors import TableError
-from mazeplan.diagnosis.rig.camera import FEWEST, check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
 from mazeplan.diagnosis.rig.fitting import fit_start
 from mazeplan.diagnosis.rig.scores import AHEAD, LOST, HeldOut
+from mazeplan.diagnosis.rig.starts import FEWEST, check_map
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")

@@ -10,8 +10,9 @@ import pytest
 import mazeplan
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.rig.record import filter_of, seconds_of, why_not_whole
-from mazeplan.diagnosis.rig.search import CHOOSING_S, alternate
+from mazeplan.diagnosis.rig.fitting import alternate
+from mazeplan.diagnosis.rig.record import filter_on_stage, seconds_of, why_not_whole
+from mazeplan.diagnosis.rig.search import CHOOSING_S
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
@@ -24,7 +25,7 @@ def test_the_length_of_a_record_counts_pictures_where_logs_overlap(at, seconds):
     record = SimpleNamespace(
         t=dt * np.arange(4), dt=dt, begins=np.array([True, False, True, False]), u=None, **columns, segment=np.ones(4)
     )
-    body = filter_of({"t": np.array(at), **columns}, record, MAZE, None)
+    body = filter_on_stage({"t": np.array(at), **columns}, MAZE, None, record=record)
     assert seconds_of(body) == seconds
 
 

@@ -12,11 +12,11 @@ from mazeplan.control.estimation.rigid_body_parameters import with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.fitting import Reference
-from mazeplan.diagnosis.rig.reference import RigReference
-from mazeplan.diagnosis.rig.reference_file import (
+from mazeplan.diagnosis.rig.reference import (
     KEPT,
     NAME,
     RECORD,
+    RigReference,
     known_reference,
     load_reference,
     save_reference,
@@ -67,8 +67,8 @@ def test_it_belongs_to_the_rings_that_the_model_had(tmp_path):
         ("format: 1", "format: 2", "format: got 2, expected 1, which mazeplan"),
         ("value: 0.0631", "value: much", "body.rolling: value: got 'much', expected a number"),
         ("value: 0.0631", "value: 900", "expected a number from"),
-        ("rolling:", "roling:", "got roling, expected one of rolling, "),
-        ("floor_bump:", "floor_dent:", "terms: got floor_dent, expected one of"),
+        ("rolling:", "roling:", "body.roling: got roling, expected one of rolling, "),
+        ("floor_bump:", "floor_dent:", "terms.floor_dent: got floor_dent, expected one of"),
         ("depth: 0.02", "depth: 9", "terms.floor_bump: depth: got 9"),
         ("body:", "body: [", "cannot be read"),
     ],

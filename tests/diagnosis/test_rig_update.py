@@ -13,7 +13,7 @@ from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import reference_by_model
-from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
+from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -32,7 +32,7 @@ def moved(name, before, after, ring=2, stderr=0.01, model=MODEL):
         "rings": {str(ring): {"before": before, "after": after}},
         "parameters": {key: {"stderr": stderr} for key in after},
     }
-    assert changes_model([effect])
+    assert kept_in_model([effect])
     return moved_model(model, [effect], None)
 
 
@@ -130,8 +130,8 @@ def verdict(*terms, effects=(), imbalance=BALANCED):
     was = SimpleNamespace(body=SimpleNamespace(stderr={"viscous": 0.02}), stage=stage, imbalance=HEAVY)
     body = SimpleNamespace(pictures=SimpleNamespace(t=clock, clock=clock))
     return SimpleNamespace(
-        searched=SimpleNamespace(fit=fit), was=was, body=body, memory=0.0, remaining=1.0, effects=effects,
-        imbalance=imbalance, moves=None, zero={}, sensor=None, table=None,
+        searched=SimpleNamespace(fit=fit), was=was, memory=0.0, remaining=1.0, effects=effects, imbalance=imbalance,
+        zero={}, plate=SimpleNamespace(body=body, moves=None, sensor=None, table=None),
     )  # fmt: skip
 
 
@@ -177,5 +177,5 @@ def test_a_bump_too_small_to_matter_is_left_out():
 
 
 def test_what_no_model_can_hold_changes_nothing():
-    assert not changes_model([{"name": "ball_imbalance"}])
+    assert not kept_in_model([{"name": "ball_imbalance"}])
     assert moved_model(MODEL, [{"name": "ball_imbalance", "rings": {}}], None) == MODEL

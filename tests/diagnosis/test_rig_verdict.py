@@ -20,12 +20,11 @@ from strange_rigs import StrangeRig
 import mazeplan
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table, join, read_table
-from mazeplan.diagnosis.rig import search, verdict
+from mazeplan.diagnosis.rig import fitting, search, verdict
 from mazeplan.diagnosis.rig.differences import THE_SAME
 from mazeplan.diagnosis.rig.imbalance import BALANCED
-from mazeplan.diagnosis.rig.record import filter_of, whole_record
-from mazeplan.diagnosis.rig.reference import reference_of, textbook
-from mazeplan.diagnosis.rig.reference_file import known_reference
+from mazeplan.diagnosis.rig.record import filter_on_stage
+from mazeplan.diagnosis.rig.reference import known_reference, reference_of, textbook
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
@@ -68,7 +67,7 @@ def test_one_thing_that_changed_is_named_and_nothing_else(name, seconds, seed):
 
 
 def test_of_a_long_record_a_part_chooses_and_the_whole_gives_the_size(monkeypatch):
-    monkeypatch.setattr(search, "SHORT_RECORD", 2000)
+    monkeypatch.setattr(fitting, "SHORT_RECORD", 2000)
     rig = changed(Rig(), "dry_friction", 1)
     done = verdict_on(table_of(rig, 2, 90.0), MAZE, known())
     assert [e["name"] for e in done.effects] == ["dry_friction"]
@@ -225,7 +224,7 @@ def of_a_point(path, share):
 def test_two_tilt_sensors_that_change_alike_are_one_ball(tmp_path):
     was = reference_of([of_a_point(tmp_path / "was.mcap", 0.6)], MAZE, None).body
     table = of_a_point(tmp_path / "now.mcap", 0.72)
-    body = filter_of(table, whole_record(table), MAZE, None)
+    body = filter_on_stage(table, MAZE, None)
     sensors = search.search_rig(body, was, MAZE, without=("rolling_inertia",))
     assert [c.effect for c in sensors.found] == ["tilt_gain"]
     ball = search.one_ball_instead(body, sensors, was)

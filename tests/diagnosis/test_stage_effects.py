@@ -12,7 +12,7 @@ import pytest
 from stage_kinds import DT, jumps
 
 from mazeplan.diagnosis.rig.reference import textbook
-from mazeplan.diagnosis.rig.result import RigVerdict
+from mazeplan.diagnosis.rig.verdict import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known, moved_by, settled_on, stage_effects
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.modelfile import RigModel

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import value_of
 from mazeplan.physics.effect import Effect
 
 
@@ -14,18 +12,13 @@ from mazeplan.physics.effect import Effect
 class Candidate:
     """One thing that may differ.
 
-    effect: name in the registry, "" if it has none
-    free: numbers that it changes
-    fitted_first: numbers to fit before the others
-    words: description, if it has no name in the registry
-    depends_on: what it depends on, if it has no name in the registry
-    far: changes of the first numbers at which fits may start, because a large change leaves the parabola at the
-        reference
+    effect: name in the registry, "" if it has none; then `words` describe it, `look` says where to look
+    free: numbers that it changes; `fitted_first` before the others
+    far: changes of the first numbers at which fits may start: a large change leaves the parabola at the reference
     along: numbers that change with it and are no findings: another ball meets walls in another way
     simpler: effects that are tried as well before this candidate is accepted
     after: effect that has to be found first
-    instead: effects that are not reported beside this candidate, because it is their cause
-    look: advice where to look, if it has no name in the registry"""
+    instead: effects that are not reported beside this candidate, because it is their cause"""
 
     effect: str
     free: tuple[str, ...]
@@ -48,12 +41,6 @@ class Candidate:
     def sizes(self) -> tuple[str, ...]:
         """Its numbers without places and frequencies, which mean nothing for an effect that is not there."""
         return self.fitted_first or self.free
-
-    def description(self, model: BodyModel) -> str:
-        """The description, with period and frequency if the candidate swings."""
-        names = ("table_swing.frequency",) if self.after == "table_rocking" else self.free
-        at = [value_of(model, name) for name in names if name.endswith(".frequency")]
-        return f"{self.words}, every {1.0 / at[0]:.2f} s ({at[0]:.3f} Hz)" if at else self.words
 
 
 def of_effect(effect: Effect) -> Candidate:

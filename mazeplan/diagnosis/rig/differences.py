@@ -17,25 +17,20 @@ from mazeplan.control.estimation.rigid_body_parameters import value_of, with_val
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.fitting import (
     ENOUGH,
+    NEEDED,
     NOISE,
     ROUGH,
+    STDERR_SCALE,
     STEPS,
+    SURE,
     Reference,
+    alternate,
+    smallest_reportable,
+    surely_differs,
     with_likeliest_noise,
     zero_effect,
 )
-from mazeplan.diagnosis.rig.search import (
-    MOST_FOUND,
-    NEEDED,
-    STDERR_SCALE,
-    SURE,
-    SearchResult,
-    Tried,
-    alternate,
-    search_rig,
-    smallest_reportable,
-    surely_differs,
-)
+from mazeplan.diagnosis.rig.search import MOST_FOUND, SearchResult, Tried, search_rig
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import Number, number_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Term
+from mazeplan.physics.effects.local_forces import FAMILY
 
+NEEDED = 150.0  # minimum gain of -2 log L
+HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
+SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by STDERR_SCALE
+STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
+PART_S = 15.0  # length of a stretch, s
+SHORT_RECORD, PART = 6000, 4000  # pictures; those of a part of a long record
 SOLID, HOLLOW = 0.4, 2.0 / 3.0  # inertia over m R^2 of a solid and a hollow ball
 NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
 STEPS = 8  # maximum number of steps of a fit that compares candidates
@@ -36,10 +42,8 @@ MOVES = tuple(range(1, 9))  # by which a place moves, in its steps
 
 @dataclass(frozen=True)
 class Reference:
-    """The ball as it was when the model was right.
+    """The ball as it was when the model was right, and standard errors of its numbers, if known.
 
-    model: its numbers
-    stderr: standard errors of its numbers, if known
     open: unknown numbers, which are part of every fit
     start: model at which fits start; None: `model`
     misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
@@ -49,6 +53,44 @@ class Reference:
     open: tuple[str, ...] = ()
     start: BodyModel | None = None
     misfit: float = 1.0
+
+
+def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> float:
+    """A number of a model. If it belongs to a term that the model does not have: 0, or its default for an effect of a
+    user that the model `of` has."""
+    try:
+        return value_of(model, name)
+    except KeyError:
+        effect, _, key = name.partition(".")
+        own = () if of is None else (term.effect for term in of.terms if term.name not in FAMILY)
+        return next((user.parameters[key].default for user in own if user.name == effect), 0.0)
+
+
+def smallest_reportable(model: BodyModel, name: str) -> float:
+    """Smallest change of a number to report, in its unit."""
+    number = number_of(model, name)
+    if "." in name:
+        effect, _, key = name.partition(".")
+        (places,) = (term.effect.places for term in model.terms if term.name == effect)
+        return math.inf if key in places else number.step
+    smallest = number.origin[0].smallest * (0.1 if number.unit == "m/s^2" else 1.0) if number.effect else 0.0
+    return max(smallest, number.step)
+
+
+def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
+    """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
+    for name in free:
+        before = known_value(was.model, name, model)
+        sigma = STDERR_SCALE * was.misfit * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
+        if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
+            return True
+    return False
+
+
+def alternate(body: BodyFilter, most: int = PART, short: int = SHORT_RECORD) -> BodyFilter:
+    """Every other stretch of PART_S s of a record, or fewer: about `most` pictures. One below `short` stays whole."""
+    n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
+    return body if n < short else body.part(np.arange(n) // rows % max(n // most, 2) == 0)
 
 
 def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:
@@ -69,27 +111,45 @@ def _noisier(model: BodyModel, factors: Sequence[float]) -> list[BodyModel]:
 def polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
     """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
     reference, or nearer to it, and other noise."""
-    numbers = [name for name in free if name not in NOISE and "." not in name]
+    names = [name for name in free if name not in NOISE and "." not in name]
+
+    def rescaled(model: BodyModel, factor: float) -> BodyModel:
+        values = {}
+        for name in names:
+            number, old = number_of(model, name), value_of(was.model, name)
+            values[name] = min(max(old + factor * (value_of(model, name) - old), number.low), number.high)
+        return with_values(model, values)
 
     def others(model: BodyModel) -> list[BodyModel]:
-        rescaled = [_rescaled(model, was.model, numbers, factor) for factor in RESCALE_FACTORS]
-        return [*rescaled, *_noisier(model, (0.1, 0.3, 3.0, 10.0))]
+        return [*(rescaled(model, factor) for factor in RESCALE_FACTORS), *_noisier(model, (0.1, 0.3, 3.0, 10.0))]
 
-    return _fitted_again(body, model, free, others if numbers else lambda _: [], body)
+    return _fitted_again(body, model, free, others if names else lambda _: [], body)
 
 
 def placed(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> BodyFit:
     """The likeliest numbers; for effects at a place, other places and sizes are tried, too.
 
     If a record is nearly as likely with a place far off, it does not determine the place."""
+    places = [f"{term.name}.{place}" for term in model.terms for place in term.effect.places if place in MOVABLE]
+    places = [name for name in places if name in free]
+
+    def others(model: BodyModel) -> list[BodyModel]:
+        """The model with other sizes of each effect, and with each place moved."""
+        out = []
+        for term in model.terms:
+            names = [f"{term.name}.{key}" for key in term.effect.parameters if key not in term.effect.places]
+            sizes = {name: value_of(model, name) for name in names if name in free}
+            factors = RESCALE_FACTORS if sizes else ()
+            out += [with_values(model, {name: f * value for name, value in sizes.items()}) for f in factors]
+        return [*out, *(far for name in places for steps in MOVES for far in _away(model, name, steps))]
+
     near = _at_effects(body, model)
-    fit = _fitted_again(body, model, free, lambda model: [*_moved(model, free)], near)
-    least = near.innovations(fit.model).minus2
-    unknown = {
-        name: UNKNOWN * (number.high - number.low)
-        for name, number in _movable(fit.model, free)
-        if any(near.innovations(far).minus2 < least + ROUGH for far in _away(fit.model, name, MOVES[-1]))
-    }
+    fit = _fitted_again(body, model, free, others, near)
+    least, unknown = near.innovations(fit.model).minus2, {}
+    for name in places:
+        if any(near.innovations(far).minus2 < least + ROUGH for far in _away(fit.model, name, MOVES[-1])):
+            number = number_of(fit.model, name)
+            unknown[name] = UNKNOWN * (number.high - number.low)
     return replace(fit, stderr={**fit.stderr, **unknown})
 
 
@@ -97,7 +157,7 @@ def _at_effects(body: BodyFilter, model: BodyModel) -> BodyFilter:
     """The part of a record in which an effect in one ring acts, and NEAR_S around it; all of it without one."""
     r, rows = np.hypot(*body.pictures.y.T), np.zeros(len(body.pictures), dtype=bool)
     for term in (term for term in model.terms if not idle(term)):
-        numbers = dict(zip(term.effect.parameters, term.numbers, strict=True))
+        numbers = term.values()
         if "outer" not in numbers:
             return body
         rows |= (r > numbers["inner"]) & (r < numbers["outer"])
@@ -122,38 +182,11 @@ def _fitted_again(
     return fit
 
 
-def _moved(model: BodyModel, free: Sequence[str]) -> Iterator[BodyModel]:
-    """The model with each free place moved, and with other sizes of an effect."""
-    for term in model.terms:
-        sizes = [f"{term.name}.{key}" for key in term.effect.parameters if key not in term.effect.places]
-        sizes = [name for name in sizes if name in free]
-        for factor in RESCALE_FACTORS if sizes else ():
-            yield with_values(model, {name: factor * value_of(model, name) for name in sizes})
-    for (name, _), steps in product(_movable(model, free), MOVES):
-        yield from _away(model, name, steps)
-
-
-def _movable(model: BodyModel, free: Sequence[str]) -> list[tuple[str, Number]]:
-    """The free places of effects on the plate."""
-    names = [f"{term.name}.{place}" for term in model.terms for place in term.effect.places if place in MOVABLE]
-    return [(name, number_of(model, name)) for name in names if name in free]
-
-
-def _away(model: BodyModel, name: str, steps: float) -> Iterator[BodyModel]:
+def _away(model: BodyModel, name: str, steps: float) -> list[BodyModel]:
     """The model with a number that is larger or smaller by so many of its steps, within its bounds."""
     number = number_of(model, name)
-    for to in (value_of(model, name) + sign * steps * number.step for sign in (1.0, -1.0)):
-        if number.low <= to <= number.high:
-            yield with_values(model, {name: to})
-
-
-def _rescaled(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
-    """The model with its numbers `factor` times as far from the reference, within their bounds."""
-    values = {}
-    for name in names:
-        number, old = number_of(model, name), value_of(was, name)
-        values[name] = min(max(old + factor * (value_of(model, name) - old), number.low), number.high)
-    return with_values(model, values)
+    ends = (value_of(model, name) + sign * steps * number.step for sign in (1.0, -1.0))
+    return [with_values(model, {name: to}) for to in ends if number.low <= to <= number.high]
 
 
 def fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
@@ -172,12 +205,12 @@ def fit_start(
     off; otherwise inf and the base."""
     tried = [dict(places[c.effect])] if c.effect in places else []
     for step in c.far:
-        moved = {name: value_of(base, name) + change for name, change in zip(c.free, step, strict=False)}
-        numbers = {name: number_of(base, name) for name in moved}
-        low = {
-            name: max(number.low, body.soonest if name == "delay" else -math.inf) for name, number in numbers.items()
-        }
-        tried.append({name: min(max(at, low[name]), numbers[name].high) for name, at in moved.items()})
+        values = {}
+        for name, change in zip(c.free, step, strict=False):
+            number, at = number_of(base, name), value_of(base, name) + change
+            low = max(number.low, body.soonest) if name == "delay" else number.low
+            values[name] = min(max(at, low), number.high)
+        tried.append(values)
     models = [with_values(base, values) for values in tried]
     scored = [(one.minus2, i) for i, one in enumerate(side_by_side(body.innovations, models))]
     least, i = min(scored, default=(math.inf, 0))

@@ -1,9 +1,8 @@
 """The record of a whole rig, filtered with a ball that is a rigid body: all rings at once.
 
-The model of one ring is a bead on a circle. A real ball has play in its channel, spins against walls, and loses speed
-at edges. In a model of beads, these look like wrong friction or inertia. Here, the commands move the plate, the filter
-follows the ball (`physics.dynamics.rigid_body`), and the fit finds the numbers of the ball. If the physics is right,
-only the camera's noise is left: innovations without autocorrelation.
+The commands move the plate, the filter follows the ball (`physics.dynamics.rigid_body`), and the fit finds the numbers
+of the ball. If the physics is right, only the camera's noise is left: innovations without autocorrelation. In a model
+of beads on circles, play in the channel, spin against walls and edges look like wrong friction or inertia.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mazeplan.control.estimation.plate_start import with_true_starts
-from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel, Filtered
+from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, autocorrelation
 from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_values
 from mazeplan.core.errors import TableError
@@ -41,10 +40,8 @@ FINEST = 5e-5  # m; least noise of a camera: where pictures are exact, an error 
 def why_not_whole(tables: Sequence[Table], fewest: int = FEWEST) -> str:
     """Why records do not show a whole rig, in a few words; "" if they do. fewest: pictures of the ball
 
-    Such records are long enough, and show a ball with play in its channel. A ball without play is a bead
-    on a circle: the equation of one ring describes it."""
-    missing = [name for name in NEEDED if not all(name in table for table in tables)]
-    if missing:
+    A ball without play in its channel is a bead on a circle: the equation of one ring describes it."""
+    if missing := [name for name in NEEDED if not all(name in table for table in tables)]:
         return f"the record has no {' and no '.join(missing)}"
     seen = sum(int(np.isfinite(table["x"]).sum()) for table in tables)
     if seen < fewest:
@@ -81,36 +78,29 @@ def body_filter(table: Table, maze: Maze, kind: StageModel = USUAL) -> tuple[Bod
     record = whole_record(table)
     stage = fit_stage(record, np.ones(len(record), dtype=bool), kind)
     moves = None if stage is None or stage.servos_overtaxed else StageModel(*stage.axes)
-    return filter_of(table, record, maze, moves), stage
-
-
-def filter_on_stage(table: Table, maze: Maze, stage: StageModel, like: BodyFilter | None = None) -> BodyFilter:
-    """The filter for a record with x and y and commands, with a stage that is known. Raises TableError.
-
-    like: a filter of the same pictures, which saves time"""
-    return filter_of(table, whole_record(table), maze, stage, like)
+    return filter_on_stage(table, maze, moves, record=record), stage
 
 
 def whole_record(table: Table) -> RingRecord:
     """The record of all rows. Raises TableError if it does not show the ball often enough."""
-    file = table.place
     if "x" not in table or "y" not in table:
-        raise TableError("got a table without x and y, expected where the camera saw the ball", file=file)
-    record = record_of(table)
-    seen = int(np.isfinite(np.column_stack([table["x"], table["y"]])).all(axis=1).sum())
+        raise TableError("got a table without x and y, expected where the camera saw the ball", file=table.place)
+    seen = int(np.isfinite(table["x"] + table["y"]).sum())
     if seen < FEWEST:
         least = f"{FEWEST} at least ({FEWEST * table.dt:.0f} s)"
-        raise TableError(f"got {seen} pictures of the ball, expected {least}", file=file)
-    return record
+        raise TableError(f"got {seen} pictures of the ball, expected {least}", file=table.place)
+    return record_of(table)
 
 
-def filter_of(
-    table: Table, record: RingRecord, maze: Maze, stage: StageModel | None, like: BodyFilter | None = None
+def filter_on_stage(
+    table: Table, maze: Maze, stage: StageModel | None, like: BodyFilter | None = None, record: RingRecord | None = None
 ) -> BodyFilter:
-    """The filter of a record.
+    """The filter for a record with x and y. Raises TableError.
 
     stage: moves the plate by the commands; None: the measured tilt moves the plate
-    like: a filter of the same pictures, which saves time"""
+    like: a filter of the same pictures, which saves time
+    record: of the table; None: `whole_record`"""
+    record = whole_record(table) if record is None else record
     by_commands = None if stage is None else commanded(record, stage)
     tilt = by_commands or from_sensor(record)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
@@ -136,18 +126,14 @@ def residual_summary(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
     """What a fit does not explain: autocorrelation and size of its innovations.
 
     The first number is the largest autocorrelation: a cause without a name acts on several pictures alike. A negative
-    one shows too much noise in the model, and counts as 0. The second number is `remaining_of`."""
-    return max(float(np.max(autocorrelation(fit.filtered))), 0.0), remaining_of(body, fit.model, fit.filtered)
-
-
-def remaining_of(body: BodyFilter, model: BodyModel, seen: Filtered | None = None) -> float:
-    """Root mean square of the innovations of a model, each over its standard deviation without unexplained forces; the
-    noise is at least FINEST. seen: by the model"""
-    seen = body.run(model) if seen is None else seen
+    one shows too much noise in the model, and counts as 0. The second number is the root mean square of the
+    innovations, each over its standard deviation without unexplained forces, with a noise of at least FINEST."""
+    model, nu = fit.model, fit.filtered.nu
     view = model.view._replace(noise=max(model.view.noise, FINEST))
     quiet = body.run(model._replace(view=view, wander=model.wander._replace(plane=1e-6, strike=1e-3)))
-    keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
-    return math.sqrt(float(np.mean(seen.nu[keep] ** 2 / quiet.S[keep, :2])))
+    keep = np.isfinite(nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
+    remaining = math.sqrt(float(np.mean(nu[keep] ** 2 / quiet.S[keep, :2])))
+    return max(float(np.max(autocorrelation(fit.filtered))), 0.0), remaining
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:

@@ -2,43 +2,75 @@
 
 They come from records of that time, or from the file that `learn` writes beside a model. A model alone knows less:
 camera, table, and roughly the friction. The diagnosis then fits walls and spin to the record without comparing them.
+
+`reference.yaml` beside a model has the numbers, and `of`: a stamp of the rings to which it belongs. `reference.npz`
+keeps the record of that time: a record is compared with it under the same model, so that what the model lacks in both
+cancels.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
+import yaml
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, with_values
+from mazeplan.control.estimation.rigid_body_parameters import (
+    bead_stderr,
+    bead_values,
+    body_of,
+    value_of,
+    with_values,
+)
+from mazeplan.core.errors import ModelError
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.table import Table, join
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.side_by_side import in_processes, side_by_side
-from mazeplan.diagnosis.rig.fitting import ENOUGH, HOLLOW, NOISE, SOLID, Reference
+from mazeplan.core.whole_file import whole_file
+from mazeplan.diagnosis.rig.fitting import (
+    ENOUGH,
+    HALF_GAIN_SHARE,
+    HOLLOW,
+    NEEDED,
+    NOISE,
+    ROUGH,
+    SOLID,
+    Reference,
+    alternate,
+)
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
-from mazeplan.diagnosis.rig.search import HALF_GAIN_SHARE, NEEDED, alternate
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
-from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rigid_body_entries import ABSENT, LEAST_INERTIA
+from mazeplan.learning.model_document import entry
+from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
+from mazeplan.learning.rigid_body_entries import ABSENT, LEAST_INERTIA, PARAMETERS, determined, stamp
 from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.rig.stage import StageModel
+from mazeplan.physics.dynamics.rigid_body_effects import idle
+from mazeplan.physics.effects.local_forces import FAMILY
+from mazeplan.physics.registry import PACKAGED as EFFECTS
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
+NAME, RECORD, FORMAT = "reference.yaml", "reference.npz", 1
+KEPT = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma", "segment")  # columns of the record
 GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 FITTED = (  # numbers that are fitted for a reference
     *DEFAULT_FREE, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
 REST = tuple(name for name in FITTED if name != "inertia")
 SCALED = tuple(name for name in FITTED if name not in GAINS)
-ROUGH = 20.0  # of -2 log L; a fit ends when a step gains less: the likelihood is rougher than that
 MOST = 18000  # maximum number of pictures: ten minutes
 UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
 ROUND = 0.02  # standard error of the inertia of a solid or a hollow ball
@@ -229,3 +261,110 @@ def _inertia(model: RigModel) -> float:
         return SOLID
     low, high = max((1.0 / max(factors) - 1.0) / 2.0, SLIDES), 1.0 / min(factors) - 1.0
     return min(max(SOLID, low), high)
+
+
+def reference_path(source: str | Path) -> Path:
+    """Path of the reference of a model: a folder, its model.yaml, or the name of a packaged model."""
+    path = PACKAGED / source if is_packaged_model(source) else Path(source)
+    return (path.parent if path.suffix == ".yaml" else path) / NAME
+
+
+def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Path:
+    """Write the reference beside its model, and return its path. Raises ModelError."""
+    body, path = was.body.model, Path(folder) / NAME
+    document = {
+        "format": FORMAT, "of": stamp(model.balls),
+        "body": {name: entry(value_of(body, name), was.body.stderr.get(name), number.unit)
+                 for name, number in PARAMETERS.items()
+                 if determined(name, value_of(body, name), was.body.stderr.get(name))},
+        "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
+        "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
+        "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
+    }  # fmt: skip
+    if was.imbalance.size > 0.0 and math.isfinite(was.imbalance.stderr):
+        document["imbalance"] = entry(was.imbalance.size, was.imbalance.stderr, "m/s^2")
+    if was.table is not None:
+        document["stage"] = {axis: _axis_entry(getattr(was.stage.kind, axis)) for axis in AXES}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside:
+            beside.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+        if was.table is not None:
+            with whole_file(path.parent / RECORD) as beside, beside.open("wb") as file:
+                columns: dict[str, Any] = {name: was.table[name] for name in KEPT}
+                np.savez_compressed(file, **columns)
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path
+
+
+def _axis_entry(axis: StageAxis) -> dict[str, Any]:
+    """The numbers of an axis that are not at their defaults, with their standard errors."""
+    usual = asdict(StageAxis())
+    numbers = {
+        key: type(usual[key])(value) for key, value in asdict(axis).items() if value != usual[key] and key != "stderr"
+    }
+    return {**numbers, "stderr": {key: float(f"{error:.3g}") for key, error in axis.stderr.items()}}
+
+
+def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
+    """The reference of a model, None if it has none for its rings. Raises ModelError with file and key."""
+    path, where, values, stderr, terms = reference_path(source), "format", {}, {}, []
+    if not path.is_file():
+        return None
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if problem := format_problem(document.get("format"), FORMAT, document.get("version")):
+            raise ValueError(problem)
+        if document.get("of") != stamp(model.balls):
+            return None
+        for name, node in document.get("body", {}).items():
+            where = f"body.{name}"
+            if name not in PARAMETERS:
+                raise ValueError(f"got {name}, expected {one_of(PARAMETERS, name)}")
+            values[name] = _number(node, "value", PARAMETERS[name].low, PARAMETERS[name].high)
+            if "stderr" in node:
+                stderr[name] = _number(node, "stderr")
+        for name, node in document.get("terms", {}).items():
+            where, effect = f"terms.{name}", FAMILY.get(name) or EFFECTS.get(name)
+            if effect is None:
+                raise ValueError(f"got {name}, expected {one_of(FAMILY, name)}")
+            terms.append(effect(**{key: float(value) for key, value in node.items()}))
+        where = "memory, remaining, errors"
+        memory, remaining = (_number(document, key) for key in ("memory", "remaining"))
+        errors = {int(ring): _number(node, "value") for ring, node in document.get("errors", {}).items()}
+        where = "imbalance"
+        size, error = (_number(document.get("imbalance", {key: 0.0}), key) for key in ("value", "stderr"))
+        where, table, known = "stage", None, Known.of_model(model)
+        if "stage" in document and (path.parent / RECORD).is_file():
+            stage = StageModel(*(StageAxis(**document["stage"][axis]) for axis in AXES))
+            with np.load(path.parent / RECORD) as file:
+                table = Table({name: file[name] for name in KEPT}, {"file": RECORD}, str(path.parent / RECORD))
+            known = Known.of_model(replace(model, stage=stage)).seen_in(table)
+    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, BadZipFile) as problem:
+        words = str(problem).splitlines()[0]
+        raise ModelError(
+            words if type(problem) is ValueError else f"cannot be read: {words}", file=path, key=where
+        ) from None
+    body = Reference(with_values(BodyModel(), {**ABSENT, **values})._replace(terms=tuple(terms)), stderr)
+    imbalance = BALANCED._replace(size=size, stderr=error)
+    return RigReference(body, known, memory, remaining, "its model", errors=errors, imbalance=imbalance, table=table)
+
+
+def _number(node: Any, key: str, low: float = 0.0, high: float = math.inf) -> float:
+    value = node.get(key) if isinstance(node, dict) else node
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{key}: got {value!r}, expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:
+    """The reference without logs: the file of the model's folder, or else the model alone, or else a textbook ball.
+
+    Raises ModelError."""
+    if model is None:
+        return textbook()
+    kept = None if source is None else load_reference(source, model)
+    if kept is None:
+        return reference_by_model(model, maze)
+    return kept if kept.table is None else replace(kept, then=filter_on_stage(kept.table, maze, kept.stage.kind))

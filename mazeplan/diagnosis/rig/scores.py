@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import number_of
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.rig.fitting import ENOUGH, NOISE, STEPS
-from mazeplan.diagnosis.rig.search import NEEDED, SearchResult
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, STEPS
+from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 
@@ -99,6 +99,20 @@ class HeldOut:
         rest = np.sort(self.gain)[:-1]
         gained, lost = float(rest[rest > 0.0].sum()), float(-rest[rest < 0.0].sum())
         return self.z_score > BETTER or (gained - lost > NEEDED and lost < LOSS * gained)
+
+    def evidence(self, dt: float) -> dict[str, Any]:
+        """Errors by the time ahead for the pictures of a report, rad: their mean, and the range of four in five."""
+        both = {"before": self.before, "after": self.after}
+
+        def rounded(values: Array) -> list[float | None]:
+            return [round(float(v), 5) if math.isfinite(v) else None for v in values]
+
+        return {
+            "ahead_s": (dt * np.arange(1, len(self.before) + 1)).round(4).tolist(),
+            "error": {when: rounded(np.nanmean(errors, axis=1)) for when, errors in both.items()},
+            "low": {when: rounded(np.nanquantile(errors, 0.1, axis=1)) for when, errors in both.items()},
+            "high": {when: rounded(np.nanquantile(errors, 0.9, axis=1)) for when, errors in both.items()},
+        }
 
     def errors(self, which: str) -> dict[str, float]:
         """Mean absolute errors of roll-outs for the JSON document, rad. which: before or after"""

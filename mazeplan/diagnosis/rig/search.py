@@ -20,44 +20,44 @@ import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
-from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
-from mazeplan.diagnosis.rig.camera import camera_starts
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
 from mazeplan.diagnosis.rig.fitting import (
     ENOUGH,
+    HALF_GAIN_SHARE,
     HOLLOW,
+    NEEDED,
     NOISE,
     POLISH,
     SOLID,
+    STDERR_SCALE,
     STEPS,
+    SURE,
     Reference,
+    alternate,
     fit_start,
     fitted,
+    known_value,
     placed,
     polished,
+    surely_differs,
     with_likeliest_noise,
     without_finding,
 )
-from mazeplan.diagnosis.rig.places import started_terms
+from mazeplan.diagnosis.rig.starts import camera_starts, started_terms
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect
-from mazeplan.physics.effects.local_forces import FAMILY, table_swing
+from mazeplan.physics.effects.local_forces import table_swing
 
-NEEDED = 150.0  # minimum gain of -2 log L
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
 RIVAL_SHARE = 0.92  # a candidate with this share of the best gain explains the record as well: a rival
 HOPEFUL_SHARE = 0.7  # candidates with this share of the best gain are fitted until nothing more is gained
-SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
-STDERR_SCALE = 2.0  # scatter of values from record to record, in standard errors of a fit
 MIN_SCORE_SHARE = 0.12  # a candidate with less than this share of the best score is not fitted
 MOST_FITTED = 3  # maximum number of candidates that are fitted in a round, apart from simpler ones
 MOST_FOUND = 4  # maximum number of effects
 LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
-PART_S = 15.0  # length of a stretch, s
-SHORT_RECORD, PART = 6000, 4000  # pictures; those of a part of a long record
 CHOOSING_S = 300.0  # s of a long record that choose candidates: a sector of one ring is seen in 3 % of them
-HALF_GAIN_SHARE = 0.45  # share of the gain that half of a record brings
 # minimum gain over that of the largest finding: a large change shows what the model lacks in other places and ways,
 # above all at walls, against which it leans the ball more or less than before
 BESIDE_SHARE, WALLS_SHARE = 0.02, 0.2
@@ -98,39 +98,6 @@ class SearchResult:
     fit: BodyFit
     without: BodyFit
     tried: tuple[Tried, ...] = ()
-
-
-def smallest_reportable(model: BodyModel, name: str) -> float:
-    """Smallest change of a number to report, in its unit."""
-    if "." in name:
-        effect, _, key = name.partition(".")
-        (places,) = (term.effect.places for term in model.terms if term.name == effect)
-        return math.inf if key in places else number_of(model, name).step
-    number = number_of(model, name)
-    return max(
-        number.origin[0].smallest * (0.1 if number.unit == "m/s^2" else 1.0) if number.effect else 0.0, number.step
-    )
-
-
-def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
-    """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
-    for name in free:
-        before = known_value(was.model, name, model)
-        sigma = STDERR_SCALE * was.misfit * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
-        if abs(value_of(model, name) - before) > max(smallest_reportable(model, name), SURE * sigma):
-            return True
-    return False
-
-
-def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> float:
-    """A number of a model. If it belongs to a term that the model does not have: 0, or its default for an effect of a
-    user that the model `of` has."""
-    try:
-        return value_of(model, name)
-    except KeyError:
-        effect, _, key = name.partition(".")
-        own = () if of is None else (term.effect for term in of.terms if term.name not in FAMILY)
-        return next((user.parameters[key].default for user in own if user.name == effect), 0.0)
 
 
 def search_rig(
@@ -302,12 +269,6 @@ def _pruned(
             [*rest[:-1], replace(rest[-1], rivals={})] if rest else []
         )  # its rivals stood beside the dropped finding
     return best, chosen
-
-
-def alternate(body: BodyFilter, most: int = PART, short: int = SHORT_RECORD) -> BodyFilter:
-    """Every other stretch of PART_S s of a record, or fewer: about `most` pictures. One below `short` stays whole."""
-    n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
-    return body if n < short else body.part(np.arange(n) // rows % max(n // most, 2) == 0)
 
 
 def _best(

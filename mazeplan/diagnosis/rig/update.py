@@ -18,7 +18,7 @@ from mazeplan.diagnosis.effect_entry import effect_entry, values_of
 from mazeplan.diagnosis.rig.fitting import Reference
 from mazeplan.diagnosis.rig.record import seconds_of
 from mazeplan.diagnosis.rig.reference import RigReference
-from mazeplan.diagnosis.rig.result import RigVerdict
+from mazeplan.diagnosis.rig.verdict import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import DRIFT, UNTIL, updated, with_effect
 from mazeplan.learning.modelfile import RigModel
@@ -32,30 +32,25 @@ from mazeplan.physics.rig.stage import StageModel
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
 IN_TIME = tuple(name for name, effect in FAMILY.items() if effect.why_not == NO_CLOCK)  # begin anew with a record
-EMPTY: Mapping[str, float] = {}
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
 # every reference has these; it may lack other effects, and a fit of records does not look for quadratic drag
 NUMBERS = {number.effect for name, number in PARAMETERS.items() if name != "quadratic"}
 
 
-def changes_model(effects: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether a model can hold one of these effects."""
-    return any(_in_model(effect["name"]) for effect in effects)
-
-
-def _in_model(name: str) -> bool:
-    return name == DRIFT or (name in EFFECTS and EFFECTS[name].planned)
+def kept_in_model(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The effects that a model can hold."""
+    return [e for e in effects if e["name"] == DRIFT or (e["name"] in EFFECTS and EFFECTS[e["name"]].planned)]
 
 
 def moved_model(
-    model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit, zero: Mapping[str, float] = EMPTY
+    model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit, zero: Mapping[str, float] | None = None
 ) -> RigModel:
     """The model with the effects of a verdict.
 
     fit: the rigid ball, for a model that contains one
     zero: by how much the tilt sensor's zero moved (`RigVerdict.zero`)"""
     new = model
-    for effect in (e for e in effects if _in_model(e["name"])):
+    for effect in kept_in_model(effects):
         found = {int(ring): [_entry(new, int(ring), effect, both)] for ring, both in effect["rings"].items()}
         kind = EFFECTS[effect["name"]]
         if kind.acts not in BALL or kind.common:  # one estimate: the same in several rings, it would look surer
@@ -67,7 +62,7 @@ def moved_model(
         return new
     until = max((effect.get(UNTIL, 0.0) for effect in effects), default=0.0)
     now, stderr = _at_the_end(fit.model, fit.stderr, until)
-    return with_body(new, _on_plate(now, zero), stderr)
+    return with_body(new, _on_plate(now, zero or {}), stderr)
 
 
 def _on_zero(model: RigModel, zero: Mapping[str, float], felt: bool) -> RigModel:
@@ -89,22 +84,23 @@ def _on_plate(model: BodyModel, zero: Mapping[str, float]) -> BodyModel:
 
 def reference_after(done: RigVerdict) -> RigReference:
     """The reference for the next diagnosis: the rig with what was found."""
-    body, fit, known = done.was.body, done.searched.fit, done.was.stage
-    model, errors = _at_the_end(fit.model, {**body.stderr, **fit.stderr}, seconds_of(done.body))
-    rig, zero = RigModel(known.kind if done.moves is None else done.moves, {}, kind="pi"), done.zero
+    body, plate, known, zero = done.was.body, done.plate, done.was.stage, done.zero
+    fit = done.searched.fit
+    model, errors = _at_the_end(fit.model, {**body.stderr, **fit.stderr}, seconds_of(plate.body))
+    rig = RigModel(known.kind if plate.moves is None else plate.moves, {}, kind="pi")
     if zero:
         model, rig = _on_plate(model, zero), _on_zero(rig, zero, felt=False)
     if "tilt_gain" in known.values:
         rig = with_part(rig, EFFECTS["tilt_gain"], known.values["tilt_gain"], {})
-    if done.sensor is not None:  # commands and measured tilt move the plate of the next record
-        grown = {axis: value / done.sensor["known_before"][axis] for axis, value in values_of(done.sensor).items()}
+    if plate.sensor is not None:  # commands and measured tilt move the plate of the next record
+        grown = {axis: value / plate.sensor["known_before"][axis] for axis, value in values_of(plate.sensor).items()}
         model = with_values(model, {f"gain_{axis}": value_of(model, f"gain_{axis}") / g for axis, g in grown.items()})
-        rig = with_part(rig, EFFECTS["tilt_gain"], values_of(done.sensor), {})
-    kept = done.table is not None and done.moves is not None and done.sensor is None and not zero
+        rig = with_part(rig, EFFECTS["tilt_gain"], values_of(plate.sensor), {})
+    kept = plate.moves is not None and plate.sensor is None and not zero
     return RigReference(
         Reference(model, errors), Known.of_model(rig), done.memory, done.remaining,
-        imbalance=max(done.imbalance, done.was.imbalance), table=done.table if kept else None,
-        then=done.body if kept else None,
+        imbalance=max(done.imbalance, done.was.imbalance), table=plate.table if kept else None,
+        then=plate.body if kept else None,
     )  # fmt: skip
 
 
@@ -137,7 +133,9 @@ def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[
         own = model.ball(ring).parameter(name, "factor", FREE_ROLLING)
         values = {"factor": 1.0 / (1.0 + (1.0 / own - 1.0) * k / was)}
     else:
-        own = _own(model, ring, name)
+        ball = model.ball(ring)
+        own = {key: ball.parameter(name, key, p.default) for key, p in kind.parameters.items()}
+        own = own if kind.acts in BALL else part_values(model, kind)
         values = own | {key: _moved(kind, key, own[key], value, before[key]) for key, value in now.items()}
     if name == "local_friction":
         values["ring"] = float(ring)
@@ -153,12 +151,3 @@ def _moved(effect: Effect, key: str, own: float, now: float, before: float) -> f
     if lacking and now != before:  # then `now` is all of it, with the model's own share
         return now
     return own + now - before
-
-
-def _own(model: RigModel, ring: int, name: str) -> dict[str, float]:
-    """The numbers of an effect in the model, for a ring."""
-    effect = EFFECTS[name]
-    if effect.acts not in BALL:
-        return part_values(model, effect)
-    ball = model.ball(ring)
-    return {key: ball.parameter(name, key, p.default) for key, p in effect.parameters.items()}

@@ -1,56 +1,45 @@
 """The verdict on a record of a rig: what differs from the rig when its model was right.
 
-1. Commands and measured tilt alone show what differs in the stage.
+1. Commands and measured tilt alone show what differs in the stage (`plate`).
 2. The fitted stage moves the plate. The search finds what differs in ball, table and camera (`search`).
-   Where the camera seems later, a change of the stage that no tilt sensor shows is tried instead (`unseen_stage`).
-3. A changed gain of the stage belongs to the servo. If the ball felt tilts of the old size, it belongs to the tilt
-   sensor, whose scale is wrong.
-4. The findings have to predict: held-out blocks of time must be likelier with the findings than without.
-5. The residual is compared with the camera's noise, and with the residual when the model was right.
+3. The findings have to predict: held-out blocks of time must be likelier with the findings than without.
+4. The residual is compared with the camera's noise, and with the residual when the model was right.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from mazeplan.control.estimation.rigid_body_filter import Filtered
+from mazeplan.control.estimation.rigid_body_filter import BodyModel, Filtered
 from mazeplan.control.estimation.rigid_body_parameters import value_of
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, with_plan
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.rig.candidates import CONTACT, Candidate
 from mazeplan.diagnosis.rig.differences import search_against
-from mazeplan.diagnosis.rig.entry_words import plain
-from mazeplan.diagnosis.rig.findings import (
-    by_zero,
-    of_open_numbers,
-    of_the_ball,
-    of_the_stage,
-    small,
-    with_asymmetry,
-)
+from mazeplan.diagnosis.rig.findings import by_zero, of_open_numbers, of_the_ball, of_the_stage, small, with_asymmetry
 from mazeplan.diagnosis.rig.fitting import Reference
-from mazeplan.diagnosis.rig.imbalance import also_in, imbalance_entry, unbalanced
-from mazeplan.diagnosis.rig.moved_plate import MovedPlate, moved_plate
-from mazeplan.diagnosis.rig.notes import notes_on
-from mazeplan.diagnosis.rig.record import filter_of, residual_summary, seconds_of, whole_record
-from mazeplan.diagnosis.rig.reference import RigReference, fit_reference
-from mazeplan.diagnosis.rig.result import REMAINS, TWICE, RigVerdict, Unknown
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, also_in, imbalance_entry, unbalanced
+from mazeplan.diagnosis.rig.plate import MovedPlate, as_it_was, felt, moved_plate, with_unseen_change
+from mazeplan.diagnosis.rig.record import filter_on_stage, residual_summary, seconds_of
+from mazeplan.diagnosis.rig.reference import SLIDES, RigReference, fit_reference
 from mazeplan.diagnosis.rig.scores import BETTER, HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import SearchResult, one_ball_instead
-from mazeplan.diagnosis.rig.tilts import as_it_was, felt
-from mazeplan.diagnosis.rig.unseen_stage import unseen_change
+from mazeplan.diagnosis.rig.search import SearchResult, Tried, one_ball_instead
+from mazeplan.diagnosis.rig.words import REMAINS, TWICE, advice, notes_on, plain, sentence
+from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.navigation import servos_look_changed
-from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.fits import FITS, kind_of_ball
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.effect import Effect
 
+HELD_OUT = 0.5  # each half of a record is predicted from the other
+NOT_PREDICTING = "held-out parts are predicted no better"
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
 LEAST_REMAINS = 1.1  # times the noise; in healthy records, small errors of the reference's numbers cause less
 WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
@@ -58,6 +47,136 @@ HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors b
 SURELY = 4.0  # standard errors of the gain in held-out blocks
 LOUDER = 1.5  # times the camera's noise when the model was right
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Something without a name, or of unknown cause and size.
+
+    description: words for what has no name, "" if there is nothing
+    depends_on: what it depends on
+    look: advice where to look
+    cause: whether the description says what differs, although no model has a number for it
+    servos: what servos do that did not do it before; the record does not show the cause or the size"""
+
+    description: str = ""
+    depends_on: tuple[str, ...] = ()
+    look: tuple[str, ...] = ()
+    servos: tuple[str, ...] = ()
+    cause: bool = False
+
+    def document(self) -> dict[str, Any]:
+        """As in the JSON document."""
+        words = "; ".join(word for word in (self.description, *self.servos) if word)
+        out: dict[str, Any] = {"depends_on": list(self.depends_on), "description": words}
+        return out | ({"look": list(self.look)} if self.look else {})
+
+
+@dataclass(frozen=True)
+class RigVerdict:
+    """What differs from the reference.
+
+    effects: entries of the document
+    alike: groups of names that the record cannot tell apart
+    unknown: something without a name, None if there is nothing
+    held: predictions of the held-out halves
+    memory, remaining: of the innovations (`record.residual_summary`)
+    searched, plate, was: what the verdict follows from
+    notes: what could not be compared or was refused
+    test: predictions of a further record
+    imbalance: of the ball"""
+
+    effects: tuple[Entry, ...]
+    alike: tuple[tuple[str, ...], ...]
+    unknown: Unknown | None
+    held: HeldOut
+    memory: float
+    remaining: float
+    searched: SearchResult
+    plate: MovedPlate
+    was: RigReference
+    notes: tuple[str, ...] = ()
+    test: HeldOut | None = None
+    imbalance: Imbalance = BALANCED
+
+    @property
+    def verdict(self) -> str:
+        """nothing_missing, effect_found, ambiguous or unknown_effect."""
+        if self.unknown is not None:
+            return "unknown_effect"
+        if not self.effects:
+            return "nothing_missing"
+        return "ambiguous" if self.alike else "effect_found"
+
+    @property
+    def before(self) -> dict[str, float]:
+        """Errors of roll-outs on held-out halves, without what was found."""
+        return self.held.errors("before")
+
+    @property
+    def after(self) -> dict[str, float]:
+        """Errors of roll-outs on held-out halves, with what was found."""
+        return self.held.errors("after") if self.effects or self.unknown is not None else self.before
+
+    @property
+    def zero(self) -> dict[str, float]:
+        """By how much the tilt at zero command moved, as the tilt sensor shows it, rad, by axis; {} if it did not."""
+        return moved_zero(self.plate.stage, self.was.stage)
+
+    def sentences(self) -> list[str]:
+        """What was found, and what to do."""
+        return [sentence(self), *advice(self)]
+
+    def document(self) -> dict[str, Any]:
+        """The document of `diagnose --json`. Every effect has the errors of all effects together, at the samples ahead
+        that decide."""
+        before, after = self.before, self.after
+        decides = f"rollout{self.held.ahead}"
+        errors = {"before": before[decides], "after": after[decides]}
+        numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
+        test = {}
+        if self.test is not None:
+            test = {"test": {which: {"nrmse": None, **self.test.errors(which)} for which in ("before", "after")}}
+        return {
+            "verdict": self.verdict, "sentence": sentence(self),
+            "effects": [effect | errors for effect in self.effects],
+            "ambiguous_with": [list(g) for g in self.alike],
+            "unknown": None if self.unknown is None else self.unknown.document(),
+            "before": {"nrmse": None, **before}, "after": {"nrmse": None, **after}, "noise_floor": None,
+            "held_out": HELD_OUT, "remaining": round(self.remaining, 3), "advice": advice(self),
+            "fits": {"reference": round(self.was.remaining, 3) or None, "record": round(self.remaining, 3)},
+            "tried": self._tried(), "reference": self.was.source, "notes": list(self.notes), **test,
+            "rings": {str(ring): self._in_ring(str(ring)) for ring in numbers},
+        }  # fmt: skip
+
+    def _tried(self) -> list[dict[str, Any]]:
+        """What was looked for and not taken, the largest gain of -2 log L first."""
+        names = {effect["name"] for effect in self.effects}
+        names |= {"tilt_gain"} if "servo_gain" in names else set()  # as the ball sees it where nobody measures the tilt
+        found = zip(self.searched.found, self.searched.gains, strict=True)
+        refused = [Tried(c, gain, NOT_PREDICTING) for c, gain in found if c.effect not in names]
+        tried = sorted((*refused, *self.searched.tried), key=lambda one: -one.gain)
+        known = "" if self.unknown is None else self.unknown.description
+        named = [(one.candidate.effect or one.candidate.words, one) for one in tried]
+        named = [(name, one) for name, one in named if one.candidate.effect or not name or name not in known]
+        return [{"name": name, "gain": round(one.gain, 1), "why_not": one.why_not} for name, one in named]
+
+    @property
+    def misfit(self) -> str:
+        """Which kind of thing the model lacks, if it does not fit the rig even when the model was right; else empty."""
+        words, ball = ["a servo of another kind"] if self.was.stage.times_noise > FITS else [], self.was.body.model.ball
+        words += [kind_of_ball(ball.inertia <= SLIDES, ball.wall)] if self.was.remaining > FITS else []
+        return " and ".join(words)
+
+    def _in_ring(self, ring: str) -> dict[str, Any]:
+        """The verdict on all rings, with the sizes of the effects in one ring."""
+        here = []
+        for effect in self.effects:
+            if ring in effect["rings"]:
+                there, parameters = effect["rings"][ring]["after"], effect["parameters"]
+                numbers = {key: {**parameters[key], "value": value} for key, value in there.items()}
+                here.append({"name": effect["name"], "parameters": numbers})
+        return {"verdict": self.verdict, "effects": here}
 
 
 def verdict_on(
@@ -102,16 +221,16 @@ def verdict_on(
         else:
             unknown = Unknown(looks, ("tilt",))
         effects, alike, found = [e for e in effects if e not in judged], [], ()
-    effects += by_zero(plate.stage, was, effects, radii)
-    unknown = _with_servos(unknown, plate.stage, was)
-    standing = _standing(searched, found, effects)
-    if standing is not searched:
-        memory, remaining = residual_summary(plate.body, standing.fit)
-    notes = (*notes_on(plate.table, plate.stage, was, plate.blind), *refused, *_louder(was, standing))
-    done = RigVerdict(
-        tuple(effects), tuple(alike), unknown, held, memory, remaining, standing, plate.body, plate.stage, was, notes,
-        sensor=plate.sensor, moves=plate.moves, table=plate.table,
-    )  # fmt: skip
+    effects += by_zero(plate, was, effects, radii)
+    unknown = _with_servos(unknown, plate, was)
+    if effects and not found:  # effects of the stage alone stand: a new model is without the candidates
+        searched = replace(searched, fit=searched.without)
+        memory, remaining = residual_summary(plate.body, searched.fit)
+    before, now = (1e3 * value_of(model, "noise") for model in (was.body.model, searched.fit.model))
+    if now > LOUDER * before:
+        refused.append(f"the noise of the camera grew from {before:.2g} to {now:.2g} mm")
+    notes = (*notes_on(plate, was), *refused)
+    done = RigVerdict(tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, plate, was, notes)
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
 
@@ -124,17 +243,16 @@ def _searched(
     if begun.start is not None:  # a textbook's numbers are far from those of any rig
         begun = replace(begun, start=fit_reference(plate.body, begun.start).model)
     if plate.overtaxed and then is not None and was.table is not None:  # as in this record, the measured tilt moves it
-        then = filter_of(was.table, whole_record(was.table), maze, None, then)
+        then = filter_on_stage(was.table, maze, None, then)
     # without a tilt sensor, another ball looks like another gain of both servos, which nobody sees
     without = ("rolling_inertia",) if plate.blind else ()
     known, searched = search_against(plate.body, begun, then, maze, tell, own, without)
     if plate.stage is not None and not plate.overtaxed and plate.servo is None and plate.sensor is None:
         searched = one_ball_instead(plate.body, searched, known)
-    if plate.stage_is_known and plate.moves is not None:
-        on = partial(plate.filter_on, maze)
-        unseen = unseen_change(searched, known, plate.moves, on, not plate.blind)
+    if plate.stage is None or not (plate.overtaxed or plate.stage.differs):  # the tilt shows no change but of its gain
+        unseen = with_unseen_change(plate, searched, known, maze)
         if unseen is not None:
-            plate = plate.behind(unseen)
+            plate = unseen
             known, searched = search_against(plate.body, begun, then, maze, tell, own, without)
     return plate, known, searched
 
@@ -149,26 +267,14 @@ def _predicting(searched: SearchResult, held: HeldOut) -> tuple[Candidate, ...]:
     return searched.found if sure and held.ball_effects_not_worse(BETTER if at_walls else 1.0) else ()
 
 
-def _louder(was: RigReference, standing: SearchResult) -> list[str]:
-    """A note if the camera is noisier than it was."""
-    before, now = (value_of(model, "noise") for model in (was.body.model, standing.fit.model))
-    grown = f"the noise of the camera grew from {1e3 * before:.2g} to {1e3 * now:.2g} mm"
-    return [grown] if now > LOUDER * before else []
-
-
-def _with_servos(unknown: Unknown | None, stage: Stage | None, was: RigReference) -> Unknown | None:
+def _with_servos(unknown: Unknown | None, plate: MovedPlate, was: RigReference) -> Unknown | None:
     """What is unknown, with what overtaxed servos do that they did not do before."""
-    words = servos_look_changed(stage, was.stage) if stage is not None and stage.servos_overtaxed else ()
+    words = servos_look_changed(plate.stage, was.stage) if plate.stage is not None and plate.overtaxed else ()
     if not words:
         return unknown
     look = "Look at the servos and their linkage, or learn the model again from a record of mazeplan collect"
     other = unknown or Unknown()
     return Unknown(other.description, (*other.depends_on, "command"), (*other.look, look), tuple(words))
-
-
-def _standing(searched: SearchResult, found: Sequence[Candidate], effects: Sequence[Entry]) -> SearchResult:
-    """The search, with the fit for a new model: without the candidates if effects of the stage alone stand."""
-    return replace(searched, fit=searched.without) if effects and not found else searched
 
 
 def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
@@ -177,13 +283,13 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
     Neither predictions nor fit know the imbalance. More than twice the noise has another cause, too."""
     if done.effects or (done.unknown is not None and done.unknown.depends_on):
         return done
-    imbalance = unbalanced(done.body, done.searched.without)
+    imbalance = unbalanced(done.plate.body, done.searched.without)
     entry = imbalance_entry(imbalance, done.was.imbalance, radii)
     then = done.was.then
     if entry is None or (then is not None and also_in(then, done.was.body.model, imbalance)):
         return replace(done, imbalance=imbalance)
     searched = replace(done.searched, found=(), gains=(), rivals=(), fit=done.searched.without)
-    memory, remaining = residual_summary(done.body, searched.fit)
+    memory, remaining = residual_summary(done.plate.body, searched.fit)
     return replace(
         done, effects=(with_plan(entry),), unknown=done.unknown if remaining > TWICE else None, searched=searched,
         held=replace(done.held, after=done.held.before, gain=np.zeros_like(done.held.gain)), memory=memory,
@@ -219,9 +325,9 @@ def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
 
 def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     """Predictions of a further record, by the old model and by the new one."""
-    new = filter_of(test, record_of(test), maze, done.moves)
-    new = new if done.sensor is None else felt(new, done.sensor)
-    old = as_it_was(test, maze, done.was, done.stage, new)
+    new = filter_on_stage(test, maze, done.plate.moves, record=record_of(test))
+    new = new if done.plate.sensor is None else felt(new, done.plate.sensor)
+    old = as_it_was(test, maze, done.was, done.plate.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
 
 
@@ -241,10 +347,17 @@ def _unknown(
     before. Otherwise None."""
     nameless = [c for c in found if not c.effect]
     if nameless:
-        words = "; ".join(c.description(searched.fit.model) for c in nameless)
+        words = "; ".join(_description(c, searched.fit.model) for c in nameless)
         depends = tuple(sorted({on for c in nameless for on in c.depends_on}))
         return Unknown(words, depends, tuple(c.look for c in nameless if c.look), cause=True)
     alike = memory > max(MEMORY, AS_BEFORE * was.memory) and remaining > LEAST_REMAINS
     if alike or remaining > max(REMAINS, AS_BEFORE * was.remaining):
         return Unknown(f"what remains is {remaining:.1f} times the noise, and is alike from picture to picture")
     return None
+
+
+def _description(c: Candidate, model: BodyModel) -> str:
+    """The description of a candidate without a name, with period and frequency if it swings."""
+    names = ("table_swing.frequency",) if c.after == "table_rocking" else c.free
+    at = [value_of(model, name) for name in names if name.endswith(".frequency")]
+    return f"{c.words}, every {1.0 / at[0]:.2f} s ({at[0]:.3f} Hz)" if at else c.words

@@ -19,11 +19,10 @@ from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
 from mazeplan.core.whole_file import whole_file, whole_folder
 from mazeplan.diagnosis.rig.record import FEWEST
-from mazeplan.diagnosis.rig.reference import RigReference, reference_of
-from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
-from mazeplan.diagnosis.rig.result import RigVerdict, advice
-from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
-from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.rig.reference import RigReference, known_reference, reference_of, save_reference
+from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
+from mazeplan.diagnosis.rig.verdict import RigVerdict, verdict_on
+from mazeplan.diagnosis.rig.words import advice
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -112,7 +111,7 @@ def improve(
             done = verdict_on(table, maze, was, working, own=own)
             document: dict[str, Any] = done.document() | {"model": None, "report": None}
             tell(document["sentence"])
-            if changes_model(done.effects):
+            if kept_in_model(done.effects):
                 known, was = moved_model(known, done.effects, done.searched.fit, done.zero), reference_after(done)
                 document["model"] = _saved(known, was, here / "model")
                 document["advice"] = advice(done, document["model"])

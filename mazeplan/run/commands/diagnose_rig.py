@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.logs.table import Table, as_table, join, name_of
-from mazeplan.diagnosis.rig.evidence import rig_evidence
-from mazeplan.diagnosis.rig.reference import reference_of
-from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
-from mazeplan.diagnosis.rig.result import RigVerdict, advice, words_on_test
-from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
-from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.rig.reference import known_reference, reference_of, save_reference
+from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
+from mazeplan.diagnosis.rig.verdict import RigVerdict, verdict_on
+from mazeplan.diagnosis.rig.words import advice, errors_in_words
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.physics.registry import own_effects
 from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, lines_of_test, write_reports
@@ -43,10 +41,10 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> Diagnosi
     needed = {"--model MODEL (the folder of `mazeplan learn`)": known, "-o FOLDER": request.output}
     add = " and ".join(option for option, value in needed.items() if value is None)
     document["advice"] = advice(done, document["model"], add, shlex.join(map(_typed, request.logs)))
-    evidence = rig_evidence(done, title)
+    evidence = {"kind": "rig", "title": title, **done.held.evidence(done.plate.body.pictures.dt)}
     if request.output is not None:
         write_reports(document, evidence, request.output)
-    on_test = lines_of_test(words_on_test(done))
+    on_test = lines_of_test("" if done.test is None else errors_in_words(done, done.test))
     lines = [document["sentence"], *on_test, *document["advice"], *(f"note: {note}" for note in done.notes)]
     lines += [f"{key}: {document[key]}" for key in ("report", "model") if document[key] is not None]
     return DiagnosisResult(document, evidence, tuple(lines))
@@ -59,7 +57,7 @@ def _typed(log: Any) -> str:
 
 def _write_model(done: RigVerdict, document: dict[str, Any], known: RigModel | None, output: Path) -> None:
     """Write the model with the found effects, and its reference. Sets `model` in the document."""
-    if known is not None and changes_model(done.effects):
+    if known is not None and kept_in_model(done.effects):
         new = moved_model(known, done.effects, done.searched.fit, done.zero)
         document["model"] = str(save_model(new, output / "model").parent)
         if not done.was.body.open:

@@ -12,7 +12,7 @@ from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.table import Table, as_table, name_of, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.results import DocumentResult
-from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
+from mazeplan.diagnosis.rig.reference import reference_path, save_reference
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.model_document import model_document
