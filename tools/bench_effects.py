@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.run.campaign.evaluate import evaluate, summary
-from mazeplan.run.campaign.improve import Options, improve
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.commands.improve import improve
 
 HEALTHY, HEALTHY_RUNS = 10, 4  # rigs without a change, and runs of each before and after
 NEAR = 1.1  # times the healthy rig's time, within which navigation is as good as without the effect
@@ -27,11 +26,10 @@ NEAR = 1.1  # times the healthy rig's time, within which navigation is as good a
 
 def outcome(kind: str, runs: int, seconds: float) -> dict[str, Any]:
     """What became of one kind of effect."""
-    options = Options(runs=runs, seconds=seconds)
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder) / "rig.yaml"
-        truth = write_hidden_rig(rig, kind, load_map(str(options.map)))
-        (entry,) = improve(str(rig), Path(folder) / "improved", options)
+        truth = write_hidden_rig(rig, kind, load_map("cme"))
+        (entry,) = improve(rig, runs=runs, seconds=seconds, output=Path(folder) / "improved").rounds
         done, navigation = entry["diagnosis"], entry["navigation"]
         model = load_model(done["model"]) if done["model"] else None
     names = list(dict.fromkeys(e["name"] for e in done["effects"]))
@@ -58,9 +56,7 @@ def better(before: dict[str, Any], after: dict[str, Any]) -> bool:
 
 def healthy(seed: int, runs: int, seconds: float) -> dict[str, Any]:
     """The verdict on a rig without a change."""
-    options = replace(Options(runs=min(runs, HEALTHY_RUNS), seconds=seconds), seed=seed)
-    with tempfile.TemporaryDirectory() as folder:
-        (entry,) = improve("toy", Path(folder), options)
+    (entry,) = improve("toy", runs=min(runs, HEALTHY_RUNS), seconds=seconds, seed=seed).rounds
     return {"seed": seed, "verdict": entry["diagnosis"]["verdict"]}
 
 

@@ -19,15 +19,15 @@ def asked(monkeypatch):
     navigation = {"runs": 2, "success": 2, "time_s": {"mean": 3.0}, "failures": {}, "planner_ms": {}, "tick_ms": {}}
     diagnosis = {"verdict": "effect_found", "sentence": "The model lacks x.", "effects": [], "model": "here/model"}
 
-    def stand_in(rig, folder, options, **more):
-        asked.update(rig=rig, folder=folder, options=options, **more)
-        more["advance"](30, 60)
-        more["tell"]("found [red]")
-        more["advance"](60, 60)
-        more["working"]("ring 1: stage")
+    def stand_in(loop, model, references):
+        asked["loop"] = loop
+        loop.advance(30, 60)
+        loop.tell("found [red]")
+        loop.advance(60, 60)
+        loop.progress("ring 1: stage")
         return [{"diagnosis": dict(diagnosis), "navigation": {"before": navigation, "after": dict(navigation)}}]
 
-    monkeypatch.setattr("mazeplan.run.campaign.improve.improve", stand_in)
+    monkeypatch.setattr("mazeplan.run.commands.improve.do_rounds", stand_in)
     return asked
 
 
@@ -40,8 +40,8 @@ def test_json_prints_one_document(call, asked, tmp_path):
     assert set(document["rounds"][0]) == {"diagnosis", "navigation"}
     assert set(document["rounds"][0]["navigation"]) == {"before", "after"}
     assert document["rounds"][0]["diagnosis"]["model"] == "here/model"
-    assert (asked["rig"], asked["options"].seed) == ("toy", 3)
-    assert (asked["options"].rounds, asked["options"].runs) == (2, 2)
+    loop = asked["loop"]
+    assert (loop.rig, loop.usual.seed, loop.rounds, loop.usual.runs) == ("toy", 3, 2, 2)
     assert "\nfound [red]\n" in plain(err)
     for words in (r"improving .*50%", r"improving .*ring 1: stage"):
         assert re.search(words, plain(err))

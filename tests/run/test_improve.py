@@ -17,7 +17,7 @@ from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.identification import fit_rig
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.improve import Options, improve
+from mazeplan.run.commands.improve import improve
 
 MAZE = load_map("cme")
 
@@ -74,9 +74,9 @@ def test_a_leaning_rig_from_beginning_to_end(tmp_path):
     rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
     told, doing, far = [], [], []
     (entry,) = improve(
-        str(rig), tmp_path, Options(runs=2, seconds=40.0, seed=1),
-        tell=told.append, working=doing.append, advance=lambda *how: far.append(how),
-    )  # fmt: skip
+        rig, output=tmp_path / "out", runs=2, seconds=40.0, seed=1,
+        tell=told.append, progress=doing.append, advance=lambda *how: far.append(how),
+    ).rounds  # fmt: skip
     assert far == [*((s, 40) for s in range(1, 41)), (1, 2), (2, 2), (1, 2), (2, 2)]
     assert {"stage", "navigating before", "navigating after"} <= set(doing)
     assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
@@ -87,8 +87,8 @@ def test_a_leaning_rig_from_beginning_to_end(tmp_path):
     assert (entry["compared"]["pairs"], entry["compared"]["b"]) == (2, "after")
     assert after["success"] == 2
     assert after["success"] > before["success"] or after["time_s"]["mean"] < before["time_s"]["mean"]
-    assert json.loads((tmp_path / "round1" / "round.json").read_text())["navigation"]["after"] == after
-    assert (tmp_path / "round1" / "record.mcap").exists()
+    assert json.loads((tmp_path / "out" / "round1" / "round.json").read_text())["navigation"]["after"] == after
+    assert (tmp_path / "out" / "round1" / "record.mcap").exists()
     assert any(text.startswith("before: ") for text in told)
 
 
@@ -96,13 +96,12 @@ def test_a_leaning_rig_from_beginning_to_end(tmp_path):
 def test_a_rig_without_a_model_learns_one_first(tmp_path):
     """Servos with a limited rate and a ball that is a point: a healthy rig of a stranger."""
     told = []
-    (entry,) = improve(
-        "strange_rigs:Slow", tmp_path, Options(runs=4, seconds=150.0, seed=3), tell=told.append
-    )  # fmt: skip
+    out = tmp_path / "out"
+    (entry,) = improve("strange_rigs:Slow", output=out, runs=4, seconds=150.0, seed=3, tell=told.append).rounds
     diagnosis = entry["diagnosis"]
     assert (diagnosis["verdict"], diagnosis["effects"]) == ("nothing_missing", [])
-    assert (tmp_path / "first" / "record.mcap").is_file()
-    assert diagnosis["model"] == str(tmp_path / "first" / "model")
+    assert (out / "first" / "record.mcap").is_file()
+    assert diagnosis["model"] == str(out / "first" / "model")
     assert diagnosis["advice"] == [
         f"Plan with the model that was learned: mazeplan navigate --rig RIG --model {diagnosis['model']}."
     ]

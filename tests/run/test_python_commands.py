@@ -153,14 +153,14 @@ def test_improvement(printed, tmp_path, monkeypatch):
     rounds = [{"diagnosis": diagnosis, "navigation": {"before": navigation, "after": navigation}}]
     asked = []
     monkeypatch.setattr(
-        "mazeplan.run.campaign.improve.improve",
-        lambda rig, folder, options, **more: asked.append((options, len(more["reference"]))) or rounds,
+        "mazeplan.run.commands.improve.do_rounds",
+        lambda loop, model, references: asked.append((loop, len(references))) or rounds,
     )
     columns = play(seed=3, seconds=5.0)
     done = mazeplan.improve(PlanarRig, runs=2, seconds=40.0, reference=[columns, pd.DataFrame(columns)])
     document = printed("improve", "--rig", "toy", "--runs", "2", "--seconds", "40")
     assert_same(done.json(), document)
-    assert (asked[0][0].runs, asked[0][0].seconds, asked[0][1]) == (2, 40.0, 2)
+    assert (asked[0][0].usual.runs, asked[0][0].seconds, asked[0][1]) == (2, 40.0, 2)
     assert "The model lacks x." in done._repr_html_()
 
 
