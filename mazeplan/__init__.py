@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from mazeplan.run.commands.evaluate import evaluate
     from mazeplan.run.commands.improve import improve
     from mazeplan.run.commands.learn import learn
+    from mazeplan.run.execution import navigate
     from mazeplan.run.goals import Goals
-    from mazeplan.run.navigate import navigate
 
 __version__ = "0.1.0"
 os.environ.setdefault("NUMBA_OPT", "2")  # 3 takes a third longer to compile, and what it makes is not faster
@@ -50,7 +50,7 @@ _HOMES = {
     "check_rig": "mazeplan.rigs.conformance",
     **{name: f"mazeplan.run.commands.{name}" for name in _COMMANDS},
     "load_map": "mazeplan.maze.mapfile",
-    "navigate": "mazeplan.run.navigate",
+    "navigate": "mazeplan.run.execution",
 }
 
 __all__ = [

@@ -52,7 +52,7 @@ def recorded(tmp_path_factory):
     """One run on the toy in which the deadline ended searches: its log, and its result."""
     from replayed import HURRIED
 
-    from mazeplan.run.navigate import navigate
+    from mazeplan.run.execution import navigate
 
     path = tmp_path_factory.mktemp("replay") / "run.mcap"
     result = navigate(3, 5, rig="toy", settings=HURRIED, log=path, seed=4)

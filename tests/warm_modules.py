@@ -16,7 +16,7 @@ import torch  # noqa: F401
 import mazeplan.apps.cli.app
 import mazeplan.apps.report.models
 import mazeplan.diagnosis.rig.verdict  # noqa: F401
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(None):
     navigate(4, 5, rig="toy", log=Path(folder, "run.mcap"))

@@ -22,7 +22,7 @@ from bench_kit import Table as Figures
 from mazeplan.core.records import NavigationResult, Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
 from mazeplan.rigs.paced import PacedRig
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 SHARE, LATE_S = 0.05, 0.05  # of the pictures, so much later than the others
 PERIOD_MS = 1e3 / 30.0

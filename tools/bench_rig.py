@@ -21,7 +21,7 @@ from bench_kit import ROOT, Section, Table, counts
 from mazeplan.core.records import Array
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 RIG = ROOT / "tools" / "emulated.yaml"
 SEEDS, KILLS = 5, 5

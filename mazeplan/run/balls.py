@@ -31,11 +31,6 @@ def with_balls(maze: Maze, balls: int | None) -> Maze:
     return replace(maze, balls=balls)
 
 
-def tree_of(maze: Maze, behavior: str) -> str:
-    """Name of the tree for this maze: `two_balls` replaces `navigate` when the maze has several balls."""
-    return "two_balls" if maze.balls > 1 and behavior == "navigate" else behavior
-
-
 def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
     """Raises InputError if the maze has several balls but centre, rig, policy or job allow only one."""
     if maze.balls == 1:

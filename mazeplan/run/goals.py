@@ -10,26 +10,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from threading import Lock
-from typing import Protocol
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, Request, StopRequested, TimedEvent
-from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.resolve import ring_number
-
-
-class Requests(Protocol):
-    """What a run reads at each tick."""
-
-    def take(self, t: float) -> Sequence[Request]:
-        """The requests since the last call; t: rig time of this tick, s."""
-        ...
-
-    def over(self) -> bool:
-        """Whether the run may end now; False while another goal waits. After True no request is accepted."""
-        ...
+from mazeplan.run.resolve import opening_name, ring_number
 
 
 class Goals:
@@ -37,9 +23,9 @@ class Goals:
     thread.
 
     Each method returns False once the run is over, else True. Requests may be made before the run begins: the run reads
-    them at its first tick, and of several goals it takes only the last. A mailbox may serve one run after another.
-    Each method checks its rings and openings: for an unknown one it raises SettingsError and makes no request. Several
-    balls go to the centre only; before a run, the number of balls is the map's."""
+    them at its first tick. A mailbox may serve one run after another. Each method checks its rings and openings: for an
+    unknown one it raises SettingsError and makes no request. Several balls go to the centre only; before a run, the
+    number of balls is the map's."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
@@ -47,52 +33,52 @@ class Goals:
         self._lock = Lock()
         self._waiting: list[Request] = []
         self._running, self._ended = False, False
-        self._read = False  # at the first tick of the run
 
     def aim(self, ring: int | str, closed: Collection[str] = ()) -> bool:
         """Go to another ring from where the ball is. It takes effect within one tick, whatever the tree does now.
 
         Closed openings stay closed, and those in `closed` are closed as well. An accepted goal is never lost: if the
         run arrives at the old goal meanwhile, it goes on to the new one."""
-        try:
-            number = ring_number(ring, self._maze)
-        except InputError as problem:
-            raise SettingsError(problem.problem, key="goal") from None
-        if isinstance(closed, str):
-            raise SettingsError(f"got {closed!r}, expected a list of names", key="closed")
-        return self._add(GoalChanged(number, tuple(self._opening(name) for name in closed)))
+        return self._add(GoalChanged(self._ring(ring), tuple(closed)))
 
     def close(self, opening: str) -> bool:
         """Do not use an opening any more in this run."""
-        return self._add(OpeningClosed(self._opening(opening)))
+        return self._add(OpeningClosed(opening))
 
     def open(self, opening: str) -> bool:
         """Use an opening again, also one that the map or the command closes."""
-        return self._add(OpeningReopened(self._opening(opening)))
+        return self._add(OpeningReopened(opening))
 
     def stop(self) -> bool:
         """End the run at its next tick, with the plate level and the reason `stopped`."""
         return self._add(StopRequested())
 
-    def _opening(self, name: str) -> str:
-        known = [opening.name for opening in self._maze.openings]
-        if name not in known:
-            raise SettingsError(f"got {name!r}, expected {one_of(known, name)}", key="opening")
-        return name
+    def _ring(self, ring: int | str) -> int:
+        try:
+            return ring_number(ring, self._maze)
+        except InputError as problem:
+            raise SettingsError(problem.problem, key="goal") from None
 
     def _add(self, request: Request) -> bool:
         with self._lock:
-            if self._ended:
-                return False
-            self._check_goal(request, self._balls)
-            self._waiting.append(request)
-            return True
+            if not self._ended:
+                self.check(request)
+                self._waiting.append(request)
+            return not self._ended
 
-    def _check_goal(self, request: Request, balls: int) -> None:
-        """Raises SettingsError for a goal to which this number of balls cannot go."""
-        if isinstance(request, GoalChanged) and balls > 1 and not self._maze.ring(request.ring).is_disc:
-            centre = f"expected ring{len(self._maze.rings)}: {balls} balls go to the centre"
-            raise SettingsError(f"got ring{request.ring}, {centre}", key="goal")
+    def check(self, request: Request) -> None:
+        """Raises SettingsError for a ring or opening that the map does not have, and for a goal to which several balls
+        cannot go."""
+        names: Collection[str] = ()
+        if isinstance(request, GoalChanged):
+            names, ring, last = request.closed, self._ring(request.ring), len(self._maze.rings)
+            if self._balls > 1 and not self._maze.ring(ring).is_disc:
+                centre = f"expected ring{last}: {self._balls} balls go to the centre"
+                raise SettingsError(f"got ring{ring}, {centre}", key="goal")
+        elif isinstance(request, OpeningClosed | OpeningReopened):
+            names = (request.opening,)
+        for name in names:
+            opening_name(name, self._maze)
 
     # -- the run's side ---------------------------------------------------------------------------------------------
 
@@ -108,19 +94,17 @@ class Goals:
         with self._lock:
             if self._running:
                 raise SettingsError("another run reads them", key="goals")
-            for request in self._waiting:
-                self._check_goal(request, maze.balls)
             self._balls = maze.balls
-            self._running, self._ended, self._read = True, False, False
+            for request in self._waiting:
+                self.check(request)
+            self._running, self._ended = True, False
 
     def take(self, t: float) -> Sequence[Request]:
-        """All requests that wait. A `stop` among them closes the mailbox."""
+        """All requests that wait, at the rig time t, s. A `stop` among them closes the mailbox."""
         if not self._waiting:  # the usual tick takes no lock
-            self._read = True
             return ()
         with self._lock:
-            taken, self._waiting = self._waiting if self._read else _last_goal(self._waiting), []
-            self._read = True
+            taken, self._waiting = self._waiting, []
             self._ended = self._ended or StopRequested() in taken
         return taken
 
@@ -141,20 +125,8 @@ class Goals:
         self._waiting, self._running, self._ended = [], False, True
 
 
-def _last_goal(requests: Sequence[Request]) -> list[Request]:
-    """The requests with only the last goal; the openings that an earlier goal closes stay closed."""
-    last = max((i for i, request in enumerate(requests) if isinstance(request, GoalChanged)), default=-1)
-    left: list[Request] = []
-    for i, request in enumerate(requests):
-        if isinstance(request, GoalChanged) and i < last:
-            left += [OpeningClosed(name) for name in request.closed]
-        else:
-            left.append(request)
-    return left
-
-
 class RecordedRequests:
-    """Repeats the requests of a recorded run at the same ticks; see `Requests`.
+    """Repeats the requests of a recorded run at the same ticks, as `Goals` gave them.
 
     events: of the log. Raises ValueError if a request names a ring or an opening that the maze does not have."""
 
@@ -165,16 +137,12 @@ class RecordedRequests:
             request = timed.event
             if timed.kind in ("goal", "closed", "opened", "stopped") and not isinstance(request, Request):
                 raise ValueError(f"event {timed.kind}: got {timed.detail}")
-            if not isinstance(request, Request):
-                continue
-            try:  # the same checks as in the recorded run
-                if isinstance(request, GoalChanged):
-                    mailbox.aim(request.ring, request.closed)
-                elif isinstance(request, OpeningClosed | OpeningReopened):
-                    mailbox.close(request.opening)
-            except SettingsError as problem:
-                raise ValueError(str(problem)) from None
-            self._left.append((timed.t, request))
+            if isinstance(request, Request):
+                try:
+                    mailbox.check(request)
+                except SettingsError as problem:
+                    raise ValueError(str(problem)) from None
+                self._left.append((timed.t, request))
 
     def take(self, t: float) -> Sequence[Request]:
         """The requests of this tick."""
@@ -186,3 +154,6 @@ class RecordedRequests:
     def over(self) -> bool:
         """Whether no goal is left. A goal that is left was waiting when the recorded run arrived."""
         return not any(isinstance(request, GoalChanged) for _, request in self._left)
+
+
+Requests = Goals | RecordedRequests  # what a run reads at each tick

@@ -23,7 +23,6 @@ from mazeplan.control.policy_file import load_policy
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.logs.run_log import Sink
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Display
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
@@ -32,9 +31,9 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.rigs.registry import rig_label, rig_of
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run.balls import check_balls, tree_of, with_balls
+from mazeplan.run.balls import check_balls, with_balls
 from mazeplan.run.goals import Goals
-from mazeplan.run.resolve import check_start_angle, model_source, resolve_model, ring_number
+from mazeplan.run.resolve import check_start_angle, model_source, opening_name, resolve_model, ring_number
 from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
@@ -100,10 +99,8 @@ class NavigationRequest:
         maze, degrees = self.maze, self.start_angle_deg
         if degrees is not None and not math.isfinite(degrees):
             raise InputError(f"got {degrees}, expected a finite number of degrees", key="start angle")
-        known = [opening.name for opening in maze.openings]
         for name in self.closed:
-            if name not in known:
-                raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed opening")
+            opening_name(name, maze)
         start = ring_number(self.start, maze)
         goal = len(maze.rings) if self.goal is None else ring_number(self.goal, maze)
         via = tuple(ring_number(ring, maze) for ring in self.via)
@@ -117,8 +114,9 @@ class NavigationRequest:
         """Name or file of the tree: what was asked for, else the one for a policy, waypoints or two balls."""
         if self.behavior != "navigate":
             return self.behavior
-        usual = "policy" if self.policy is not None else "waypoints" if self.via else self.behavior
-        return tree_of(self.maze, usual)
+        if self.policy is not None or self.via:
+            return "policy" if self.policy is not None else "waypoints"
+        return "two_balls" if self.maze.balls > 1 else "navigate"
 
     def resolve(self, company: Company | None = None, job: Job | None = None) -> Navigation:
         """Make the rig, read everything that the request names, and check the tree. job: in place of the request's own

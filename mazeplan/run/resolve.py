@@ -9,7 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError, ModelError, ShortWarning
+from mazeplan.core.errors import InputError, ModelError, SettingsError, ShortWarning
+from mazeplan.core.name_hints import one_of
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path, model_stamp
 from mazeplan.learning.rig_model import transfer_model
 from mazeplan.maze.geometry import Maze
@@ -32,6 +33,14 @@ def ring_number(ring: int | str, maze: Maze) -> int:
         return int(found[1])
     expected = f"expected ring1 to ring{len(maze.rings)} or centre (map {maze.name})"
     raise InputError(f"got {ring!r}, {expected}", key="ring")
+
+
+def opening_name(name: str, maze: Maze) -> str:
+    """The name, if the maze has such an opening. Raises SettingsError."""
+    names = [opening.name for opening in maze.openings]
+    if name not in names:
+        raise SettingsError(f"got {name!r}, expected {one_of(names, name)} (map {maze.name})", key="opening")
+    return name
 
 
 def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:

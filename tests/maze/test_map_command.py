@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 from mazeplan.apps.cli.map import app
 from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.run.commands.log_context import parse_opening
-from mazeplan.run.resolve import ring_number
+from mazeplan.run.resolve import opening_name, ring_number
 
 CME = load_map("cme")
 
@@ -33,10 +32,10 @@ def test_what_is_no_ring_is_refused(text):
         ring_number(text, CME)
 
 
-def test_parse_opening():
-    assert parse_opening("1-2@45", CME) == "1-2@45"
+def test_the_name_of_an_opening():
+    assert opening_name("1-2@45", CME) == "1-2@45"
     with pytest.raises(InputError, match="expected one of 1-2@45, 1-2@135"):
-        parse_opening("1-2@46", CME)
+        opening_name("1-2@46", CME)
 
 
 def test_check_good_maps():

@@ -9,8 +9,8 @@ from talking import MAZE, NAMES, go
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_messages
+from mazeplan.run.execution import navigate
 from mazeplan.run.goals import Goals
-from mazeplan.run.navigate import navigate
 from mazeplan.run.replay import replay
 
 # -- told again --------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import threading
 from planar_rig import PlanarRig
 from talking import MAZE
 
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 
 def test_a_thread_of_the_user_gives_another_goal_through_the_public_names():

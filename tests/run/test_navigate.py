@@ -11,8 +11,7 @@ from planar_rig import PATIENT, PlanarRig, known
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.execution import run_job
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate, run_job
 from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")

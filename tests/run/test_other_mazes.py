@@ -9,7 +9,7 @@ import pytest
 from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.campaign.one_run import Campaign, run_one
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 
 

@@ -7,7 +7,7 @@ from replayed import MAZE, again, of, other_end, planar, rewritten, tick
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log_reader import read_messages
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 
 

@@ -9,7 +9,7 @@ from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_attachment, read_messages
 from mazeplan.learning.modelfile import ATTACHED, load_model, packed_model, save_model, unpacked_model
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 from mazeplan.run.resolve import resolve_model
 

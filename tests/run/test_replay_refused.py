@@ -10,7 +10,7 @@ from commands import call
 from replayed import rewritten, tick
 
 from mazeplan.core.errors import InputError, LogError
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 
 # -- what cannot be replayed ---------------------------------------------------------------------------------------

@@ -57,7 +57,7 @@ def test_the_command_tells_each_mistake_and_takes_rings_in_either_form(tmp_path,
     assert [line.partition("Mine/Sequence/")[2][:8] for line in err.splitlines()[-2:]] == ["Navigate", "InRing: "]
     path.write_text(OWN)
     code, _, err = run_command(monkeypatch, capsys, *own, "--via", "ring3,ring2", "--via", "ring3")
-    assert (code, err.splitlines()[-1].partition(", but")[0]) == (2, "mazeplan: --via: got ring3, ring2, ring3")
+    assert (code, err.splitlines()[-1].partition(", but")[0]) == (2, "mazeplan: via: got ring3, ring2, ring3")
     words = ("navigate", "--rig", "ideal", "--to", "ring3", "--via", "ring2", "--via", "ring1,ring2", "--json")
     code, out, err = run_command(monkeypatch, capsys, *words)
     assert code == 0

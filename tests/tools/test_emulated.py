@@ -17,7 +17,7 @@ from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.hardware import check as hardware_check
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 pytestmark = pytest.mark.realtime
 MAZE = load_map("cme")

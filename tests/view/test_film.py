@@ -11,7 +11,7 @@ from commands import call
 from mazeplan.apps.view.film import END_S, HZ, at_even_times, write_film
 from mazeplan.apps.view.story import Moment, moments
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 MAZE, SHORT_END_S = load_map("cme"), 0.3
 

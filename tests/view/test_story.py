@@ -10,7 +10,7 @@ import pytest
 from mazeplan.apps.view.story import TRAIL_S, BallShown, Story, TreeShown, moments
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 
 MAZE = load_map("cme")
 HEADER = {"map": dump_map(MAZE), "goal_ring": 5, "replay": {"rate_hz": 30.0, "closed": ["1-2@45"]}}

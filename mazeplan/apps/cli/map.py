@@ -19,7 +19,7 @@ from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.whole_file import write_text
-from mazeplan.run.commands.log_context import logged_map, parse_opening
+from mazeplan.run.commands.log_context import logged_map
 
 if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
@@ -174,10 +174,11 @@ def route(
 def _route(maze: Maze, first: int, last: int, theta: float, close: Iterable[str] = ()) -> Route | None:
     """The fastest route without the openings in `close`. theta: start angle, rad"""
     from mazeplan.maze.graph import RouteGraph
+    from mazeplan.run.resolve import opening_name
 
     graph = RouteGraph(maze)
     for name in close:
-        graph.close(parse_opening(name, maze))
+        graph.close(opening_name(name, maze))
     return graph.route(first, last, theta)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,31 +53,6 @@ def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> Diagnos
     return finish(done, document, request, f"ring {number} of {name_of(log)}" if number else name_of(log))
 
 
-@dataclass(frozen=True)
-class _RingData:
-    """A ring of a table.
-
-    ring: its number, if known
-    radius: of its track, m
-    rows: mask of its samples
-    openings: in its walls, if known"""
-
-    table: Table
-    ring: int | None
-    radius: float
-    rows: np.ndarray
-    openings: Openings | None
-
-
-def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData:
-    """The ring that the options name, otherwise the ring with most samples. Raises InputError."""
-    if request.radius is None:
-        ring = _ring(table, maze, request.ring)
-        return _RingData(table, ring, maze.track_radius(ring), rings_of(table, maze) == ring, ring_openings(maze, ring))
-    check_radius(table, request.radius, request.ring)
-    return _RingData(table, request.ring, request.radius, np.ones(len(table), dtype=bool), None)
-
-
 def _diagnose(
     log: Any, maze: Maze, model: RigModel | None, request: DiagnosisRequest
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
@@ -87,30 +61,35 @@ def _diagnose(
     raw = as_table(log, request.columns)
     check_wiring(raw, maze if request.radius is None else None)
     camera, of_positions = _known_camera(raw, model, request.declare)
-    data = _ring_data(centred(raw, camera), maze, request)
-    known: Values = {} if model is None else model.declared(data.ring or 1)
-    if "x" not in data.table and (camera.offset_x or camera.offset_y):  # angles alone are not corrected by `centred`
+    centre = centred(raw, camera)
+    if request.radius is None:
+        ring = _ring(centre, maze, request.ring)
+        radius, rows, openings = maze.track_radius(ring), rings_of(centre, maze) == ring, ring_openings(maze, ring)
+    else:
+        ring, radius, rows, openings = request.ring, request.radius, np.ones(len(centre), dtype=bool), None
+        check_radius(centre, radius, ring)
+    known: Values = {} if model is None else model.declared(ring or 1)
+    if "x" not in centre and (camera.offset_x or camera.offset_y):  # angles alone are not corrected by `centred`
         known["camera_offset"] = {"x": camera.offset_x, "y": camera.offset_y}
-    library = [*ring_library(), *wall_library(data.openings or Openings()), *RIG_EFFECTS]
+    library = [*ring_library(), *wall_library(openings or Openings()), *RIG_EFFECTS]
     declare_known(known, request.declare, [*library, *added])
     of_angles = {name: values for name, values in known.items() if name not in of_positions}
     known |= of_positions
     if request.radius is None:
-        _check_rings(data.table, maze)
-    table, odd = turned_round(data.table, data.radius)
+        _check_rings(centre, maze)
+    table, odd = turned_round(centre, radius)
     test = None
     if request.test is not None:
-        other, _ = turned_round(centred(as_table(request.test, request.columns), camera), data.radius)
-        in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
-        test = record_of(other, in_ring, ring=data.ring)
+        other, _ = turned_round(centred(as_table(request.test, request.columns), camera), radius)
+        in_ring = np.ones(len(other), dtype=bool) if openings is None else rings_of(other, maze) == ring
+        test = record_of(other, in_ring, ring=ring)
     done = ring_diagnosis.diagnose(
-        record_of(table, data.rows, odd, data.ring), data.radius, of_angles, ring=data.ring, openings=data.openings,
-        more=added, test=test, progress=request.progress,
-        known=None if model is None else _known_stage(model, known, request.declare), corrected=camera,
+        record_of(table, rows, odd, ring), radius, of_angles, ring=ring, openings=openings, more=added, test=test,
+        progress=request.progress, corrected=camera,
+        known=None if model is None else _known_stage(model, known, request.declare),
     )  # fmt: skip
-    document = done.document()
-    more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
-    return done, {**document, **more}
+    more = {"ring": ring, "radius_m": radius, "declared": known, "model": None, "report": None}
+    return done, {**done.document(), **more}
 
 
 def _known_camera(table: Table, model: RigModel | None, declare: Sequence[str]) -> tuple[Camera, Values]:

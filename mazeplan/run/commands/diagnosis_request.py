@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.column_units import ColumnSource
@@ -16,13 +16,11 @@ from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.results import PAGES, DocumentResult, finite
 from mazeplan.core.whole_file import write_text
-
-if TYPE_CHECKING:
-    from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
-    from mazeplan.diagnosis.ring.result import RingDiagnosis
-    from mazeplan.learning.modelfile import RigModel
-    from mazeplan.maze.geometry import Maze
-    from mazeplan.physics.effect import Effect
+from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis
+from mazeplan.diagnosis.ring.result import RingDiagnosis
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.effect import Effect
 
 Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 
@@ -51,8 +49,6 @@ class DiagnosisRequest:
     @property
     def known(self) -> RigModel | None:
         """The model, read; None without one. Raises ModelError."""
-        from mazeplan.learning.modelfile import RigModel, load_model
-
         return self.model if isinstance(self.model, RigModel | None) else load_model(self.model)
 
 
@@ -77,31 +73,24 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
     texts: EFFECT.PARAM=VALUE
     candidates: the effects that may be declared
     partly: an effect whose other parameters stay undeclared; those of another declared effect get their defaults"""
-    library, given = {effect.name: effect for effect in candidates}, set[str]()
+    library = {effect.name: effect for effect in candidates}
     for text in texts:
-        name, equals, value = text.partition("=")
+        name, _, value = text.partition("=")
         effect, _, parameter = name.partition(".")
-        if not (equals and parameter):
-            example = "such as dry_friction.coefficient=0.4"
-            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE, {example}")
         if effect not in library:
             raise InputError(f"--declare: got effect {effect!r}, expected {one_of(library, effect)}")
         allowed = library[effect].parameters
         if parameter not in allowed:
             expected = f"expected {one_of(allowed, parameter)}"
             raise InputError(f"--declare: got parameter {parameter!r} of {effect}, {expected}")
-        if name in given:
-            raise InputError(f"--declare: got {name} twice, expected it once")
-        given.add(name)
+        spec = allowed[parameter]
         try:
             number = float(value)
         except ValueError:
-            hint = f", as {value.replace(',', '.', 1)}" if "," in value else ""
-            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number{hint}") from None
-        spec = allowed[parameter]
+            number = math.nan
         if not (math.isfinite(number) and spec.low <= number <= spec.high):
-            expected = f"expected {spec.low:g} to {spec.high:g} {spec.unit}"
-            raise InputError(f"--declare: got {effect}.{parameter} {number:g}, {expected}")
+            expected = f"expected EFFECT.PARAM=VALUE with a value from {spec.low:g} to {spec.high:g} {spec.unit}"
+            raise InputError(f"--declare: got {text!r}, {expected}")
         defaults = {} if effect == partly else {key: p.default for key, p in allowed.items()}
         known.setdefault(effect, defaults)[parameter] = number
 
@@ -123,7 +112,13 @@ def finish(
     if request.output is not None:
         write_reports(document, evidence, request.output)
     on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
-    return DiagnosisResult(document, evidence, tuple(result_lines(done.sentence(), document, on_test)))
+    ring, sentence = document.get("ring"), done.sentence()
+    lines = [f"Ring {ring}: {sentence}" if ring else sentence, *lines_of_test(on_test)]
+    for way in document.get("separate_by", []):
+        first = f"{way['first']}, then " if way["first"] else ""
+        lines.append(f"to separate them: {first}{way['command']}")
+    lines += lines_of_files(document)
+    return DiagnosisResult(document, evidence, tuple(dict.fromkeys(lines)))
 
 
 def lines_of_test(errors: str) -> list[str]:
@@ -131,13 +126,7 @@ def lines_of_test(errors: str) -> list[str]:
     return [f"on the record of --test: {errors}"] if errors else []
 
 
-def result_lines(sentence: str, document: dict[str, Any], on_test: str = "") -> list[str]:
-    """The verdict, errors on a test record, ways to separate ambiguous effects, notes and written files."""
-    ring = document.get("ring")
-    lines = [f"Ring {ring}: {sentence}" if ring else sentence, *lines_of_test(on_test)]
-    ways = (
-        (way["first"] + ", then " if way["first"] else "", way["command"]) for way in document.get("separate_by", [])
-    )
-    lines += dict.fromkeys(f"to separate them: {first}{command}" for first, command in ways)
-    lines += [f"note: {note}" for note in document["notes"]]
-    return lines + [f"{key}: {document[key]}" for key in ("report", "model") if document.get(key) is not None]
+def lines_of_files(document: dict[str, Any]) -> list[str]:
+    """The notes, and the files that were written."""
+    files = [f"{key}: {document[key]}" for key in ("report", "model") if document.get(key) is not None]
+    return [*(f"note: {note}" for note in document["notes"]), *files]

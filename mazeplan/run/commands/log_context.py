@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, ShortWarning, TableError
-from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
@@ -25,23 +24,11 @@ class LoggedMap:
     """A map for a record.
 
     source: where the map comes from, in words
-    known: whether its openings are known to be those of the record
-    logged_text: text of the map in the log"""
+    known: whether its openings are known to be those of the record"""
 
     maze: Maze
     source: str
     known: bool = True
-    logged_text: str | None = None
-
-    @property
-    def text(self) -> str:
-        """The map as text."""
-        from mazeplan.maze.mapfile import dump_map
-
-        if self.logged_text is not None:
-            return self.logged_text
-        source = Path(str(self.maze.source))
-        return source.read_text(encoding="utf-8") if source.is_file() else dump_map(self.maze)
 
 
 def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
@@ -64,7 +51,7 @@ def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
                 warning = f"{log}: recorded on {another} {maze.name}, used with --map {name}"
                 warnings.warn(warning, ShortWarning, stacklevel=2)
             if maze is not None:
-                found[log] = LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
+                found[log] = LoggedMap(maze, f"the log's map {maze.name}")
     if given is not None:
         return given
     if not found:
@@ -88,14 +75,6 @@ def _same(one: Maze, other: Maze) -> bool:
         return dump_map(replace(maze, name="", balls=1, openings=openings, radial_walls=walls))
 
     return plate(one) == plate(other)  # as text: a number of a log's map may differ by one bit
-
-
-def parse_opening(text: str, maze: Maze) -> str:
-    """Name of an opening of the map. Raises InputError."""
-    names = [opening.name for opening in maze.openings]
-    if text not in names:
-        raise InputError(f"opening: got {text!r}, expected {one_of(names, text)} (map {maze.name})")
-    return text
 
 
 def check_radius(table: Table, radius: float, ring: int | None = None) -> None:

@@ -15,7 +15,7 @@ from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
 from mazeplan.run.campaign.one_run import Campaign
-from mazeplan.run.navigate import navigate
+from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 
 CAMPAIGN = Campaign(runs=1, rig="ideal", seed=SEEDS, deadline=False)
