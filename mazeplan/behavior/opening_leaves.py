@@ -180,8 +180,8 @@ class Settle(MazeLeaf):
         return Status.RUNNING
 
     def _nearest_opening(self, ring: int) -> Opening | None:
-        beside = [opening for opening in self.context.maze.openings if ring in (opening.outer, opening.inner)]
-        return min(beside, key=lambda opening: abs(self.context.turn_to(opening)), default=None)
+        run = self.context
+        return min(run.maze.openings_of(ring), key=lambda opening: abs(run.turn_to(opening)), default=None)
 
     def _brake(self, goal: int, near: Opening | None) -> None:
         """Brake; in a channel, also lean away from the side that has the nearest opening."""

@@ -10,7 +10,7 @@ from fake_scene import FakeServer
 
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.scene import UNIT, Scene, attitude, wall_mesh
-from mazeplan.apps.view.story import BallShown, Moment, PlanShown
+from mazeplan.apps.view.story import BallShown, Moment
 from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
@@ -50,8 +50,7 @@ def test_the_plate_tilts_as_the_rig_means_it():
 def test_ball_trail_and_plan_lie_where_they_are(drawn):
     scene, nodes = drawn
     places = np.array([[0.09, 0.0], [0.0, 0.09]])
-    plan = PlanShown(0.2, 1 / 30, np.array([0.0, math.pi / 2]), 0.09)
-    scene.show(moment(plan=plan))
+    scene.show(moment(plan=places))
     ball = node(nodes, "ball")
     assert ball.visible
     assert ball.position == pytest.approx((UNIT * 0.09, 0.0, UNIT * MAZE.ball.radius))

@@ -28,12 +28,8 @@ RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  #
 
 @dataclass(frozen=True)
 class NodeInfo:
-    """A node of the tree that ran.
+    """A node of the tree that ran. path: names from the root of the main tree to the node"""
 
-    index: number of the node, in the order of `BehaviorTree.nodes()`
-    path: names from the root of the main tree to the node"""
-
-    index: int
     path: str
     name: str
     kind: str
@@ -44,13 +40,11 @@ class NodeInfo:
 class Step:
     """One thing that happened to a node in a tick.
 
-    tick: number of the tick
     t: rig time, s
-    node: index of the node
+    node: index of the node in `Record.nodes`
     what: RUNNING, SUCCESS, FAILURE, SKIPPED or HALTED
     ticked: whether the node itself was ticked: no precondition decided in its place"""
 
-    tick: int
     t: float
     node: int
     what: str
@@ -83,6 +77,7 @@ class Record:
 
     goal: the goal ring
     tree: its name
+    nodes: all nodes, parents first
     steps: what happened to each node, in order; a node comes before its children
     reason: with a rig, why the navigation ended (arrived, stuck, out_of_time ...; rig_failed after a RigError);
         without a rig, the last status of the root
@@ -250,7 +245,7 @@ class Record:
                 self._fail(f"expected no command beyond {limit:.4f} rad, got {got}", tick.t)
 
     def _nodes(self, name: str) -> set[int]:
-        found = {info.index for info in self.nodes if name in (info.name, info.kind, info.path)}
+        found = {k for k, info in enumerate(self.nodes) if name in (info.name, info.kind, info.path)}
         if not found:
             leaves = ", ".join(dict.fromkeys(info.name for info in self.nodes if info.is_leaf))
             more = "another node, a kind of failure, or outside limits"

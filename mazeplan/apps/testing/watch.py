@@ -39,8 +39,8 @@ class Watch:
         self._context, self.record.tree = context, tree.name
         self._numbers = {node: number for number, node in enumerate(tree.nodes())}
         self.record.nodes = [
-            NodeInfo(number, path, node.name, type(node).__name__, isinstance(node, Leaf))
-            for (node, number), path in zip(self._numbers.items(), tree.outline()["paths"], strict=True)
+            NodeInfo(path, node.name, type(node).__name__, isinstance(node, Leaf))
+            for node, path in zip(tree.nodes(), tree.outline()["paths"], strict=True)
         ]
         self._check_names()
         for node, info in zip(self._numbers, self.record.nodes, strict=True):
@@ -82,7 +82,7 @@ class Watch:
             self._note(node, result.name)
 
     def _note(self, node: TreeNode, what: str, ticked: bool = False) -> None:
-        self.record.steps.append(Step(len(self.record.ticks), self.now, self._numbers[node], what, ticked))
+        self.record.steps.append(Step(self.now, self._numbers[node], what, ticked))
 
     def _watch_halts(self, node: TreeNode) -> None:
         halt_node = node.halt_node

@@ -4,11 +4,12 @@
                                                                  orders <-
 
 story.py                a run at one time, made from its messages; for live page and replay
-page.py                 a page: a server, and its tab, which is drawn 30 times a second
+page.py                 what live page and replay share: the loop that draws, and the view of a run
 scene.py                maze, ball, trail, plan and openings in 3D
 panel.py                facts and behaviour tree
 film.py                 a film of a run, of the same moments
-link.py                 the tab of a live run; the page's process and its line to the run, which never waits for it
+link.py                 the live page; its process, and the line to the run, which never waits for it
 replay.py               the page of a recorded run
-server.py               viser behind a check of Host and Origin; the bar with the emergency stop
+server.py               viser behind a check of Host and Origin
+stop_bar.html           the bar with the emergency stop
 """

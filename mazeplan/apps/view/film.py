@@ -129,7 +129,7 @@ class _Picture:
         radii = np.array([self._maze.threshold_radius(opening) for opening in ahead])
         for line, points in (
             (self._trail, moment.trail),
-            (self._planned, np.empty((0, 2)) if moment.plan is None else moment.plan.places),
+            (self._planned, np.empty((0, 2)) if moment.plan is None else moment.plan),
             (self._next, np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])),
         ):
             line.set_data(MM * points[:, 0], MM * points[:, 1])

@@ -24,7 +24,7 @@ from time import sleep
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.view.page import RunView, draw_loop, open_page
-from mazeplan.apps.view.server import STOP_BAR
+from mazeplan.apps.view.server import stop_bar
 from mazeplan.apps.view.story import Story
 from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
@@ -207,7 +207,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
-    server, ready = open_page(listening, STOP_BAR)
+    server, ready = open_page(listening, stop_bar())
     lock, viewers = threading.Lock(), 0
 
     def order(order: Order) -> None:

@@ -11,7 +11,7 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
 from mazeplan.apps.view.panel import facts_html, tree_html
-from mazeplan.apps.view.scene import TILT_SHOWN, Scene, look_from_above
+from mazeplan.apps.view.scene import Scene, look_from_above
 from mazeplan.apps.view.server import open_server
 from mazeplan.apps.view.story import Moment
 from mazeplan.core.errors import InputError
@@ -66,7 +66,7 @@ def draw_loop(server: ViserServer, draw: Callable[[float], None], on: Callable[[
 
 
 class RunView:
-    """A run on a page: the scene; facts, tree and a slider for the tilt.
+    """A run on a page: the scene, facts and tree.
 
     maze: None for a run without a map that can be read"""
 
@@ -78,13 +78,11 @@ class RunView:
         self._facts = gui.add_html(facts_html(Moment()))
         with gui.add_folder("Behaviour tree"):
             self._tree = gui.add_html(tree_html(Moment()))
-        self._tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
         self._written = 0.0
 
     def show(self, moment: Moment, now: float) -> None:
         """Draw a moment; now: monotonic, s."""
         if self._scene is not None:
-            self._scene.tilt_shown = float(self._tilt.value)
             self._scene.show(moment)
         if now - self._written < 1.0 / PANEL_HZ:
             return

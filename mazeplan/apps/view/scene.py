@@ -2,7 +2,7 @@
 
 opening   its floor is orange if the ball heads for it, else grey. Red plug: closed
 goal      the floor of the goal ring is green
-tilt      drawn larger than it is; a slider sets the factor
+tilt      drawn larger than it is, TILT_SHOWN times
 """
 
 from __future__ import annotations
@@ -13,16 +13,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.story import Moment
+from mazeplan.apps.view.story import Moment, arc
 from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array, IntArray
-from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
+from mazeplan.maze.drawing import radial_outline, wall_outlines
+from mazeplan.maze.geometry import Maze, Opening, Wall
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
-
-STEP = math.radians(3.0)  # maximum angle between points of an arc
+STEP = math.radians(3.0)  # angle between points of an arc
+UNIT = 10.0  # lengths in the scene are dm, because viser's cameras and lights suit things of a size near 1
+FOV = 0.75  # rad, angle of view up and down
+ABOVE = (0.0, -0.6, 1.0)  # direction from the maze to the camera: from the operator's side
+DISTANCE = 1.25  # of the camera, over the distance from which the rim just fills the picture
+TRAIL_POINTS = 90
+PLAN_POINTS = 64
+TILT_SHOWN = 3.0  # drawn tilt over true tilt
+WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
+MARK = 4e-4  # m, height of the mark on the floor of an opening
+WALL, TABLE = (178, 184, 192), (205, 208, 212)
+FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
+GOAL_FLOOR = (172, 222, 190)
+LABELS_AT = -60.0  # deg, where rings have their numbers
+Colour = tuple[int, int, int]
 Mesh = tuple[Array, IntArray]  # corners (N, 3), and the numbers of the corners of each triangle
 
 
@@ -53,42 +67,21 @@ def block(inner: Array, outer: Array, height: float) -> Mesh:
     return joined([*sides, *ends])
 
 
-def arc(radius: float, angles: Array) -> Array:
-    """Points on a circle, (N, 2)."""
-    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
 def wall_mesh(wall: Wall, height: float) -> Mesh:
-    """The solid pieces of a wall between its openings, whose sides are parallel."""
-    gaps = sorted(wall.openings, key=lambda opening: opening.angle % math.tau)
-    if not gaps:
+    """The solid pieces of a wall between its openings."""
+    if not wall.openings:
         around = np.linspace(0.0, math.tau, 181)
         return block(arc(wall.inner_radius, around), arc(wall.outer_radius, around), height)
-    pieces = []
-    for here, following in zip(gaps, gaps[1:] + gaps[:1], strict=True):
-        start, end = here.angle % math.tau, following.angle % math.tau
-        end += math.tau if following is gaps[0] else 0.0
-        count = max(3, math.ceil((end - start) / STEP))
-        inner, outer = (
-            arc(radius, np.linspace(start + _half(here, radius), end - _half(following, radius), count))
-            for radius in (wall.inner_radius, wall.outer_radius)
-        )
-        pieces.append(block(inner, outer, height))
-    return joined(pieces)
+    return joined(piece(outline, height) for outline in wall_outlines(wall, STEP))
 
 
-def _half(opening: Opening, radius: float) -> float:
-    """Half the angle, rad, that an opening with parallel sides takes at a radius."""
-    return math.asin(0.5 * opening.width / radius)
-
-
-def radial_mesh(maze: Maze, wall: RadialWall, height: float) -> Mesh:
-    """A wall across a ring, whose sides are parallel."""
-    ring = maze.ring(wall.ring)
-    inner, outer = (
-        arc(radius, wall.angle + wall.half_angle(radius) * np.linspace(-1.0, 1.0, 5))
-        for radius in (ring.inner_radius, ring.outer_radius)
-    )
+def piece(outline: Array, height: float) -> Mesh:
+    """A piece of a wall, whose outline (N, 2) goes along an inner circle, and back along an outer one."""
+    radii = np.hypot(*outline.T)
+    inside = radii < 0.5 * (radii.min() + radii.max())
+    sides = outline[inside], outline[~inside][::-1]
+    count = max(map(len, sides))  # the shorter side has its last corner several times
+    inner, outer = (np.pad(side, ((0, count - len(side)), (0, 0)), mode="edge") for side in sides)
     return block(inner, outer, height)
 
 
@@ -111,28 +104,11 @@ def gap_mesh(maze: Maze, opening: Opening, height: float) -> Mesh:
     return block(inner, outer, height)
 
 
-UNIT = 10.0  # lengths in the scene are dm, because viser's cameras and lights suit things of a size near 1
-FOV = 0.75  # rad, angle of view up and down
-ABOVE = (0.0, -0.6, 1.0)  # direction from the maze to the camera: from the operator's side
-DISTANCE = 1.25  # of the camera, over the distance from which the rim just fills the picture
-TRAIL_POINTS = 90
-PLAN_POINTS = 64
-TILT_SHOWN = 3.0  # drawn tilt over true tilt
-WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
-MARK = 4e-4  # m, height of the mark on the floor of an opening
-WALL, TABLE = (178, 184, 192), (205, 208, 212)
-FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
-GOAL_FLOOR = (172, 222, 190)
-LABELS_AT = -60.0  # deg, where rings have their numbers
-Colour = tuple[int, int, int]
-
-
 class Scene:
     """The scene of a maze on a page."""
 
     def __init__(self, server: ViserServer, maze: Maze) -> None:
         self._server, self._maze = server, maze
-        self.tilt_shown = TILT_SHOWN
         self._plate = server.scene.add_frame("/plate", show_axes=False)
         self._build_plate()
         self._build_openings()
@@ -151,7 +127,7 @@ class Scene:
         for wall in maze.walls:
             self._mesh(f"wall{wall.outer_ring}", wall_mesh(wall, height), WALL, flat_shading=False)
         for i, across in enumerate(maze.radial_walls):
-            self._mesh(f"radial{i}", radial_mesh(maze, across, height), WALL, flat_shading=False)
+            self._mesh(f"radial{i}", piece(radial_outline(maze, across), height), WALL, flat_shading=False)
         self._floors: dict[int, Any] = {}
         along = np.array([math.cos(math.radians(LABELS_AT)), math.sin(math.radians(LABELS_AT)), 0.0])
         for ring in maze.rings:
@@ -189,12 +165,11 @@ class Scene:
 
     def show(self, moment: Moment) -> None:
         """Draw a moment of a run in this maze; only changes are sent."""
-        shown = (moment.run, moment.tick, moment.closed, moment.goal, self.tilt_shown, moment.result is None)
+        shown = (moment.run, moment.tick, moment.closed, moment.goal, moment.result is None)
         if shown == self._shown:
             return
         self._shown = shown
-        beta, gamma = (self.tilt_shown * angle for angle in moment.tilt)
-        self._plate.wxyz = attitude(beta, gamma)
+        self._plate.wxyz = attitude(*(TILT_SHOWN * angle for angle in moment.tilt))
         for drawn, ball, colour in ((self._ball, moment.ball, "real"), (self._second, moment.second, "second")):
             drawn.visible = ball is not None
             if ball is not None:
@@ -205,7 +180,7 @@ class Scene:
         if len(trail) > 1:
             self._trail.points = segments(resampled(trail, TRAIL_POINTS), UNIT * 0.001)
         if moment.plan is not None:
-            self._plan.points = segments(resampled(moment.plan.places, PLAN_POINTS), UNIT * 0.0015)
+            self._plan.points = segments(resampled(moment.plan, PLAN_POINTS), UNIT * 0.0015)
         coloured = (moment.goal, moment.opening, moment.closed)
         if coloured != self._coloured:
             self._coloured = coloured

@@ -21,10 +21,12 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+import re
 import socket
 from collections.abc import Sequence
 from http import HTTPStatus
 from importlib.util import find_spec
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
@@ -42,40 +44,10 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws://{host} blob: data:; "
     "frame-ancestors 'none'; form-action 'none'; base-uri 'none'; object-src 'none'"
 )
-STOP_BAR = """<style>
-body {display: flex; flex-direction: column}
-#root {flex: 1; min-height: 0; height: auto}
-#stop-bar {display: flex; align-items: center; gap: 12px; padding: 4px 12px; border-bottom: 1px solid RULE;
-  font-size: 13px; background: PAPER; color: INK}
-#stop-bar button {font: bold 15px sans-serif; color: PAPER; background: FACE; border: 2px solid PRESSED;
-  border-radius: 4px; padding: 6px 18px; cursor: pointer; white-space: nowrap}
-#stop-bar button:active {background: PRESSED}
-#stop-bar kbd {font: inherit; border: 1px solid PAPER; border-radius: 3px; padding: 0 5px; margin-left: 8px}
-</style>
-<header id="stop-bar">
-<button id="emergency-stop" type="button" aria-keyshortcuts="Escape">Emergency stop <kbd>Esc</kbd></button>
-<span>The plate goes level at once, and the run ends.</span>
-<script>
-{
-  const press = () => document.documentElement.dispatchEvent(
-    new KeyboardEvent("keydown", {key: "Escape", code: "Escape", bubbles: true}));
-  const button = document.getElementById("emergency-stop");
-  button.addEventListener("click", press);
-  addEventListener("keydown", event => {
-    if (event.isTrusted && event.key === "Escape" && !event.repeat) press();
-  }, true);
-  document.documentElement.addEventListener("keydown", event => {
-    if (event.isTrusted && event.key === "Escape") event.stopImmediatePropagation();
-  });
-}
-</script>
-</header>
-"""
-for _name, _colour in {
+BAR_COLOURS = {
     "RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"], "FACE": STOP["face"],
     "PRESSED": STOP["pressed"],
-}.items():  # fmt: skip
-    STOP_BAR = STOP_BAR.replace(_name, _colour)
+}  # fmt: skip
 ROOT = b'<div id="root">'  # the bar precedes it
 
 
@@ -98,6 +70,12 @@ def listen(port: int) -> socket.socket:
         opened.close()
         raise InputError(f"--port: {port} cannot be listened at: {problem.strerror}; expected a free one") from None
     return opened
+
+
+def stop_bar() -> str:
+    """The bar with the emergency stop, as HTML."""
+    text = Path(__file__).with_name("stop_bar.html").read_text(encoding="utf-8")
+    return re.sub("|".join(BAR_COLOURS), lambda name: BAR_COLOURS[name[0]], text)
 
 
 def port_of(listening: socket.socket) -> int:

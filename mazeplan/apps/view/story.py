@@ -68,26 +68,6 @@ class BallShown:
 
 
 @dataclass(frozen=True)
-class PlanShown:
-    """A plan. t0: time of the first step; dt: between steps; theta: planned angles, (N,); radius: of the track"""
-
-    t0: float
-    dt: float
-    theta: Array
-    radius: float
-
-    @property
-    def places(self) -> Array:
-        """x, y on the track of the ring, (N, 2)."""
-        return self.radius * np.column_stack([np.cos(self.theta), np.sin(self.theta)])
-
-    def at(self, t: float) -> float:
-        """Planned angle at time t, at the step that `control.tracking.plan_step` takes."""
-        step = 0 if np.isnan(t) else round((t - self.t0) / self.dt)
-        return float(self.theta[min(max(step, 0), len(self.theta) - 2)])
-
-
-@dataclass(frozen=True)
 class Moment:
     """A run at one time.
 
@@ -102,7 +82,7 @@ class Moment:
     second: the second ball; None without one
     tilt: beta, gamma as measured
     trail: path of the ball in the last seconds, (N, 2); NaN where its place is unknown
-    plan: the plan that the run follows
+    plan: the plan that the run follows, (N, 2), on the track of the ring
     failure: the last failure
     result: None until the run ends"""
 
@@ -119,7 +99,7 @@ class Moment:
     second: BallShown | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
     trail: Array = field(default_factory=lambda: np.empty((0, 2)))
-    plan: PlanShown | None = None
+    plan: Array | None = None
     tree: TreeShown = TreeShown()
     failure: Failure | None = None
     result: dict[str, Any] | None = None
@@ -148,8 +128,8 @@ class Story:
         self._tree = TreeShown()
         self._failure: Failure | None = None
         self._result: dict[str, Any] | None = None
-        self._plans: list[PlanShown] = []  # the one followed until now, and those since the last tick
-        self._followed: PlanShown | None = None
+        self._new_plans: list[Array] = []  # angles of the plans since the last tick
+        self._followed: Array | None = None
 
     def take(self, topic: str, document: dict[str, Any]) -> None:
         """Take one message. Unknown topics are ignored."""
@@ -174,36 +154,23 @@ class Story:
     def _take_tick(self, tick: dict[str, Any]) -> None:
         self._tick, self._t = tick, number(tick.get("t"))
         self.ticks += 1
-        self._followed = self._find_followed()
-        self._plans = [] if self._followed is None else [self._followed]
+        self._followed, self._new_plans = self._newly_followed(), []
         self._trail.append((self._t, *_place(tick)))
         while self._trail[0][0] < self._t - TRAIL_S:
             self._trail.popleft()
 
     def _take_plan(self, plan: dict[str, Any]) -> None:
         theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
-        t0, dt = number(plan.get("t0")), number(plan.get("dt"))
-        if len(theta) > 1 and np.isfinite(theta).all() and math.isfinite(t0) and dt > 0.0:
-            self._plans.append(PlanShown(t0, dt, theta, 0.0))
+        if len(theta) > 1 and np.isfinite(theta).all():
+            self._new_plans.append(theta)
 
-    def _find_followed(self) -> PlanShown | None:
-        """The plan that the run follows: the plan followed so far, or a plan of this tick.
-
-        A tick may have one plan for each opening in question. The followed plan fits two angles in the tick best: the
-        planned angle now, then the angle at the end of the plan."""
-        planned, now = number(self._tick.get("planned_theta")), number(self._tick.get("estimate_t"))
-        goal, ring, maze = number(self._tick.get("goal_theta")), self._tick.get("ring"), self.maze
-        if math.isnan(planned) or not self._plans:
-            return None
-
-        def off(plan: PlanShown) -> tuple[float, float]:
-            end = 0.0 if math.isnan(goal) else abs(difference(float(plan.theta[-1]), goal))
-            return round(abs(difference(plan.at(now), planned)), 5), end
-
-        followed = min(reversed(self._plans), key=off)
-        if followed.radius or maze is None or not isinstance(ring, int) or not 1 <= ring <= len(maze.rings):
-            return followed
-        return replace(followed, radius=maze.track_radius(ring))
+    def _newly_followed(self) -> Array | None:
+        """The plan that the run follows: a plan of this tick, else the one followed so far. Of several plans of a tick,
+        one for each opening in question, it is the one that ends nearest to the opening to which the ball goes."""
+        goal, following = number(self._tick.get("goal_theta")), "planned_theta" in self._tick
+        if not following or not self._new_plans:
+            return self._followed if following else None
+        return min(reversed(self._new_plans), key=lambda theta: abs(difference(float(theta[-1]), goal)))
 
     def _take_event(self, timed: TimedEvent) -> None:
         match timed.event:
@@ -226,6 +193,9 @@ class Story:
         ring = tick.get("ring")
         if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
             ring = self.maze.ring_at(math.hypot(x, y))
+        plan = None
+        if going_on and self._followed is not None and self.maze is not None and ring is not None:
+            plan = arc(self.maze.track_radius(ring), self._followed)
         seen = tick.get("x") is not None and tick.get("y") is not None
         return Moment(
             run=self._runs,
@@ -241,7 +211,7 @@ class Story:
             second=_second(tick),
             tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
             trail=np.array(self._trail).reshape(-1, 3)[:, 1:],
-            plan=self._followed if going_on and self._followed is not None and self._followed.radius > 0.0 else None,
+            plan=plan,
             tree=self._tree,
             failure=self._failure,
             result=self._result,
@@ -267,6 +237,11 @@ def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
 def maze_of(header: dict[str, Any]) -> Maze | None:
     """The maze in a run's header; None for a map with errors."""
     return check_text(str(header.get("map", "")), file="log").maze
+
+
+def arc(radius: float, angles: Array) -> Array:
+    """Points on a circle, (N, 2)."""
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def _place(tick: dict[str, Any]) -> tuple[float, float]:
