@@ -11,14 +11,11 @@ from mazeplan.btree.status import Status
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import LEVEL, FailureKind
 
-BESIDE = 2.5  # if a radial wall is nearer to an opening, in diameters of the ball, there is no room to roll past it
-
 
 class BallSeen(MazeLeaf):
     """Whether the ball is seen in the maze, or was until a moment ago."""
 
     category: ClassVar[str] = "Condition"
-    ports: ClassVar[dict[str, Port]] = {}
 
     def step(self) -> Status:
         """FAILURE ball_out when it was measured beyond the rim, ball_lost when the estimator gave it up."""
@@ -105,8 +102,7 @@ class Dither(MazeLeaf):
 
 
 class BackOff(MazeLeaf):
-    """Roll a little away from the opening, past it, so that the next attempt comes from the other side; not towards a
-    radial wall that stands beside it."""
+    """Roll a little away from the opening, past it, so that the next attempt comes from the other side."""
 
     ports: ClassVar[dict[str, Port]] = {
         "duration_s": Port(float, 0.35, "how long", least=0.0),
@@ -114,22 +110,11 @@ class BackOff(MazeLeaf):
     }
 
     def start(self) -> None:
-        """Roll towards the opening's angle and past it; the other way if a radial wall leaves no room."""
+        """Choose the direction."""
         run = self.context
         self._began = run.now
         self._turn = 1.0 if run.leg.opening is None or run.turn_to(run.leg.opening) >= 0.0 else -1.0
-        if self._room(self._turn) < BESIDE and self._room(-self._turn) > self._room(self._turn):
-            self._turn = -self._turn
         run.recovering("back_off")
-
-    def _room(self, side: float) -> float:
-        """Way from the middle of the opening to the next radial wall on a side, in diameters of the ball."""
-        run = self.context
-        if run.leg.opening is None:
-            return math.inf
-        walls, ring = run.maze.radial_walls_of(run.here.ring), run.here.ring
-        turn = min((side * (w.angle - run.leg.opening.angle) % math.tau for w in walls), default=math.inf)
-        return turn * run.maze.track_radius(ring) / (2.0 * run.maze.ball.radius)
 
     def step(self) -> Status:
         """SUCCESS when the time is over."""
@@ -160,8 +145,6 @@ class AvoidOpening(MazeLeaf):
 
 class Replan(MazeLeaf):
     """Nothing but a new route from where the ball is."""
-
-    ports: ClassVar[dict[str, Port]] = {}
 
     def step(self) -> Status:
         """SUCCESS always."""

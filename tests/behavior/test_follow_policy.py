@@ -126,21 +126,21 @@ def test_without_a_policy_it_is_a_mistake_of_the_tree():
 
 @pytest.mark.slow
 def test_the_tree_goes_by_the_policy_all_the_way_and_never_plans():
-    record = run_tree("policy", policy=hand_made()).reaches(within=20.0).visits("FollowPolicy", "Settle")
+    record = run_tree("policy", policy=hand_made()).reaches().within(20.0).visits("FollowPolicy", "Settle")
     record.never("Track", "Recover")
     assert record.result.replans == 0
     assert record.result.planner_ms["max"] == 0.0
 
 
 def test_where_the_policy_knows_nothing_the_planner_goes_every_leg():
-    record = run_tree("policy", policy=hand_made(reach=1e-3)).reaches(within=6.0).visits("FollowPolicy", "Track")
+    record = run_tree("policy", policy=hand_made(reach=1e-3)).reaches().within(6.0).visits("FollowPolicy", "Track")
     assert record.failures == ["unfamiliar"] * 4
     record.never("Recover")
 
 
 def test_what_else_goes_wrong_is_for_the_packaged_tree_of_the_planner():
     record = run_tree("policy", policy=hand_made(), mishap=lambda rig: setattr(rig, "glued", rig.t < 2.0))
-    record.visits("FollowPolicy", "Dither", "Track").reaches(within=9.0)
+    record.visits("FollowPolicy", "Dither", "Track").reaches().within(9.0)
     assert record.failures[0] == "stuck"
 
 

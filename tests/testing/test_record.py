@@ -30,9 +30,9 @@ def held():
 
 
 def test_what_holds_can_be_claimed_in_one_breath(stuck):
-    stuck.reaches().reaches(3).reaches("ring5").reaches(2, within=3.0).reaches(within=5.0).within(5.0)
-    stuck.ends_with("arrived").never("ball_lost", "BackOff", "back_off", "outside limits", "AvoidOpening")
-    stuck.visits("Track", "Dither", "PassOpening", "Settle").visits("Settle", "Track", in_order=False)
+    stuck.reaches().reaches(3).reaches("ring5").reaches(2).reaches().within(5.0)
+    stuck.ends_with("arrived").never("ball_lost", "BackOff", "AvoidOpening")
+    stuck.visits("Track", "Dither", "PassOpening", "Settle")
     assert stuck.failures == ["stuck"]
     assert stuck.recoveries == ["dither"]
     assert stuck.openings == ["1-2@45", "2-3@90", "3-4@135", "4-5@180"]
@@ -45,11 +45,9 @@ def test_what_holds_can_be_claimed_in_one_breath(stuck):
     [
         (lambda r: r.reaches(), "expected the tree to succeed with the ball in ring 5"),
         (lambda r: r.reaches(4), "expected the ball in ring 4, it was in 1"),
-        (lambda r: r.reaches(1, within=-1.0), "expected the ball in ring 1 within -1 s, it came after 0.000 s"),
         (lambda r: r.within(3.0), "expected an end within 3 s, it took 4.000 s"),
         (lambda r: r.ends_with("arrived"), "expected the end 'arrived', got 'out_of_time'"),
         (lambda r: r.never("stuck"), "expected never stuck, it happened at "),
-        (lambda r: r.never("dither"), "expected never dither, it happened at "),
         (lambda r: r.never("Dither"), "expected Dither never to be ticked, it was at "),
         (lambda r: r.never("out_of_time"), "expected never out_of_time, it happened at 4.000 s"),
         (lambda r: r.visits("Settle"), "expected Settle to be ticked, it never was"),
@@ -57,7 +55,6 @@ def test_what_holds_can_be_claimed_in_one_breath(stuck):
             lambda r: r.visits("Dither", "shake it free", "BallSeen", "PassOpening"),
             "expected PassOpening to be ticked, it n",
         ),
-        (lambda r: r.halts("Settle"), "expected Settle to be halted, it never was"),
     ],
 )
 def test_what_does_not_hold_is_said_with_what_happened_instead(held, claim, said):
@@ -70,7 +67,7 @@ def test_what_does_not_hold_is_said_with_what_happened_instead(held, claim, said
 
 
 def test_a_name_that_is_nothing_is_refused_or_the_claim_would_hold_for_ever(smooth):
-    for claim in (smooth.never, smooth.visits, smooth.halts, smooth.statuses):
+    for claim in (smooth.never, smooth.visits, smooth.statuses):
         with pytest.raises(InputError, match="got 'Dithr', expected a leaf"):
             claim("Dithr")
     with pytest.raises(InputError, match="ring: got 'ring7', expected ring1 to ring5"):

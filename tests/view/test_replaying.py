@@ -7,6 +7,7 @@ import pytest
 from planar_rig import PlanarRig
 
 from mazeplan.apps.view.replay import Playback, head_html, open_recording
+from mazeplan.apps.view.story import maze_of
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log import RunLogWriter
@@ -38,7 +39,7 @@ def sampled(path, times, **header) -> None:
 
 def test_a_log_gives_a_moment_for_each_tick(run):
     log, recording = read_log(run), open_recording(run)
-    assert (recording.name, recording.maze, recording.complete) == ("run.mcap", MAZE, True)
+    assert (recording.name, maze_of(recording.moments[0].header), recording.complete) == ("run.mcap", MAZE, True)
     np.testing.assert_allclose(recording.times, log.ticks["t"])
     for k in (0, 7, len(log.ticks["t"]) - 1):
         moment = recording.moments[recording.tick_at(log.ticks["t"][k])]

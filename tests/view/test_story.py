@@ -39,7 +39,7 @@ def after(*messages):
     story = Story()
     for topic, document in (("/header", HEADER), *messages):
         story.take(topic, document)
-    return story.moment()
+    return story.moment
 
 
 def test_live_and_recorded_a_run_shows_the_same(told):
@@ -99,14 +99,14 @@ def test_a_new_tree_and_a_new_run_begin_anew():
     story = Story()
     for topic, document in (("/header", HEADER), ("/tree", tree), tick(0), ("/status", {"t": 0.0, "nodes": "RR"})):
         story.take(topic, document)
-    first = story.moment()
+    first = story.moment
     assert (first.run, first.tree.number, first.tree.active) == (1, 1, (0, 1))
     story.take("/tree", {**tree, "paths": ["c"], "kinds": ["C"], "names": ["c"], "parents": [-1]})
-    second = story.moment()
+    second = story.moment
     assert second.tree == TreeShown(2, second.tree.nodes)
     assert len(second.tree.nodes) == 1
     story.take("/header", HEADER)
-    third = story.moment()
+    third = story.moment
     assert (third.run, third.tick, len(third.trail), third.ball, third.tree) == (2, 0, 0, None, TreeShown())
 
 

@@ -57,18 +57,18 @@ class LightRig:
         self._model = identified(maze)
         self._blocked: frozenset[str] = frozenset()
         self._planar = PlanarModel.build(maze, self._model)
-        self._ready = False
         self.levelled = self.closed = 0
         self.commands: list[tuple[float, float]] = []
+        self.u, self.dead = np.zeros((1, 2)), frozenset[str]()
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator | None) -> None:
         """Start at time 0: the ball rests in the middle of a ring, the plate is level, no mishap acts."""
         self.z = np.zeros(8)
         self.place(ring, theta)
         self.hidden = self.glued = False
-        self.dead: frozenset[str] = frozenset()
+        self.dead = frozenset()
         self.block(frozenset())
-        self.t, self.u, self._fresh, self._ready = 0.0, np.zeros((1, 2)), True, True
+        self.t, self.u, self._fresh = 0.0, np.zeros((1, 2)), True
 
     # -- what a mishap may do ---------------------------------------------------------------------------------------
 
@@ -106,7 +106,6 @@ class LightRig:
 
     def observe(self) -> Observation:
         """The next sample. The first one is at time 0."""
-        self._check()
         if not self._fresh:
             before, dt = self.z[:4].copy(), 1.0 / self.rate_hz
             predict(self.z, self.t, self.t + dt, np.array([self.t]), self.u, *self._planar.arrays())
@@ -121,7 +120,6 @@ class LightRig:
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Hold this tilt. Raises RigError for NaN or beyond the tilt limit."""
-        self._check()
         limit = self.maze.tilt_limit + TOLERANCE
         for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
             if not -limit <= value <= limit:  # also refuses NaN
@@ -132,8 +130,7 @@ class LightRig:
     def level(self) -> None:
         """Level the plate."""
         self.levelled += 1
-        if self._ready:
-            self._set(0.0, 0.0)
+        self._set(0.0, 0.0)
 
     def close(self) -> None:
         """Count the call; there is nothing to release."""
@@ -143,7 +140,3 @@ class LightRig:
         last = self.u[0]
         beta = last[0] if "beta" in self.dead else u_beta
         self.u = np.array([[beta, last[1] if "gamma" in self.dead else u_gamma]])
-
-    def _check(self) -> None:
-        if not self._ready:
-            raise RigError("the light rig was used before reset()")

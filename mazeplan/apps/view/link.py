@@ -97,7 +97,7 @@ class LiveTab:
 
     def draw(self, now: float) -> None:
         """Draw what the messages told until now; now: monotonic, s."""
-        moment = self._story.moment()
+        moment = self._story.moment
         if moment.run:
             self._view.show(moment, now)
         if self._state != self._state_shown:

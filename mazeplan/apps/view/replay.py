@@ -23,7 +23,6 @@ from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log_reader import checked_fields, read_messages
 from mazeplan.core.palette import INKS
 from mazeplan.core.records import Array
-from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -36,18 +35,13 @@ _NEAR = 1e-6  # s; times that are no farther apart are the same tick
 class RecordedRun:
     """One log.
 
-    name:     of the file
-    header:   facts about the run
     moments:  one for each tick
     times:    of the ticks, (N,), never decreasing
-    maze:     None if the log has no map that can be read
     complete: whether the program finished the log"""
 
     name: str
-    header: dict[str, Any]
     moments: Sequence[Moment]
     times: Array
-    maze: Maze | None
     complete: bool
 
     @property
@@ -64,7 +58,7 @@ class RecordedRun:
 def open_recording(path: str | Path) -> RecordedRun:
     """Open a log, also a log that was cut off or that an older version wrote. Raises LogError if it cannot be shown."""
     path = Path(path)
-    header, messages, complete = read_messages(path)
+    _, messages, complete = read_messages(path)
     with checked_fields(path):
         shown = moments(messages)
     if not shown:
@@ -72,7 +66,7 @@ def open_recording(path: str | Path) -> RecordedRun:
     times = np.array([moment.t for moment in shown])
     if not np.isfinite(times).all():
         raise LogError("damaged: a tick without a time", file=path)
-    return RecordedRun(path.name, header, shown, np.maximum.accumulate(times), maze_of(header), complete)
+    return RecordedRun(path.name, shown, np.maximum.accumulate(times), complete)
 
 
 class Playback:
@@ -117,7 +111,7 @@ class ReplayTab:
         gui.add_command("Play or stop", hotkey="space").on_trigger(lambda event: player.toggle())
         speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×", hint="1×: as fast as it was")
         speed.on_update(lambda event: setattr(player, "speed", float(event.target.value[:-1])))
-        self._view = RunView(server, recording.maze)
+        self._view = RunView(server, maze_of(recording.moments[0].header))
 
     def _seek(self, event: Any) -> None:
         if event.client_id is not None:  # else the program has moved the slider
@@ -139,7 +133,7 @@ class ReplayTab:
 
 def head_html(recording: RecordedRun, t: float) -> str:
     """File, rig, map and seed of a run, the tick that is shown, and whether its log is whole."""
-    header = recording.header
+    header = recording.moments[0].header
     keys = (("rig", "rig"), ("map", "map_name"), ("seed", "seed"))
     facts = ", ".join(f"{word} {header[key]}" for word, key in keys if header.get(key) not in (None, ""))
     cut = "" if recording.complete else " · the log was cut off"

@@ -192,18 +192,12 @@ class Scene:
 
 
 def look_from_above(server: ViserServer, maze: Maze) -> None:
-    """Place the camera of each new browser so that the whole maze is in its picture."""
+    """Place the camera of each new browser so that the whole maze is in its picture (not upright)."""
     rim = DISTANCE * UNIT * maze.walls[0].outer_radius / math.tan(0.5 * FOV)
     back = rim * np.array(ABOVE) / np.linalg.norm(ABOVE)
 
-    async def joined(client: Any) -> None:
-        camera = client.camera
-        camera.position = back * max(1.0, camera.image_height / max(camera.image_width, 1))
-        camera.look_at = np.zeros(3)  # a new position moves it
-
     first = server.initial_camera
     first.position, first.look_at, first.fov = back, (0.0, 0.0, 0.0), FOV
-    server.on_client_connect(joined)
 
 
 def attitude(beta: float, gamma: float) -> tuple[float, float, float, float]:

@@ -111,111 +111,93 @@ def number(value: Any) -> float:
 
 
 class Story:
-    """What a page knows of a run. A header begins another run."""
+    """What a page knows of a run. moment: the run as it is now. A header begins another run."""
 
     def __init__(self) -> None:
-        self._runs = 0
+        self.moment = Moment(run=-1)
         self._begin({})
 
     def _begin(self, header: dict[str, Any]) -> None:
-        self._header, self.maze = header, maze_of(header)
-        self.ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
+        self._maze = maze = maze_of(header)
         self._trail: deque[tuple[float, float, float]] = deque()  # t, x, y
-        self._goal = header.get("goal_ring")
-        self._closed = {opening.name for opening in self.maze.openings if opening.closed} if self.maze else set[str]()
-        replay: Any = header.get("replay")
-        self._closed |= set(replay.get("closed", ()) if isinstance(replay, dict) else ())
-        self._tree = TreeShown()
-        self._failure: Failure | None = None
-        self._result: dict[str, Any] | None = None
         self._new_plans: list[Array] = []  # angles of the plans since the last tick
         self._followed: Array | None = None
+        closed = {opening.name for opening in maze.openings if opening.closed} if maze is not None else set[str]()
+        replay: Any = header.get("replay")
+        closed |= set(replay.get("closed", ()) if isinstance(replay, dict) else ())
+        self.moment = Moment(self.moment.run + 1, header=header, goal=header.get("goal_ring"), closed=frozenset(closed))
 
     def take(self, topic: str, document: dict[str, Any]) -> None:
         """Take one message. Unknown topics are ignored."""
+        tree = self.moment.tree
         match topic:
             case "/header":
-                self._runs += 1
                 self._begin(document)
             case "/tick":
                 self._take_tick(document)
             case "/plan":
-                self._take_plan(document)
+                theta = np.array(document.get(PLAN_STATES[0], ()), dtype=float)
+                if len(theta) > 1 and np.isfinite(theta).all():
+                    self._new_plans.append(theta)
             case "/tree":
-                self._tree = TreeShown(self._tree.number + 1, _nodes(document))
+                self._change(tree=TreeShown(tree.number + 1, _nodes(document)))
             case "/status":
                 statuses = str(document.get("nodes", ""))
-                self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
+                self._change(tree=replace(tree, statuses=statuses, active=_active(tree.nodes, statuses)))
             case "/event":
                 self._take_event(TimedEvent.from_document(document))
             case "/result":
-                self._result = document
+                self._change(result=document, opening=None, plan=None)
+
+    def _change(self, **values: Any) -> None:
+        self.moment = replace(self.moment, **values)
 
     def _take_tick(self, tick: dict[str, Any]) -> None:
-        self._tick, self._t = tick, number(tick.get("t"))
-        self.ticks += 1
-        self._followed, self._new_plans = self._newly_followed(), []
-        self._trail.append((self._t, *_place(tick)))
-        while self._trail[0][0] < self._t - TRAIL_S:
+        t, (x, y), ring, maze = number(tick.get("t")), _place(tick), tick.get("ring"), self._maze
+        self._trail.append((t, x, y))
+        while self._trail[0][0] < t - TRAIL_S:
             self._trail.popleft()
+        if ring is None and maze is not None and math.isfinite(x):  # a run without a tree
+            ring = maze.ring_at(math.hypot(x, y))
+        self._followed, self._new_plans, plan = self._newly_followed(tick), [], None
+        if self._followed is not None and maze is not None and ring is not None:
+            plan = arc(maze.track_radius(ring), self._followed)
+        seen = tick.get("x") is not None and tick.get("y") is not None
+        tilt = number(tick.get("beta")), number(tick.get("gamma"))
+        self._change(
+            tick=self.moment.tick + 1,
+            t=t,
+            ring=ring,
+            leaf=str(tick.get("leaf", "")),
+            opening=tick.get("opening"),
+            ball=BallShown(x, y, seen) if math.isfinite(x) else None,
+            second=_second(tick),
+            tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
+            trail=np.array(self._trail)[:, 1:],
+            plan=plan,
+        )
 
-    def _take_plan(self, plan: dict[str, Any]) -> None:
-        theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
-        if len(theta) > 1 and np.isfinite(theta).all():
-            self._new_plans.append(theta)
-
-    def _newly_followed(self) -> Array | None:
+    def _newly_followed(self, tick: dict[str, Any]) -> Array | None:
         """The plan that the run follows: a plan of this tick, else the one followed so far. Of several plans of a tick,
         one for each opening in question, it is the one that ends nearest to the opening to which the ball goes."""
-        goal, following = number(self._tick.get("goal_theta")), "planned_theta" in self._tick
+        goal, following = number(tick.get("goal_theta")), "planned_theta" in tick
         if not following or not self._new_plans:
             return self._followed if following else None
         return min(reversed(self._new_plans), key=lambda theta: abs(difference(float(theta[-1]), goal)))
 
     def _take_event(self, timed: TimedEvent) -> None:
+        closed, failure = self.moment.closed, self.moment.failure
         match timed.event:
-            case GoalChanged(ring, closed):
-                self._goal = ring
-                self._closed |= set(closed)
+            case GoalChanged(ring, more):
+                self._change(goal=ring, closed=closed | set(more))
             case OpeningClosed(opening):
-                self._closed.add(opening)
+                self._change(closed=closed | {opening})
             case OpeningReopened(opening):
-                self._closed.discard(opening)
+                self._change(closed=closed - {opening})
             case FailureReported(kind, where, detail) if kind in set(FailureKind):
-                self._failure = Failure(FailureKind(kind), where, timed.t, detail)
-            case RecoveryChosen(recovery) if self._failure is not None:
-                self._failure = replace(self._failure, recovery=recovery)
-
-    def moment(self) -> Moment:
-        """The run as it is now."""
-        tick, going_on = self._tick, self._result is None
-        (x, y), tilt = _place(tick), (number(tick.get("beta")), number(tick.get("gamma")))
-        ring = tick.get("ring")
-        if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
-            ring = self.maze.ring_at(math.hypot(x, y))
-        plan = None
-        if going_on and self._followed is not None and self.maze is not None and ring is not None:
-            plan = arc(self.maze.track_radius(ring), self._followed)
-        seen = tick.get("x") is not None and tick.get("y") is not None
-        return Moment(
-            run=self._runs,
-            tick=self.ticks,
-            t=self._t,
-            header=self._header,
-            ring=ring,
-            goal=self._goal,
-            leaf=str(tick.get("leaf", "")),
-            opening=tick.get("opening") if going_on else None,
-            closed=frozenset(self._closed),
-            ball=BallShown(x, y, seen) if math.isfinite(x) else None,
-            second=_second(tick),
-            tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
-            trail=np.array(self._trail).reshape(-1, 3)[:, 1:],
-            plan=plan,
-            tree=self._tree,
-            failure=self._failure,
-            result=self._result,
-        )
+                self._change(failure=Failure(FailureKind(kind), where, timed.t, detail))
+            case RecoveryChosen(recovery) if failure is not None:
+                self._change(failure=replace(failure, recovery=recovery))
 
 
 def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
@@ -223,14 +205,14 @@ def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
     story, found, waiting = Story(), list[Moment](), False
     for topic, document in messages:
         if topic in ("/tick", "/event", "/plan", "/tree") and waiting:
-            found.append(story.moment())
+            found.append(story.moment)
             waiting = False
         story.take(topic, document)
         waiting = waiting or topic == "/tick"
     if waiting:
-        found.append(story.moment())
+        found.append(story.moment)
     elif found:
-        found[-1] = story.moment()
+        found[-1] = story.moment
     return found
 
 
