@@ -7,6 +7,7 @@ The run log (topic /event) and the live page hold an event as {"t": 1.5, "kind":
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any
@@ -17,14 +18,19 @@ from mazeplan.core.records import FailureKind, Start
 
 
 @dataclass(frozen=True, slots=True)
-class RingEntered:
+class Event:
+    """Something that happened in a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class RingEntered(Event):
     """The ball is in another ring, or was seen for the first time."""
 
     ring: int
 
 
 @dataclass(frozen=True, slots=True)
-class OtherEntered:
+class OtherEntered(Event):
     """A ball after the first one (`ball` is 2 or more) is in another ring, or was seen for the first time."""
 
     ball: int
@@ -32,7 +38,7 @@ class OtherEntered:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedElsewhere:
+class PlacedElsewhere(Event):
     """The ball was first seen in `ring`, although the run asked for another one."""
 
     ring: int
@@ -40,7 +46,7 @@ class PlacedElsewhere:
 
 
 @dataclass(frozen=True, slots=True)
-class RoutePlanned:
+class RoutePlanned(Event):
     """Names of the openings on the way to the goal, and the expected time, s."""
 
     openings: tuple[str, ...]
@@ -48,7 +54,7 @@ class RoutePlanned:
 
 
 @dataclass(frozen=True, slots=True)
-class OpeningChosen:
+class OpeningChosen(Event):
     """The opening to which the ball is steered now, and the expected time, s."""
 
     opening: str
@@ -56,7 +62,7 @@ class OpeningChosen:
 
 
 @dataclass(frozen=True, slots=True)
-class OpeningPassed:
+class OpeningPassed(Event):
     """The ball went through an opening into `ring`."""
 
     opening: str
@@ -64,14 +70,14 @@ class OpeningPassed:
 
 
 @dataclass(frozen=True, slots=True)
-class LawChanged:
+class LawChanged(Event):
     """The law that steers along a ring from now on: mpc, gains, pd or policy."""
 
     law: str
 
 
 @dataclass(frozen=True, slots=True)
-class FailureReported:
+class FailureReported(Event):
     """A failure: its kind, the leaf or place, and a sentence."""
 
     kind: str
@@ -80,21 +86,21 @@ class FailureReported:
 
 
 @dataclass(frozen=True, slots=True)
-class RecoveryChosen:
+class RecoveryChosen(Event):
     """The recovery for the last failure."""
 
     recovery: str
 
 
 @dataclass(frozen=True, slots=True)
-class DoubtRaised:
+class DoubtRaised(Event):
     """A measurement was not used; `records.Doubt` lists the values of `what`."""
 
     what: str
 
 
 @dataclass(frozen=True, slots=True)
-class MisfitSeen:
+class MisfitSeen(Event):
     """The rig does not behave as the model says; adopted: the run goes on with what it saw."""
 
     words: str
@@ -102,7 +108,7 @@ class MisfitSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class GoalChanged:
+class GoalChanged(Event):
     """Go to another ring from now on, and also close these openings."""
 
     ring: int
@@ -110,33 +116,33 @@ class GoalChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class OpeningClosed:
+class OpeningClosed(Event):
     """Do not use an opening any more."""
 
     opening: str
 
 
 @dataclass(frozen=True, slots=True)
-class OpeningReopened:
+class OpeningReopened(Event):
     """Use an opening again."""
 
     opening: str
 
 
 @dataclass(frozen=True, slots=True)
-class StopRequested:
+class StopRequested(Event):
     """Level the plate and end the run."""
 
 
 @dataclass(frozen=True, slots=True)
-class ExcitationStarted:
+class ExcitationStarted(Event):
     """A collection excites the ball, which should stay in `ring`."""
 
     ring: int
 
 
 @dataclass(frozen=True, slots=True)
-class DriveStarted:
+class DriveStarted(Event):
     """A collection drives the ball to `ring` without the openings `closed`."""
 
     ring: int
@@ -144,7 +150,7 @@ class DriveStarted:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveFailed:
+class DriveFailed(Event):
     """A collection gave up the drive to `ring`; kind: of the failure."""
 
     ring: int
@@ -152,7 +158,7 @@ class DriveFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class OtherEvent:
+class OtherEvent(Event):
     """An event that this program does not define: from a leaf of the user, or from another version."""
 
     name: str
@@ -160,25 +166,7 @@ class OtherEvent:
 
 
 Request = GoalChanged | OpeningClosed | OpeningReopened | StopRequested  # from outside the run
-RunEvent = (
-    Start
-    | RingEntered
-    | OtherEntered
-    | PlacedElsewhere
-    | RoutePlanned
-    | OpeningChosen
-    | OpeningPassed
-    | LawChanged
-    | FailureReported
-    | RecoveryChosen
-    | DoubtRaised
-    | MisfitSeen
-    | Request
-    | ExcitationStarted
-    | DriveStarted
-    | DriveFailed
-    | OtherEvent
-)
+RunEvent = Start | Event
 
 KINDS: dict[str, type[RunEvent]] = {
     "start": Start,
@@ -237,27 +225,17 @@ class TimedEvent:
         kind, detail = document["kind"], document["detail"]
         if not isinstance(kind, str) or not isinstance(detail, dict):
             raise TypeError("an event without kind or detail")
-        return cls(float(document["t"]), _event(kind, detail))
-
-    @property
-    def rig_failed(self) -> bool:
-        """Whether the event reports that the rig failed."""
-        return isinstance(self.event, FailureReported) and self.event.kind == FailureKind.RIG_FAILED
+        event: RunEvent = OtherEvent(kind, detail)
+        if kind in KINDS:
+            with suppress(ValidationError):
+                event = _reader(KINDS[kind]).validate_python(detail)
+        return cls(float(document["t"]), event)
 
     @property
     def error_follows(self) -> bool:
         """Whether an error with the full message follows this event, because the rig or a leaf failed."""
         kinds = (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED)
         return isinstance(self.event, FailureReported) and self.event.kind in kinds
-
-
-def _event(kind: str, detail: Mapping[str, Any]) -> RunEvent:
-    if kind in KINDS:
-        try:
-            return _reader(KINDS[kind]).validate_python(detail)
-        except ValidationError:
-            pass
-    return OtherEvent(kind, detail)
 
 
 @cache

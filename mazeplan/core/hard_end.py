@@ -5,25 +5,17 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import suppress
-from typing import NoReturn, Protocol
+from typing import Any, NoReturn
 from weakref import WeakSet
 
 LIMIT_S = 0.5  # for saving one object; a disk may hang, too
+_open: WeakSet[Any] = WeakSet()
 
 
-class Saved(Protocol):
-    """Something with work that is not on the disk yet."""
+def save_at_hard_end(what: Any) -> None:
+    """Call `what.save()` before a watchdog ends the process, in another thread than the one that hangs.
 
-    def save(self) -> None:
-        """Write what is complete to the disk. The call comes from a thread other than the one that hangs."""
-        ...
-
-
-_open: WeakSet[Saved] = WeakSet()
-
-
-def save_at_hard_end(what: Saved) -> None:
-    """Save `what` before a watchdog ends the process. Only a weak reference is kept."""
+    Only a weak reference is kept."""
     _open.add(what)
 
 
@@ -36,6 +28,6 @@ def end_process(status: int) -> NoReturn:
     os._exit(status)
 
 
-def _save(what: Saved) -> None:
+def _save(what: Any) -> None:
     with suppress(Exception):  # the process ends for another reason, which has been reported
         what.save()

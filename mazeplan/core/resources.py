@@ -5,6 +5,7 @@ In a checkout maps/ and behaviors/ stand beside the package; a wheel carries the
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Collection
 from pathlib import Path
@@ -29,33 +30,18 @@ def share(kind: str) -> Path:
     return installed if installed.is_dir() else PACKAGE.parent / kind
 
 
-class BothWarning(ShortWarning):
-    """A bare name fits a packaged thing and a file or folder in the current folder; it means the packaged thing."""
-
-
 def is_packaged(source: str | Path, names: Collection[str]) -> bool:
     """Whether `source`, given by a user, means one of these packaged names.
 
     A bare name means the packaged thing, whatever the current folder holds under that name; `./toy` means the folder. A
-    Path that exists means that file or folder. Warns (BothWarning) if a bare name fits both."""
-    name = str(source)
-    if name not in names:
+    Path that exists means that file or folder. Warns (ShortWarning) if a bare name fits both."""
+    if str(source) not in names:
         return False
-    there = _exists(name)
-    if isinstance(source, Path):
-        return not there
-    if there:
-        what = "folder" if Path(name).is_dir() else "file"
-        warning = f"{name!r} means the packaged one; the {what} of this name in the current folder is ./{name}"
-        warnings.warn(warning, BothWarning, stacklevel=3)
-    return True
-
-
-def _exists(name: str) -> bool:
-    try:
-        return Path(name).exists()
-    except (OSError, ValueError):  # a name that is too long, or has a zero byte
-        return False
+    there = os.path.exists(source)
+    if there and not isinstance(source, Path):
+        warning = f"{source!r} means the packaged one; what has this name in the current folder is ./{source}"
+        warnings.warn(warning, ShortWarning, stacklevel=3)
+    return not there or not isinstance(source, Path)
 
 
 def find(kind: str, name: str | Path, suffix: str) -> Path:

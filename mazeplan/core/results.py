@@ -17,7 +17,9 @@ SHOWN, LONGEST = 12, 300  # most rows in a notebook, and most characters of a te
 
 
 def finite(value: Any) -> Any:
-    """The document as JSON can hold it: None in place of NaN and infinities, and keys as text."""
+    """The document as JSON can hold it: None in place of NaN and infinities, keys as text, lists in place of arrays."""
+    if hasattr(value, "tolist"):  # NumPy's, which takes long to import
+        value = value.tolist()
     if isinstance(value, dict):
         return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Files that get their name only when they are complete, and folders that a failure does not leave half made."""
+"""Files that get their name only when they are complete, folders that a failure does not leave half made, locks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO, Any
 
 from mazeplan.core.errors import InputError
 
@@ -106,3 +107,18 @@ def write_text(path: Path, text: str) -> None:
             beside.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
+
+
+def lock(file: IO[Any]) -> bool:
+    """Lock an open file until it is closed; the system releases it when the process ends in any way.
+
+    False: another process holds the lock."""
+    try:
+        import fcntl
+    except ImportError:  # not on this system: no lock
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

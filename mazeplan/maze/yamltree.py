@@ -16,7 +16,7 @@ import yaml
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
-from mazeplan.core.file_format import format_problem
+from mazeplan.core.file_kinds import format_problem
 
 MAX_BYTES = 1 << 20
 MAX_ENTRIES = 20_000  # scalars and containers in one file

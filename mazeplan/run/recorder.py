@@ -69,7 +69,7 @@ class RunRecorder:
         self._log.event(t, event)
         timed = TimedEvent(t, event)
         text = _words(timed)
-        if text and (self.began or not timed.rig_failed):  # a rig that fails earlier raises an error that says why
+        if text and (self.began or not timed.error_follows):  # a rig that fails earlier raises an error that says why
             self._display.event(t, text)
 
     def in_ring(self, context: RunContext, t: float) -> None:

@@ -25,7 +25,7 @@ from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.core import resources
 from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent
-from mazeplan.core.file_format import format_problem
+from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
 from mazeplan.core.logs.run_log_reader import checked_fields, read_attachment, read_messages
 from mazeplan.core.maths.fingerprint import fingerprint

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from mazeplan.behavior.trees import read_tree
-from mazeplan.core.errors import InputError
-from mazeplan.core.resources import BothWarning
+from mazeplan.core.errors import InputError, ShortWarning
 from mazeplan.learning.modelfile import is_packaged_model, load_model, model_stamp
 from mazeplan.maze.mapfile import find_map, load_map
 from mazeplan.rigs.registry import make_rig
@@ -28,17 +27,17 @@ def littered(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("littered")
 def test_folders_of_the_same_names_hide_nothing():
-    with pytest.warns(BothWarning, match=r"'cme' means the packaged one; the folder .* is \./cme"):
+    with pytest.warns(ShortWarning, match=r"'cme' means the packaged one; what .* is \./cme"):
         assert load_map("cme") == MAZE
-    with pytest.warns(BothWarning, match="navigate"):
+    with pytest.warns(ShortWarning, match="navigate"):
         assert len(read_tree("navigate").parts) == 1
-    with pytest.warns(BothWarning, match="toy"):
+    with pytest.warns(ShortWarning, match="toy"):
         assert load_model("toy") == TOY
-    with pytest.warns(BothWarning, match="toy"):
+    with pytest.warns(ShortWarning, match="toy"):
         assert model_source(None, "toy") == "toy"
-    with pytest.warns(BothWarning, match="toy"):
+    with pytest.warns(ShortWarning, match="toy"):
         assert model_stamp("toy") == ()
-    with pytest.warns(BothWarning, match="toy"):
+    with pytest.warns(ShortWarning, match="toy"):
         assert resolve_model(None, "toy", MAZE) == model_from("toy", MAZE)
     assert make_rig("toy", MAZE).rate_hz == 30.0
 

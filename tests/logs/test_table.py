@@ -50,7 +50,11 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
         (GOOD.replace("note", "r").replace(",2\n", ",-.1\n"), 3, "r: got -0.1, expected at least 0 m"),
         ("T,Theta,Beta,gamma\n0,0,0,0\n", None, "others: --columns NAME=COLUMN[:UNIT]"),
         ("", None, "got an empty file"),
-        (GOOD.replace(",", ";"), 1, "got semicolons between the names, expected commas"),
+        (
+            GOOD.replace(",", ";"),
+            None,
+            "there are t;x;y;beta;gamma;note",
+        ),
         ("t,theta,beta,gamma\n", None, "got 0 rows"),
         (GOOD.encode() + b"0.1,0.1,0.1,0,0,\xb5m\n", 5, "not a CSV file: got byte 0xb5, expected UTF-8 text"),
         (GOOD + '0.1,"' + "9" * 200_000 + '",0.1,0,0,4\n', 5, "not a CSV file: field larger than field limit"),
@@ -107,10 +111,10 @@ def test_derivatives_may_be_empty_at_the_edges_of_segments(tmp_path):
         read_table(write(tmp_path, text.replace(",2,", ",fast,")))
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e9, "microseconds or nanoseconds")])
-def test_other_units_of_time_are_suspected(tmp_path, factor, unit):
+@pytest.mark.parametrize("factor", [1e3, 1e9])
+def test_other_units_of_time_are_suspected(tmp_path, factor):
     t = np.arange(50) / 30.0 * factor
-    with pytest.raises(TableError, match=rf":3: t: got steps of .* expected seconds; are these {unit}\?"):
+    with pytest.raises(TableError, match=r":3: t: got steps of .* expected at most 0.5 s .*: --columns t=t:ms"):
         read_table(write(tmp_path, csv(t=t, theta=t * 0, beta=t * 0, gamma=t * 0)))
 
 

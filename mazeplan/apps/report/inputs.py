@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
-from mazeplan.core.file_format import format_problem
+from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import Array
 
 KINDS = (

@@ -10,9 +10,7 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
              x2, y2, estimate_x2, estimate_y2, ring2: of the second ball, if there are two
              ball: number of the ball that the tree steers, if there are two
     /plan    each plan: states and controls by component, cost, why the solver stopped
-    /tree    when a tree begins: path, kind (class) and name of every node, parents first
-             parents: number of the node above, -1 for the root
-             conditions: numbers of the nodes that only check a condition, so that their failure means no
+    /tree    when a tree begins: its nodes, as `records.TreeOutline` explains
     /status  each tick that changes a status: how the last tick of every node ended, one letter each (`STATUSES`)
     /openings  each time an opening was tried: successes and failures at openings as they count at t; they fade
              (`maze.memory`)
@@ -48,15 +46,14 @@ from mcap.writer import CompressionType, Writer
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
-from mazeplan.core.file_lock import lock
 from mazeplan.core.hard_end import save_at_hard_end
 from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
+from mazeplan.core.results import finite
+from mazeplan.core.whole_file import lock
 
 __all__ = ["RunLog", "RunLogWriter", "read_log"]
 
-NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
-NUMBERS, TEXTS, INTEGERS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT, INTEGER))
 STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
 CHUNK_S = 0.25  # s of the rig's time in a chunk: a killed process loses no more
 CHUNK_TICKS = 12  # maximum in a chunk, if the rig's clock stands still: 0.4 s at 30 Hz
@@ -66,73 +63,56 @@ COMPRESSION = CompressionType.ZSTD
 Sink = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
 
 
-def _object(**fields: Any) -> dict[str, Any]:
-    return {"type": "object", "properties": fields}
+def _object(nested: dict[str, Any] | None = None, **names: str) -> dict[str, Any]:
+    """The schema of an object. names: its fields of each type, as number="t x y", and strings="names" for lists"""
+    fields = {name: TYPES[kind] for kind, listed in names.items() for name in listed.split()}
+    return {"type": "object", "properties": fields | (nested or {})}
 
 
-def _objects(**fields: Any) -> dict[str, Any]:
-    return {"type": "array", "items": _object(**fields)}
+def _array(items: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": items}
 
 
+TYPES: dict[str, Any] = {name: {"type": name} for name in ("number", "integer", "string", "boolean")}
+TYPES |= {f"{name}s": _array(kind) for name, kind in TYPES.items()}
 ESTIMATE = ("t", "x", "y", "vx", "vy", "beta", "beta_dot", "gamma", "gamma_dot")
 SCHEMAS: dict[str, dict[str, Any]] = {
     "/header": _object(
-        **dict.fromkeys(("program", "version", "rig", "map", "map_name", "model", "behavior", "platform"), TEXT),
-        started=TEXT,
-        **dict.fromkeys(("format", "seed", "start_ring", "goal_ring"), INTEGER),
-        start_theta=NUMBER,
-        replay=_object(format=INTEGER, rate_hz=NUMBER, settings=TEXT),
+        {"replay": _object(integer="format", number="rate_hz", string="settings")},
+        string="program version rig map map_name model behavior platform started",
+        integer="format seed start_ring goal_ring",
+        number="start_theta",
     ),
     "/tick": _object(
-        **dict.fromkeys(("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma"), NUMBER),
-        **{f"estimate_{name}": NUMBER for name in ESTIMATE},
-        **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
-        **dict.fromkeys(("ring", "segment"), INTEGER),
-        **dict.fromkeys(("ball", "ring2"), INTEGER),
-        **dict.fromkeys(("x2", "y2", "estimate_x2", "estimate_y2"), NUMBER),
-        **dict.fromkeys(("status", "leaf", "opening", "cut_off", "doubts"), TEXT),
+        {f"estimate_{name}": TYPES["number"] for name in (*ESTIMATE, "x2", "y2")},
+        number="t x y beta gamma u_beta u_gamma planned_theta goal_theta planner_ms tick_ms x2 y2",
+        integer="ring segment ball ring2",
+        string="status leaf opening cut_off doubts",
     ),
     "/plan": _object(
-        **dict.fromkeys(("t0", "dt", "cost", "ms"), NUMBER),
-        reason=TEXT,
-        iterations=INTEGER,
-        **dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), NUMBERS),
+        dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), TYPES["numbers"]),
+        number="t0 dt cost ms",
+        string="reason",
+        integer="iterations",
     ),
-    "/tree": _object(
-        t=NUMBER,
-        **dict.fromkeys(("paths", "kinds", "names"), TEXTS),
-        **dict.fromkeys(("parents", "conditions"), INTEGERS),
-    ),
-    "/status": _object(t=NUMBER, nodes=TEXT),
-    "/openings": _object(**dict.fromkeys(("t", "fading_s"), NUMBER), names=TEXTS, successes=NUMBERS, failures=NUMBERS),
+    "/tree": _object(number="t", strings="paths kinds names", integers="parents conditions"),
+    "/status": _object(number="t", string="nodes"),
+    "/openings": _object(number="t fading_s", strings="names", numbers="successes failures"),
     "/event": _object(
-        t=NUMBER,
-        kind=TEXT,
-        detail=_object(**dict.fromkeys(("kind", "where", "detail", "recovery", "opening"), TEXT), ring=INTEGER),
+        {"detail": _object(string="kind where detail recovery opening", integer="ring")}, number="t", string="kind"
     ),
     "/result": _object(
-        success=FLAG,
-        reason=TEXT,
-        time_s=NUMBER,
-        replans=INTEGER,
-        rings=_objects(ring=INTEGER, time_s=NUMBER, opening=TEXT),
-        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT, where=TEXT, words=TEXT, x=NUMBER, y=NUMBER),
-        start=_object(ring=INTEGER, theta=NUMBER),
+        {
+            "rings": _array(_object(integer="ring", number="time_s", string="opening")),
+            "failures": _array(_object(number="t x y", string="kind recovery where words")),
+            "start": _object(integer="ring", number="theta"),
+        },
+        boolean="success",
+        string="reason",
+        number="time_s",
+        integer="replans",
     ),
 }
-
-
-def _plain(value: Any) -> Any:
-    """The value for JSON: NaN and infinities become None, NumPy values become those of Python."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
@@ -143,8 +123,8 @@ def encode(document: dict[str, Any]) -> bytes:
     try:
         text = _ENCODER.encode(document)
     except (TypeError, ValueError):  # rare, so that the usual tick does not pay for it
-        known = {key: value for key, value in _plain(document).items() if value is not None}
-        text = json.dumps(known, separators=(",", ":"))
+        known = {key: value for key, value in finite(document).items() if value is not None}
+        text = json.dumps(known, separators=(",", ":"), default=str)
     return text.encode()
 
 

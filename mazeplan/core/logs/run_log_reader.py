@@ -1,8 +1,14 @@
-"""Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py has their content, mcap_file.py the file."""
+"""Reads run logs (MCAP) back; run_log.py has their content.
+
+A file is read from front to back without its index, because a file that a crash cut off has no index. All complete
+chunks count.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,13 +18,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.records import Attachment, Channel, McapRecord, Message
+from mcap.stream_reader import StreamReader
 
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
-from mazeplan.core.file_format import format_problem
-from mazeplan.core.logs.mcap_file import EXPECTED, HEADER, NO_RUN, Document, McapFile
+from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import Array, TreeOutline
 
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_LIMIT = 64 * 2**20  # bytes; the longest record of a run log is an attached model
+EXPECTED = "a run log of mazeplan (MCAP)"
+HEADER, NO_RUN = "/header", "got an MCAP file without the header of a run"
+DAMAGE = (ValueError, KeyError, RecursionError)  # what damaged bytes raise
+Document = tuple[str, dict[str, Any]]  # topic, message
 PROGRAM = "mazeplan"
 FORMAT = 1  # version of the topics and their fields; a reader refuses a newer version
 MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
@@ -90,29 +104,19 @@ def read_log(path: str | Path) -> RunLog:
         return [document for topic, document in messages if topic == wanted]
 
     with checked_fields(path):
-        return RunLog(
-            path,
-            header,
-            columns_of(of("/tick")),
-            tuple(_plan(document) for document in of("/plan")),
-            tuple(TimedEvent.from_document(document) for document in of("/event")),
-            next(iter(of("/result")), None),
-            complete,
-            trees_of(messages),
-        )
-
-
-class CutLogWarning(ShortWarning):
-    """A log was cut off, so its end is missing."""
+        plans = tuple(_plan(document) for document in of("/plan"))
+        events = tuple(TimedEvent.from_document(document) for document in of("/event"))
+        result = next(iter(of("/result")), None)
+        return RunLog(path, header, _columns(of("/tick")), plans, events, result, complete, _trees(messages))
 
 
 def warn_if_cut(log: RunLog) -> None:
-    """Warn (CutLogWarning) if a log was not finished by its program."""
+    """Warn (ShortWarning) if a log was not finished by its program."""
     if not log.complete:
         t = log.ticks["t"]
         kept = f"{len(t)} ticks" + (f" up to t = {t[-1]:.2f} s" if len(t) else "")
         warning = f"{log.path}: the log is cut off, its program did not finish it; used are its {kept}"
-        warnings.warn(warning, CutLogWarning, stacklevel=3)
+        warnings.warn(warning, ShortWarning, stacklevel=3)
 
 
 @contextmanager
@@ -127,20 +131,20 @@ def checked_fields(path: Path) -> Iterator[None]:
 
 def read_messages(path: Path) -> tuple[dict[str, Any], list[Document], bool]:
     """The header, all messages as they were written, and whether the file was finished. Raises LogError."""
-    file, messages = McapFile(path), list[Document]()
+    file, messages = _McapFile(path), list[Document]()
     for message in file.documents():
         messages.append(message)
         if len(messages) == 1:  # checked first, because a newer format may differ in all that follows
             _check_format(message[1], path)
-    return header_of(messages, path), messages, file.complete
+    return _header(messages, path), messages, file.complete
 
 
 def read_header(path: Path) -> dict[str, Any]:
     """The header of a log; the rest is not read. Raises LogError."""
-    return header_of(list(islice(McapFile(path).documents(), 1)), path)
+    return _header(list(islice(_McapFile(path).documents(), 1)), path)
 
 
-def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
+def _header(messages: Sequence[Document], path: Path) -> dict[str, Any]:
     """The header among the messages of a log. Raises LogError without one, or with one of a newer format."""
     header = next((document for topic, document in messages if topic == HEADER), {})
     if header.get("program") != PROGRAM:
@@ -150,9 +154,9 @@ def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
 
 
 def read_attachment(path: Path, name: str) -> bytes | None:
-    """Content of a file that is attached to a log, or None. Raises LogError if the log cannot be read up to the
-    attachment."""
-    return McapFile(path).attachment(name)
+    """Content of a file that is attached to a log, or None. Raises LogError if the log cannot be read so far."""
+    attached = (record for record in _McapFile(path).records() if isinstance(record, Attachment))
+    return next((record.data for record in attached if record.name == name), None)
 
 
 def _check_format(header: dict[str, Any], path: Path) -> None:
@@ -163,7 +167,7 @@ def _check_format(header: dict[str, Any], path: Path) -> None:
             raise LogError(problem, file=path, key="header.format")
 
 
-def columns_of(ticks: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+def _columns(ticks: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     """Ticks as they were written, by column; see `RunLog.ticks`."""
     names = dict.fromkeys((*MEASURED, *(name for tick in ticks for name in tick)))
     columns = {}
@@ -190,8 +194,8 @@ def _plan(document: dict[str, Any]) -> LoggedPlan:
     return LoggedPlan(t0, dt, cost, reason, iterations, ms, stack(PLAN_STATES), stack(PLAN_CONTROLS))
 
 
-def trees_of(messages: Sequence[Document]) -> tuple[LoggedTree, ...]:
-    """The trees of a run, one after another, each with its statuses. Raises KeyError, TypeError or ValueError."""
+def _trees(messages: Sequence[Document]) -> tuple[LoggedTree, ...]:
+    """The trees of a run, one after another, each with its statuses."""
     trees: list[tuple[LoggedTree, list[tuple[float, str]]]] = []
     for topic, document in messages:
         if topic == "/tree":
@@ -202,3 +206,54 @@ def trees_of(messages: Sequence[Document]) -> tuple[LoggedTree, ...]:
                 raise ValueError("statuses of another tree")
             statuses.append((float(document["t"]), nodes))
     return tuple(replace(tree, statuses=tuple(statuses)) for tree, statuses in trees)
+
+
+class _McapFile:
+    """A file. complete: whether it was finished; valid when the whole file was read
+
+    Every method raises LogError for a file that is missing, damaged, or not an MCAP file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.complete = path, True
+        self._count = 0  # messages read so far
+
+    def documents(self) -> Iterator[Document]:
+        """The messages, one after another."""
+        topics: dict[int, str] = {}
+        for record in self.records():
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                try:
+                    topic, document = topics[record.channel_id], json.loads(record.data)
+                    if not isinstance(document, dict):
+                        raise ValueError("a message is no JSON object")
+                except DAMAGE as problem:
+                    if topics and HEADER not in topics.values():  # a file of another program
+                        raise LogError(f"{NO_RUN}, expected {EXPECTED}", file=self.path) from None
+                    raise self._damaged(problem) from None
+                self._count += 1
+                yield topic, document
+
+    def records(self) -> Iterator[McapRecord]:
+        """All records up to the end, or to where the file was cut."""
+        try:
+            with self.path.open("rb") as stream:
+                size = os.fstat(stream.fileno()).st_size
+                if stream.read(len(MAGIC)) != MAGIC:
+                    raise LogError(file_kinds.refused(self.path, EXPECTED), file=self.path)
+                stream.seek(max(len(MAGIC), size - len(MAGIC)))
+                self.complete = stream.read() == MAGIC
+                stream.seek(0)
+                try:
+                    yield from StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT).records
+                except Exception as problem:  # damaged bytes may raise anything in the library of a compression
+                    if self.complete or stream.tell() < size:  # a cut file ends in the midst of a record
+                        raise self._damaged(problem) from None
+        except OSError:
+            raise LogError(file_kinds.refused(self.path, EXPECTED), file=self.path) from None
+
+    def _damaged(self, problem: Exception) -> LogError:
+        why = " ".join(str(problem).split())[:120] or type(problem).__name__
+        remedy = "copy it again from where it was recorded"
+        return LogError(f"damaged after {self._count} messages: {why}; {remedy}", file=self.path)

@@ -12,7 +12,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import math
 import os
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -27,11 +29,11 @@ from mazeplan.core.errors import TableError
 from mazeplan.core.logs.column_units import ColumnSource, select_columns
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.run_log_reader import warn_if_cut
-from mazeplan.core.logs.table_checks import KNOWN, UNITS, Rows, checked, fields_of, lines_of
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.logs.table_checks import KNOWN, UNITS, Rows, checked
+from mazeplan.core.records import Array
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz
-LIMIT_COLUMNS = 1000
+MISSING = ("", "na", "n/a", "#n/a", "<na>", "nan", "null", "none")  # cells without a value, in small letters
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,11 @@ def given_columns(given: Any) -> tuple[dict[str, Array], Rows]:
     if len(count) != 1:
         raise TableError(f"got columns of {len(count)} lengths, expected all as long as t", file=IN_MEMORY)
     rows = Rows(IN_MEMORY, range(count.pop()))
-    return {name: _numbers(column, name, rows) for name, column in cells.items()}, rows
+    numbers: dict[str, Any] = dict(cells)
+    for name, column in cells.items():
+        if column.dtype.kind not in "fiu":
+            numbers[name] = [_number(cell, name, i, rows) for i, cell in enumerate(column)]
+    return {name: np.ascontiguousarray(column, dtype=np.float64) for name, column in numbers.items()}, rows
 
 
 def several(given: Any) -> list[Any]:
@@ -176,9 +182,6 @@ def stretches(table: Table, longest_step: float = 1.5) -> list[slice]:
     return [slice(start, stop) for start, stop in pairwise(edges)]
 
 
-# --- reading CSV
-
-
 def content_of(path: Path) -> bytes:
     """The bytes of a file that is not too large."""
     try:
@@ -192,111 +195,56 @@ def content_of(path: Path) -> bytes:
         raise TableError(f"cannot be read: {problem.strerror or problem}", file=path) from None
 
 
-def _plain_text(content: bytes, path: Path) -> bytes:
-    """UTF-8 text without byte order mark and with bare line feeds. Raises TableError if the content is not text."""
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise TableError("not a CSV file: got UTF-16 text, expected UTF-8", file=path)
-    data = content.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    nul = data.find(b"\0")
-    if nul >= 0:
-        raise TableError("not a CSV file: got a NUL byte, expected text", file=path, line=data.count(b"\n", 0, nul) + 1)
+def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], Rows]:
+    """Columns of numbers, and where their rows are in the file. Blank lines are no rows. Raises TableError."""
     try:
-        data.decode("utf-8")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        line = data.count(b"\n", 0, problem.start) + 1
-        got = f"byte 0x{data[problem.start]:02x}"
+        line, got = content.count(b"\n", 0, problem.start) + 1, f"byte 0x{content[problem.start]:02x}"
         raise TableError(f"not a CSV file: got {got}, expected UTF-8 text", file=path, line=line) from None
-    return data
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+    rows, lines, numbers, line = Rows(path, ()), list[int](), array("d"), 1
+    try:
+        for fields in reader:
+            blank = not fields or (len(fields) == 1 and not fields[0].strip())
+            if not blank and not rows.header:
+                rows = Rows(path, lines, text, _header(fields, path, line))
+            elif not blank:
+                lines.append(line)
+                if len(fields) != len(rows.header):
+                    problem = f"got {len(fields)} fields, expected {len(rows.header)}"
+                    raise TableError(problem, file=path, line=line)
+                numbers.extend(_numbers(fields, rows))
+            line = reader.line_num + 1
+    except csv.Error as problem:
+        raise TableError(f"not a CSV file: {problem}", file=path, line=line) from None
+    values = np.array(numbers, dtype=np.float64).reshape(len(lines), len(rows.header))
+    return {name: values[:, i].copy() for i, name in enumerate(rows.header) if name}, rows
 
 
-def _records(data: bytes, path: Path) -> tuple[IntArray, IntArray]:
-    """First line and number of fields of each record; blank lines are not records."""
-    if b'"' in data:
-        reader, line, found = csv.reader(lines_of(data), skipinitialspace=True), 1, []
-        try:
-            for row in reader:
-                if len(row) > 1 or (row and row[0].strip()):
-                    found.append((line, len(row)))
-                line = reader.line_num + 1
-        except csv.Error as problem:
-            raise TableError(f"not a CSV file: {problem}", file=path, line=line) from None
-        array = np.array(found, dtype=np.int64).reshape(-1, 2)
-        return array[:, 0], array[:, 1]
-    # without quotes each line is a record, and counting commas is twenty times as fast
-    text = np.frombuffer(data if data.endswith(b"\n") else data + b"\n", dtype=np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    fields = np.diff(np.searchsorted(np.flatnonzero(text == ord(",")), ends), prepend=0) + 1
-    there = ends > starts
-    for i in np.flatnonzero(there & (fields == 1)):
-        there[i] = bool(data[starts[i] : ends[i]].strip(b" \t"))
-    return np.flatnonzero(there) + 1, fields[there]
-
-
-def _header(data: bytes, line: int, fields: int, path: Path) -> tuple[str, ...]:
+def _header(fields: list[str], path: Path, line: int) -> tuple[str, ...]:
     """Names of the columns; "" for a column without a name, which is left out."""
-    if fields > LIMIT_COLUMNS:
-        raise TableError(f"got {fields} columns, expected at most {LIMIT_COLUMNS}", file=path, line=line)
-    header = tuple(name.strip() for name in fields_of(data, line))
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and mark in header[0]:
-            raise TableError(f"got {name} between the names, expected commas", file=path, line=line)
-    if all(_is_number(name) for name in header):
-        raise TableError("got numbers, expected a header row with the names of the columns", file=path, line=line)
+    header = tuple(name.strip() for name in fields)
     twice = [name for i, name in enumerate(header) if name and name in header[:i]]
     if twice:
-        problem = f"got column {twice[0]!r} twice, expected a header row with each name once"
-        raise TableError(problem, file=path, line=line)
+        raise TableError(f"got column {twice[0]!r} twice, expected each name once", file=path, line=line)
     return header
 
 
-def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], Rows]:
-    """Columns of numbers, and where their rows are in the file."""
-    import pandas as pd  # slow to import
-
-    data = _plain_text(content, path)
-    lines, fields = _records(data, path)
-    if not len(lines):
-        raise TableError("got an empty file, expected a header row", file=path, line=1)
-    header = _header(data, int(lines[0]), int(fields[0]), path)
-    wrong = np.flatnonzero(fields != len(header))
-    if wrong.size:
-        row = int(wrong[0])
-        raise TableError(f"got {fields[row]} fields, expected {len(header)}", file=path, line=int(lines[row]))
-    rows = Rows(path, lines[1:], data, header)
-    # each number must be the double nearest to its text; from pandas 3.1 on that is the default, without an option
-    old = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
-    exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
+def _numbers(fields: list[str], rows: Rows) -> list[float]:
+    """The numbers of the last row."""
     try:
-        frame = pd.read_csv(
-            io.BytesIO(data),
-            header=0,
-            names=list(range(len(header))),
-            index_col=False,
-            skipinitialspace=True,
-            low_memory=False,
-            **exact,
-        )
-    except (ValueError, OverflowError) as problem:  # pandas' own errors are ValueErrors
-        raise TableError(f"not a CSV file: {' '.join(str(problem).split())[:200]}", file=path) from None
-    if len(frame) != len(lines) - 1:
-        raise TableError(f"not a CSV file: got {len(frame)} rows in {len(lines) - 1} lines", file=path)
-    return {name: _numbers(frame[i].to_numpy(), name, rows) for i, name in enumerate(header) if name}, rows
-
-
-def _is_number(text: object) -> bool:
-    try:
-        float(str(text))
+        return [float(cell) for cell in fields]
     except ValueError:
-        return False
-    return "_" not in str(text)  # 1_000 is a number to Python only
+        row = len(rows.lines) - 1
+        return [_number(cell, name, row, rows) for cell, name in zip(fields, rows.header, strict=True)]
 
 
-def _numbers(cells: np.ndarray, name: str, rows: Rows) -> Array:
-    """A column (N,) as numbers. Text is refused in a known column; in other columns it becomes NaN."""
-    if cells.dtype.kind in "fiu":
-        return np.ascontiguousarray(cells, dtype=np.float64)
-    good = [_is_number(cell) for cell in cells]
-    if name in KNOWN and not all(good):
-        rows.refuse(name, good.index(False), "a number")
-    return np.array([float(cell) if ok else np.nan for cell, ok in zip(cells, good, strict=True)], dtype=np.float64)
+def _number(cell: Any, name: str, row: int, rows: Rows) -> float:
+    """A cell as a number. An empty cell is NaN; text is refused in a known column, and NaN in another one."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        if name in KNOWN and str(cell).strip().lower() not in MISSING:
+            rows.refuse(name, row, "a number")
+        return math.nan

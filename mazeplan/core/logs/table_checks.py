@@ -6,13 +6,14 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
 from mazeplan.core.errors import TableError
-from mazeplan.core.records import Array, IntArray
+from mazeplan.core.records import Array
 
 BALL = ("x", "y", "theta", "r")  # may be missing in single rows: the ball was not seen
 RATES = tuple(f"{name}_{order}" for order in ("dot", "ddot") for name in ("theta", "beta", "gamma"))
@@ -28,7 +29,6 @@ UNITS = {
 
 DEGREES = 1.0  # rad; a larger tilt was measured in degrees
 MILLIMETRES = 1.0  # m; a ball further out than this was measured in millimetres: the largest track is 0.09 m
-MILLISECONDS = 5.0  # s; a table with longer steps than this has another unit of time: rigs run at about 30 Hz
 SPINNING = 20.0  # rad/s; if half of all rows are faster (over LAG_S), the angle is in degrees
 SLOWEST = 0.5  # s, maximum step; after a longer step, a rolling ball is somewhere else
 LAG_S = 0.1  # s; long enough that noise of the camera does not look like speed
@@ -39,37 +39,25 @@ class Rows:
     """Where the rows of a table are in its file, for messages.
 
     lines:  line of each row
-    data:   content of a CSV file
+    text:   content of a CSV file
     header: names of the columns of a CSV file
     named:  names in the file of columns that have another name there
     """
 
     file: Path
-    lines: Sequence[int] | IntArray
-    data: bytes = b""
+    lines: Sequence[int]
+    text: str = ""
     header: tuple[str, ...] = ()
     named: Mapping[str, str] = field(default_factory=dict)
 
     def refuse(self, name: str, row: int, expected: str, got: object = None) -> NoReturn:
         """Raise TableError about one cell. got: the cell's value for the message; by default the text in the file."""
         line, name = int(self.lines[row]), self.named.get(name, name)
-        if got is None:
-            fields = fields_of(self.data, line)
-            at = self.header.index(name) if name in self.header else len(fields)
-            text = fields[at].strip() if at < len(fields) else ""
-            got = repr(text[:40]) if text else "an empty cell" if self.data else "no value"
-        raise TableError(f"got {got}, expected {expected}", file=self.file, line=line, key=name)
-
-
-def lines_of(data: bytes) -> io.TextIOWrapper:
-    """The bytes of a CSV as lines of text."""
-    return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8", newline="")
-
-
-def fields_of(data: bytes, line: int) -> list[str]:
-    """Fields of the record that starts at a line."""
-    rest = data.split(b"\n", line - 1)
-    return next(csv.reader(lines_of(rest[-1]), skipinitialspace=True), []) if len(rest) == line else []
+        if got is None and self.text:
+            rest = islice(io.StringIO(self.text, newline=""), line - 1, None)
+            cell = next(csv.reader(rest, skipinitialspace=True))[self.header.index(name)].strip()
+            got = repr(cell[:40]) if cell else "an empty cell"
+        raise TableError(f"got {got or 'no value'}, expected {expected}", file=self.file, line=line, key=name)
 
 
 def checked(columns: dict[str, Array], rows: Rows) -> dict[str, Array]:
@@ -92,8 +80,7 @@ def _check_present(columns: dict[str, Array], rows: Rows) -> None:
     file, names = rows.file, list(rows.header or columns)
     there = ", ".join(names[:30]) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
     missing = [name for name in ("t", "beta", "gamma") if name not in columns]
-    if "theta" not in columns and not {"x", "y"} <= set(columns):
-        missing.append("theta (or x and y)")
+    missing += ["theta (or x and y)"] if "theta" not in columns and not {"x", "y"} <= set(columns) else []
     if missing:
         problem = f"missing columns: {', '.join(missing)}; there are {there or 'none'}"
         raise TableError(f"{problem}; others: --columns NAME=COLUMN[:UNIT]", file=file)
@@ -138,14 +125,9 @@ def _check_time(columns: dict[str, Array], rows: Rows) -> None:
     if row > 0:
         rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
     step = _usual_step(t, segment)
-    if step > MILLISECONDS:
-        words = "milliseconds" if step < 1e3 * MILLISECONDS else "microseconds or nanoseconds"
-        unit = "ms" if step < 1e3 * MILLISECONDS else "us" if step < 1e6 * MILLISECONDS else "ns"
-        hint = f"then --columns t={rows.named.get('t', 't')}:{unit}"
-        rows.refuse("t", 1, f"seconds; are these {words}? {hint}", f"steps of {step:g} (median)")
     if step > SLOWEST:
-        numbers = "; are these the numbers of the samples?" if np.all(np.diff(t) == 1.0) else ""
-        rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample{numbers}", f"steps of {step:g} s (median)")
+        hint = f"for another unit: --columns t={rows.named.get('t', 't')}:ms"
+        rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample; {hint}", f"steps of {step:g} (median)")
 
 
 def _check_units(columns: dict[str, Array], rows: Rows) -> None:
@@ -163,12 +145,8 @@ def _check_units(columns: dict[str, Array], rows: Rows) -> None:
                 rows.refuse(name, row, expected.format(name, rows.named.get(name, name)), f"{columns[name][row]:g}")
     if "theta" in columns and _in_degrees(columns):
         row = int(np.argmax(np.nan_to_num(np.abs(columns["theta"]))))
-        rows.refuse(
-            "theta",
-            row,
-            "radians; these are degrees: --columns theta={}:deg".format(rows.named.get("theta", "theta")),
-            f"{columns['theta'][row]:g}",
-        )
+        hint = f"--columns theta={rows.named.get('theta', 'theta')}:deg"
+        rows.refuse("theta", row, f"radians; these are degrees: {hint}", f"{columns['theta'][row]:g}")
 
 
 def _in_degrees(columns: dict[str, Array]) -> bool:

@@ -31,7 +31,7 @@ from mazeplan.control.estimation.rigid_body_parameters import (
     with_values,
 )
 from mazeplan.core.errors import ModelError
-from mazeplan.core.file_format import format_problem
+from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.side_by_side import in_processes, side_by_side

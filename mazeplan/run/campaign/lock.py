@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.file_lock import lock
+from mazeplan.core.whole_file import lock
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.file_format import format_problem
+from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.modelfile import RigModel
