@@ -38,11 +38,7 @@ STEPS, SETTLED = 300, 1e-7  # maximum steps of the fit; it ends when edges chang
 
 @dataclass(frozen=True)
 class Edges:
-    """Two walls that bound one coordinate of the ball's centre.
-
-    low, high: places of the walls, m
-    low_touches, high_touches: number of samples in which the ball touched each wall; sums of probabilities
-    """
+    """One band: radii of its edges, m, and in how many samples the ball was at each (sums of probabilities)."""
 
     low: float
     high: float
@@ -88,61 +84,12 @@ def fit_bands(x: Array, y: Array, ball_radius: float) -> Bands:
     return _fit(x, y, np.array(rough), centre)
 
 
-def fit_edges(values: Array, low: float, high: float, noise: float) -> Edges:
-    """Two walls from one coordinate of the ball between them.
-
-    values: the coordinate (N,), m
-    low, high: start values of the walls, m
-    noise: 1 sigma, m
-    """
-    start, weights = (low, high), np.full(4, 0.25)
-    window = (low - MARGIN, high + MARGIN)
-    values = values[(values > window[0]) & (values < window[1])]
-    share = np.zeros((4, len(values)))
-    for _ in range(STEPS):
-        share = _responsibilities(values, low, high, weights[:, None], noise, window[1] - window[0])
-        touches = share.sum(axis=1)
-        weights = (touches + 1e-6) / (touches + 1e-6).sum()
-        before = low, high
-        low = _mean(values, share[0], low, start[0])
-        high = max(_mean(values, share[1], high, start[1]), low)
-        if max(abs(low - before[0]), abs(high - before[1])) < SETTLED:
-            break
-    return Edges(low, high, float(share[0].sum()), float(share[1].sum()))
-
-
-def sharpness(values: Array, edges: Edges, noise: float) -> float:
-    """How much better two walls explain values (N,) between them than one normal distribution: difference of log
-    likelihood.
-
-    It is about 0 if the ball only passed in the middle. Its spread then does not show the distance of the walls.
-    """
-    weights = np.array([edges.low_touches, edges.high_touches, 0.0, 0.0]) / len(values)
-    weights[2] = max(1.0 - weights.sum(), 0.0)
-    density = _densities(values, edges.low, edges.high, noise, 1.0) * weights[:, None]
-    bell = -0.5 - math.log(float(np.std(values)) * math.sqrt(2.0 * math.pi))
-    return float(np.sum(np.log(np.maximum(density.sum(axis=0), 1e-3)))) - len(values) * bell
-
-
-def _mean(values: Array, share: Array, now: float, start: float) -> float:
-    """Mean of the samples at a wall; if there are none, the wall stays where it is. The result is within MARGIN of
-    `start`."""
-    found = float(np.dot(share, values) / share.sum()) if share.sum() > 1e-3 else now
-    return min(max(found, start - MARGIN), start + MARGIN)
-
-
 def _responsibilities(r: Array, low, high, weights, noise: float, width) -> Array:
     """Probability that each sample was at the low wall, at the high wall, between them, or passing an opening: (4, N).
 
     The other arguments broadcast to (N,)."""
-    parts = _densities(r, low, high, noise, width) * weights
-    return parts / np.maximum(parts.sum(axis=0), 1e-300)
-
-
-def _densities(r: Array, low, high, noise: float, width) -> Array:
-    """p(r) at the low wall, at the high wall, between them, and passing an opening: (4, N), 1/m."""
     peak = 1.0 / (noise * math.sqrt(2.0 * math.pi))
-    return np.stack(
+    densities = np.stack(
         [
             peak * np.exp(-0.5 * ((r - low) / noise) ** 2),
             peak * np.exp(-0.5 * ((r - high) / noise) ** 2),
@@ -150,6 +97,8 @@ def _densities(r: Array, low, high, noise: float, width) -> Array:
             np.broadcast_to(1.0 / np.asarray(width), r.shape),
         ]
     )
+    parts = densities * weights
+    return parts / np.maximum(parts.sum(axis=0), 1e-300)
 
 
 # Finding bands. At a radius inside a ring the ball comes by at all angles; inside a wall only at those of openings.
@@ -246,8 +195,8 @@ def _fit(x: Array, y: Array, edges: Array, centre: tuple[float, float]) -> Bands
         before = np.concatenate([low, high, centre])
         low = np.where(touches[:, 0] > 1e-3, np.bincount(k, share[0] * r, len(edges)) / touches[:, 0].clip(1e-9), low)
         high = np.where(touches[:, 1] > 1e-3, np.bincount(k, share[1] * r, len(edges)) / touches[:, 1].clip(1e-9), high)
-        low = np.where(disc, 0.0, np.clip(low, *_around(start[:, 0])))
-        high = np.maximum(np.clip(high, *_around(start[:, 1])), low)
+        low = np.where(disc, 0.0, np.clip(low, start[:, 0] - MARGIN, start[:, 0] + MARGIN))
+        high = np.maximum(np.clip(high, start[:, 1] - MARGIN, start[:, 1] + MARGIN), low)
         leaning = np.concatenate([share[0], share[1]])
         off = np.concatenate([r - low[k], r - high[k]])
         noise = max(math.sqrt(np.dot(leaning, off**2) / max(leaning.sum(), 1.0)), LEAST_NOISE)
@@ -256,10 +205,6 @@ def _fit(x: Array, y: Array, edges: Array, centre: tuple[float, float]) -> Bands
             break
     found = zip(low.tolist(), high.tolist(), touches[:, 0].tolist(), touches[:, 1].tolist(), strict=True)
     return Bands(tuple(Edges(*edge) for edge in found), centre, noise)
-
-
-def _around(start: Array) -> tuple[Array, Array]:
-    return start - MARGIN, start + MARGIN
 
 
 def _shifted(centre: tuple[float, float], cos: Array, sin: Array, off: Array, weight: Array) -> tuple[float, float]:

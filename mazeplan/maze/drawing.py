@@ -16,8 +16,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.palette import COLOURS, DASHES, INKS, MAZE
 from mazeplan.core.whole_file import whole_file
-from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
-from mazeplan.maze.label_places import ball_place, number_places
+from mazeplan.maze.geometry import Maze, RadialWall, Wall
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,9 +35,8 @@ _SHOWN = 1.27  # a picture with labels shows this many radii of the rim to each 
 Array = NDArray[np.float64]
 
 
-def wall_outlines(wall: Wall, step: float = _ARC_STEP) -> list[Array]:
+def wall_outlines(wall: Wall) -> list[Array]:
     """Outlines of the solid pieces between a wall's openings, each (N, 2) in m; none for a wall without openings.
-    step: rad from point to point of an arc.
 
     The sides of an opening are parallel to its middle line: at radius rho an edge lies asin(width / 2 rho) beside it.
     """
@@ -46,16 +44,12 @@ def wall_outlines(wall: Wall, step: float = _ARC_STEP) -> list[Array]:
     outlines = []
     for here, following in zip(gaps, gaps[1:] + gaps[:1], strict=True):
         start = here.angle % (2.0 * math.pi)
-        end = following.angle % (2.0 * math.pi)
-        if following is gaps[0]:
-            end += 2.0 * math.pi
-        arcs = []
-        for radius in (wall.inner_radius, wall.outer_radius):
-            first = start + math.asin(0.5 * here.width / radius)
-            last = end - math.asin(0.5 * following.width / radius)
-            angles = np.linspace(first, last, max(2, math.ceil((last - first) / step)))
-            arcs.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
-        outlines.append(np.vstack([arcs[0], arcs[1][::-1]]))
+        end = following.angle % (2.0 * math.pi) + (2.0 * math.pi if following is gaps[0] else 0.0)
+        inner, outer = (
+            _arc(radius, start + math.asin(0.5 * here.width / radius), end - math.asin(0.5 * following.width / radius))
+            for radius in (wall.inner_radius, wall.outer_radius)
+        )
+        outlines.append(np.vstack([inner, outer[::-1]]))
     return outlines
 
 
@@ -64,9 +58,14 @@ def radial_outline(maze: Maze, wall: RadialWall) -> Array:
     ring, ends = maze.ring(wall.ring), []
     for radius, side in ((ring.inner_radius, 1.0), (ring.outer_radius, -1.0)):
         half = wall.half_angle(radius)
-        angles = wall.angle + side * np.linspace(-half, half, max(2, math.ceil(2.0 * half / _ARC_STEP)))
-        ends.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+        ends.append(_arc(radius, wall.angle - side * half, wall.angle + side * half))
     return np.vstack(ends)
+
+
+def _arc(radius: float, first: float, last: float) -> Array:
+    """Points (N, 2) of an arc, _ARC_STEP apart."""
+    angles = np.linspace(first, last, max(2, math.ceil(abs(last - first) / _ARC_STEP)))
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def draw_maze(
@@ -95,23 +94,34 @@ def draw_maze(
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.set_axis_off()
     _draw_walls(ax, maze)
-    for opening in maze.openings:
-        if opening.closed:
-            _draw_closed(ax, maze, opening)
-    places = number_places(maze, None if path is None else path[np.isfinite(path).all(axis=1)])
+    taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
+    taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
     if ball:
-        _draw_ball(ax, maze, ball_place(maze, places[0]) if path is None else path[0])
-    if labels:
-        for ring, place in zip(maze.rings, places, strict=True):
-            text = "ring 1" if ring.number == 1 else f"{ring.number}"
-            _text(ax, place[0] * _MM, place[1] * _MM, text, size=_FONT, weight="bold")
-        _draw_tilt_axes(ax, rim, names)
-        _draw_scale(ax, maze, rim)
-    if labels and names:
+        start = _free_place(maze, 1, np.array(taken)) if path is None else path[0]
+        _draw_ball(ax, maze, start)
+        taken.append(start)
+    if not labels:
+        return ax
+    crowd = np.vstack([*taken, *([] if path is None else [path[np.isfinite(path).all(axis=1)]])])
+    for ring in maze.rings:
+        x, y = _free_place(maze, ring.number, crowd) * _MM
+        _text(ax, x, y, f"{ring.number}", size=_FONT, weight="bold")
+    _draw_tilt_axes(ax, rim, names)
+    _draw_scale(ax, maze, rim)
+    if names:
         _draw_degrees(ax, rim)
-    if labels and (names or path is None):
+    if names or path is None:
         _draw_opening_labels(ax, maze, names)
     return ax
+
+
+def _free_place(maze: Maze, ring: int, crowd: Array) -> Array:
+    """Place on the track of a ring (2,), in m, farthest from all points of the crowd (N, 2); in the disc, beside the
+    centre. Of places that are alike, as in symmetric mazes, the one to the upper left."""
+    radius = maze.track_radius(ring) or 0.55 * maze.ring(ring).outer_radius
+    places = [radius * _unit(angle) for angle in np.radians(np.arange(0.0, 360.0, 2.5))]
+    gaps = [round(float(np.linalg.norm(place - crowd, axis=1).min()), 6) for place in places]
+    return max(zip(gaps, places, strict=True), key=lambda found: (found[0], found[1] @ _unit(2.0)))[1]
 
 
 def draw_route(ax: Axes, maze: Maze, route: Route) -> None:
@@ -120,84 +130,58 @@ def draw_route(ax: Axes, maze: Maze, route: Route) -> None:
     from matplotlib.path import Path as Curve
 
     points = route_points(maze, route) * _MM
-    if len(points) < 2:
-        return
-    ax.add_patch(
-        FancyArrowPatch(
-            path=Curve(points),
-            arrowstyle="-|>,head_length=6,head_width=3.2",
-            color=COLOURS["planned"],
-            linewidth=1.8,
-            joinstyle="round",
-            capstyle="round",
-            shrinkA=0,
-            shrinkB=0,
-            zorder=5,
-        )
-    )
+    if len(points):
+        look = {"color": COLOURS["planned"], "linewidth": 1.8, "joinstyle": "round", "capstyle": "round", "zorder": 5}
+        head = "-|>,head_length=6,head_width=3.2"
+        ax.add_patch(FancyArrowPatch(path=Curve(points), arrowstyle=head, shrinkA=0, shrinkB=0, **look))
 
 
 def route_points(maze: Maze, route: Route) -> Array:
     """A route as a polyline (N, 2) in m: along the track of each ring, then radially to the next track."""
-    points: list[tuple[float, float]] = []
+    points = [np.empty((0, 2))]
     for leg in route.legs:
-        radius, end = maze.track_radius(leg.ring), leg.opening.angle
-        steps = max(2, math.ceil(abs(leg.turn_rad) / _ARC_STEP))
-        angles = np.linspace(end - leg.turn_rad, end, steps)
-        points += [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
-        radius = maze.track_radius(leg.opening.leads_to(leg.ring))
-        points.append((radius * math.cos(end), radius * math.sin(end)))
-    return np.array(points, dtype=float).reshape(-1, 2)
+        end, beyond = leg.opening.angle, maze.track_radius(leg.opening.leads_to(leg.ring))
+        points += [_arc(maze.track_radius(leg.ring), end - leg.turn_rad, end), beyond * _unit(end)[None]]
+    return np.vstack(points)
 
 
 def draw_trail(ax: Axes, trail: Array) -> None:
-    """Draw where the ball was: (N, 2) x, y in m, or (N, 3) with time in s, which colours the line and adds its scale.
+    """Draw where the ball was: (N, 3) x, y in m and time in s, which colours the line and adds its scale.
 
-    Rows that are not finite (ball not seen) break the line. Raises ValueError for another shape.
-    """
+    Rows that are not finite (ball not seen) break the line."""
     from matplotlib.collections import LineCollection
 
-    trail = np.asarray(trail, dtype=float)
-    if trail.ndim != 2 or trail.shape[1] not in (2, 3):
-        raise ValueError(f"trail: got shape {trail.shape}, expected (N, 2) or (N, 3)")
     points = trail[:, :2] * _MM
-    pieces = np.stack([points[:-1], points[1:]], axis=1)
-    whole = np.isfinite(trail[:-1]).all(axis=1) & np.isfinite(trail[1:]).all(axis=1)
+    seen = np.isfinite(trail.sum(axis=1))
+    whole = seen[:-1] & seen[1:]
     if not whole.any():
         return
-    lines = LineCollection(list(pieces[whole]), linewidths=1.6, capstyle="round", zorder=4)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)[whole]
+    lines = LineCollection(list(pieces), linewidths=1.6, capstyle="round", zorder=4, cmap=_TRAIL_MAP)
+    lines.set_array(0.5 * (trail[:-1, 2] + trail[1:, 2])[whole])
     ax.add_collection(lines)
-    end = points[np.isfinite(trail).all(axis=1)][-1]
-    if trail.shape[1] == 2:
-        lines.set_color(COLOURS["real"])
-    else:
-        lines.set_cmap(_TRAIL_MAP)
-        lines.set_array(0.5 * (trail[:-1, 2] + trail[1:, 2])[whole])
-        bar = ax.get_figure().colorbar(lines, ax=ax, shrink=0.5, pad=0.01, aspect=28)  # pyright: ignore
-        bar.set_label("time, s", fontsize=_FONT)
-        bar.ax.tick_params(labelsize=_FONT)
-        bar.outline.set_linewidth(0.5)  # pyright: ignore
-    ax.plot(*end, "o", color=_INK, markeredgecolor=_FLOOR, markersize=6.0, zorder=6)
+    bar = ax.get_figure().colorbar(lines, ax=ax, shrink=0.5, pad=0.01, aspect=28)  # pyright: ignore
+    bar.set_label("time, s", fontsize=_FONT)
+    bar.ax.tick_params(labelsize=_FONT)
+    bar.outline.set_linewidth(0.5)  # pyright: ignore
+    ax.plot(*points[seen][-1], "o", color=_INK, markeredgecolor=_FLOOR, markersize=6.0, zorder=6)
 
 
 def draw_second(ax: Axes, trail: Array) -> None:
     """Draw where the second ball was: (N, 2) x, y in m; rows that are not finite break the line."""
     look = {"color": COLOURS["second"], "dashes": (2.0, 1.0), "lw": 1.4, "zorder": 3.5}
     ax.plot(*(_MM * trail.T), label="second ball", **look)
-    known = np.isfinite(trail).all(axis=1)
-    if known.any():
-        ax.plot(
-            *(_MM * trail[known][-1]), "o", color=COLOURS["second"], markeredgecolor=_FLOOR, markersize=6.0, zorder=6
-        )
+    end = trail[np.isfinite(trail).all(axis=1)][-1:]
+    ax.plot(*(_MM * end.T), "o", color=COLOURS["second"], markeredgecolor=_FLOOR, markersize=6.0, zorder=6)
 
 
 def save_drawing(
     maze: Maze, path: str | Path, route: Route | None = None, trail: Array | None = None, *,
-    labels: bool = True, names: bool = False, title: str = "", second: Array | None = None,
+    names: bool = False, title: str = "", second: Array | None = None,
 ) -> None:  # fmt: skip
-    """Draw the maze, with a route and the ball's trail if given, to a .png, .svg or .pdf file.
+    """Draw the maze, with a route and the ball's trail (N, 3) if given, to a .png, .svg or .pdf file.
 
-    labels, names: as in `draw_maze`; title: above the drawing; second: trail of a second ball, (N, 2).
+    names: as in `draw_maze`; title: above the drawing; second: trail of a second ball, (N, 2).
 
     Raises InputError for another suffix or a place that cannot be written.
     """
@@ -206,24 +190,19 @@ def save_drawing(
         raise InputError(f"got the suffix {path.suffix!r}, expected one of {', '.join(SUFFIXES)}", file=path)
     over = [] if route is None else [route_points(maze, route)]
     if trail is not None:
-        trail = np.asarray(trail, dtype=float)
-        seen = trail[np.isfinite(trail).all(axis=1), :2]
-        over += [np.full((1, 2), math.nan)] * bool(over) + [seen]
-    drawn = np.vstack(over) if any(map(len, over)) else None
-    ax = draw_maze(maze, labels=labels, names=names, path=drawn)
+        over += [np.full((1, 2), math.nan)] * bool(over) + [trail[np.isfinite(trail).all(axis=1), :2]]
+    ax = draw_maze(maze, names=names, path=np.vstack(over) if any(map(len, over)) else None)
     figure: Any = ax.get_figure()
     if title:
         figure.suptitle(title, fontsize=_FONT + 1, color=_INK, parse_math=False)
     if trail is not None:
-        if trail.shape[1] == 3:
-            figure.set_size_inches(6.8, 6.0)  # room for the scale of time
+        figure.set_size_inches(6.8, 6.0)  # room for the scale of time
         draw_trail(ax, trail)
     if second is not None:
         draw_second(ax, second)
     if route is not None:
         draw_route(ax, maze, route)
-    if labels:
-        _draw_legend(ax, route is not None and bool(route.legs), trail is not None, second is not None)
+    _draw_legend(ax, route is not None and bool(route.legs), trail is not None, second is not None)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
@@ -232,21 +211,19 @@ def save_drawing(
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 
 
-def _draw_legend(ax: Axes, route: bool, trail: bool, second: bool = False) -> None:
-    """Draw the legend of the lines over the maze."""
+def _draw_legend(ax: Axes, route: bool, trail: bool, second: bool) -> None:
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
-    looks: list[tuple[str, dict[str, Any]]] = []
+    handles = []
     if route:
-        looks.append(("planned route", {"color": COLOURS["planned"], "lw": 1.8}))
+        handles.append(Line2D([], [], label="planned route", color=COLOURS["planned"], lw=1.8))
     if trail:
-        looks.append(("path of the ball", {"color": colormaps[_TRAIL_MAP](0.4), "lw": 1.6}))
-        looks.append(("its end", {"color": _INK, "marker": "o", "lw": 0}))
+        handles.append(Line2D([], [], label="path of the ball", color=colormaps[_TRAIL_MAP](0.4), lw=1.6))
+        handles.append(Line2D([], [], label="its end", color=_INK, marker="o", lw=0))
     if second:
-        looks.append(("second ball", {"color": COLOURS["second"], "lw": 1.4, "dashes": DASHES["second"]}))
-    if looks:
-        handles = [Line2D([], [], label=label, **look) for label, look in looks]
+        handles.append(Line2D([], [], label="second ball", color=COLOURS["second"], lw=1.4, dashes=DASHES["second"]))
+    if handles:
         ax.legend(handles=handles, loc="upper left", fontsize=_FONT, frameon=False, borderaxespad=0.0, handlelength=1.6)
 
 
@@ -266,28 +243,14 @@ def _draw_walls(ax: Axes, maze: Maze) -> None:
             ax.add_patch(Wedge((0.0, 0.0), wall.outer_radius * _MM, 0, 360, width=thickness, zorder=2, **style))
     for wall in maze.radial_walls:
         ax.add_patch(Polygon(radial_outline(maze, wall) * _MM, closed=True, joinstyle="miter", zorder=2, **style))
-
-
-def _draw_closed(ax: Axes, maze: Maze, opening: Opening) -> None:
-    """Draw a hatched bar across a closed opening."""
-    from matplotlib.patches import Polygon
-
-    inner = maze.ring(opening.inner).outer_radius * _MM
-    outer = maze.ring(opening.outer).inner_radius * _MM
-    half = 0.5 * opening.width * _MM
-    corners = np.array([[inner, -half], [outer, -half], [outer, half], [inner, half]])
-    turn = np.array([_unit(opening.angle), _unit(opening.angle + 0.5 * math.pi)])
-    ax.add_patch(
-        Polygon(
-            corners @ turn,
-            closed=True,
-            facecolor=MAZE["plug"],
-            edgecolor=MAZE["closed"],
-            hatch="////",
-            linewidth=0.8,
-            zorder=3,
-        )
-    )
+    look = {"facecolor": MAZE["plug"], "edgecolor": MAZE["closed"], "hatch": "////", "linewidth": 0.8, "zorder": 3}
+    for opening in maze.openings:
+        if opening.closed:
+            inner, outer = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
+            half = 0.5 * opening.width
+            corners = np.array([[inner, -half], [outer, -half], [outer, half], [inner, half]])
+            turn = np.array([_unit(opening.angle), _unit(opening.angle + 0.5 * math.pi)])
+            ax.add_patch(Polygon(corners @ turn * _MM, closed=True, **look))
 
 
 def _draw_opening_labels(ax: Axes, maze: Maze, names: bool) -> None:

@@ -10,6 +10,7 @@ bound a sector of the ring; inside a sector there is only one way between two pl
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from mazeplan.core.maths.angles import difference
@@ -202,3 +203,29 @@ class Maze:
             if all(abs(difference(w.angle, place)) > h - 1e-9 for w, h in zip(walls, halves, strict=True))
         )
         return next(free, theta)
+
+
+Region = tuple[int, int]  # ring, sector; a ring with at most one radial wall is one region
+
+
+def regions(maze: Maze) -> list[Region]:
+    """All regions, from ring 1 inwards."""
+    return [(ring.number, n) for ring in maze.rings for n in range(max(1, len(maze.radial_walls_of(ring.number))))]
+
+
+def leading_to(maze: Maze, goal: int, closed: Collection[str] = ()) -> set[Region]:
+    """The regions from which a way leads to the ring `goal`, through openings that are not in `closed`."""
+    beside: dict[Region, list[Region]] = {region: [] for region in regions(maze)}
+    for o in maze.openings:
+        if o.name not in closed:
+            a, b = ((ring, maze.sector(ring, o.angle)) for ring in (o.outer, o.inner))
+            beside[a].append(b)
+            beside[b].append(a)
+    found: set[Region] = set()
+    waiting = [region for region in beside if region[0] == goal]
+    while waiting:
+        region = waiting.pop()
+        if region not in found:
+            found.add(region)
+            waiting += beside[region]
+    return found

@@ -29,37 +29,13 @@ from mazeplan.core.constants import GRAVITY
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.memory import OpeningMemory
 
+ROLLING_FACTOR = 5.0 / 9.0  # share of gravity along the ring that accelerates the ball
+SERVO_LAG_S = 0.1  # lag of the plate
+PASSAGE_S = 0.25  # time through an opening
+DISC_S = 0.2  # time across the disc in the centre
+RETRY_S = 1.5  # time lost with every failed attempt
+PRIOR_SUCCESSES, PRIOR_FAILURES = 3.0, 0.3  # Beta prior of an untried opening; successes > 1, or E[1/p] is infinite
 _START, _GOAL = "start", "goal"
-
-
-@dataclass(frozen=True, slots=True)
-class RouteOptions:
-    """Parameters of the expected times. Raises ValueError for values out of range.
-
-    rolling_factor: share of gravity along the ring that accelerates the ball
-    servo_lag_s: lag of the plate
-    passage_s: time through an opening
-    disc_s: time across the disc in the centre
-    retry_s: time lost with every failed attempt
-    prior_successes (> 1), prior_failures: Beta prior of an untried opening
-    """
-
-    rolling_factor: float = 5.0 / 9.0
-    servo_lag_s: float = 0.1
-    passage_s: float = 0.25
-    disc_s: float = 0.2
-    retry_s: float = 1.5
-    prior_successes: float = 3.0
-    prior_failures: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not self.rolling_factor > 0.0:
-            raise ValueError(f"rolling_factor: got {self.rolling_factor}, expected > 0")
-        if not self.prior_successes > 1.0:  # else the expected number of attempts is infinite
-            raise ValueError(f"prior_successes: got {self.prior_successes}, expected > 1")
-        for name in ("servo_lag_s", "passage_s", "disc_s", "retry_s", "prior_failures"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name}: got {getattr(self, name)}, expected >= 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +66,8 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An opening by which the ball can leave its ring.
-
-    travel_s: expected time until the ball is in front of the opening
-    onward_s: expected time from there to the goal
-    """
+    """An opening by which the ball can leave its ring: expected time, s, until the ball is in front of it, and from
+    there to the goal."""
 
     opening: Opening
     travel_s: float
@@ -109,21 +82,15 @@ class Choice:
 class RouteGraph:
     """The maze as a graph, with the memory of its openings.
 
-    `graph` is a networkx MultiGraph: ring numbers, joined by one edge for each opening (key: its name, attribute
-    `opening`). Openings that are closed in the map start closed. The caller sets `now`, the rig time (s) of all
-    answers. memory: of the same run towards another goal.
+    Openings that are closed in the map start closed. The caller sets `now`, the rig time (s) of all answers.
+    memory: of the same run towards another goal.
     """
 
-    def __init__(self, maze: Maze, options: RouteOptions | None = None, memory: OpeningMemory | None = None) -> None:
+    def __init__(self, maze: Maze, memory: OpeningMemory | None = None) -> None:
         self.maze = maze
-        self.options = options or RouteOptions()
-        self.graph = nx.MultiGraph()
-        self.graph.add_nodes_from(ring.number for ring in maze.rings)
-        for opening in maze.openings:
-            self.graph.add_edge(opening.outer, opening.inner, key=opening.name, opening=opening)
         self._closed = {opening.name for opening in maze.openings if opening.closed}
         self.memory, self.now = OpeningMemory() if memory is None else memory, 0.0
-        self._acceleration = self.options.rolling_factor * GRAVITY * math.sin(maze.tilt_limit)
+        self._acceleration = ROLLING_FACTOR * GRAVITY * math.sin(maze.tilt_limit)
         self._states = self._line_graph()
 
     @property
@@ -150,24 +117,23 @@ class RouteGraph:
     def expected_attempts(self, name: str) -> float:
         """Expected number of attempts until the ball passes an opening, at least 1."""
         successes, failures = self.memory.tries(name, self.now)
-        a = self.options.prior_successes + successes
-        b = self.options.prior_failures + failures
+        a = PRIOR_SUCCESSES + successes
+        b = PRIOR_FAILURES + failures
         return (a + b - 1.0) / (a - 1.0)
 
     def travel_s(self, ring: int, turn_rad: float) -> float:
         """Expected time to turn by an angle in a ring and be at rest there; a constant in the disc."""
         radius = self.maze.track_radius(ring)
         if radius == 0.0:
-            return self.options.disc_s
+            return DISC_S
         length = radius * abs(turn_rad)
-        return 2.0 * math.sqrt(length / self._acceleration) + self.options.servo_lag_s if length > 0.0 else 0.0
+        return 2.0 * math.sqrt(length / self._acceleration) + SERVO_LAG_S if length > 0.0 else 0.0
 
     def passage_s(self, name: str) -> float:
         """Expected time, s, to pass an opening when the ball is in front of it. It includes the expected further
         attempts and the extra cost of the map."""
-        options = self.options
         retries = self.expected_attempts(name) - 1.0
-        return options.passage_s + retries * options.retry_s + self.maze.opening(name).extra_cost
+        return PASSAGE_S + retries * RETRY_S + self.maze.opening(name).extra_cost
 
     def cost(self, name: str, ring: int, theta: float) -> float:
         """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring; infinite if

@@ -1,8 +1,7 @@
 """Learns a map from positions of the ball: rings from `bands`, openings from `transitions`, the rest from a prior map.
 
-Logs never show ball, tilt limit, height of the walls, thickness of the rim, and radial walls: these come from the prior
-map. So does what one log does not show, such as the width of an opening whose sides the ball hardly touched. The
-learned map states the source of each width.
+Logs never show ball, tilt limit, height of the walls, thickness of the rim, width of openings, and radial walls: these
+come from the prior map.
 """
 
 from __future__ import annotations
@@ -18,7 +17,8 @@ from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.progress import Words, no_words
 from mazeplan.maze.bands import MODEL_ERROR, Bands, Edges, fit_bands
 from mazeplan.maze.geometry import Maze, Opening, Ring
-from mazeplan.maze.mapfile import MapCheck, check_text, default_name, dump_map
+from mazeplan.maze.mapfile import MapCheck, check_text, dump_map
+from mazeplan.maze.mapschema import default_name
 from mazeplan.maze.transitions import MIN_COUNT, BallTrack, LearnedOpening, find_openings, find_passages
 from mazeplan.maze.yamltree import shown
 
@@ -31,9 +31,8 @@ class LearnedRing:
     """A learned ring: clear floor between two radii.
 
     inner_radius, outer_radius: m; inner_radius is 0 for the disc
-    inner_stderr, outer_stderr: 1 sigma, m; None: the ball hardly touched this wall, see `note`
+    inner_stderr, outer_stderr: 1 sigma, m; None: the ball hardly touched this wall, so the radius is a guess
     inner_touches, outer_touches: number of samples in which the ball touched this wall
-    note: how a wall was placed that the ball hardly touched
     """
 
     number: int
@@ -43,7 +42,6 @@ class LearnedRing:
     outer_stderr: float | None
     inner_touches: int
     outer_touches: int
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -84,29 +82,27 @@ def learn_map(
     """
     radius = prior.ball.radius
     progress("rings")
-    bands, notes = _completed(fit_bands(track.x, track.y, radius), prior)
-    rings = tuple(_ring(i, bands, radius, notes) for i in range(len(bands.edges)))
+    bands = _completed(fit_bands(track.x, track.y, radius), prior)
+    rings = tuple(_ring(i, edges, bands.noise, radius) for i, edges in enumerate(bands.edges))
     progress("changes of ring")
     passages = find_passages(track, bands)
-    likely = [_likely_width(prior, wall, len(rings)) for wall in range(1, len(rings))]
+    widths = [_likely_width(prior, wall, len(rings)) for wall in range(1, len(rings))]
     progress("openings")
-    openings = find_openings(passages, track, bands, radius, likely, min_count=min_count)
-    openings = tuple(_with_width(opening, openings, likely[opening.outer - 1], prior_name) for opening in openings)
+    openings = find_openings(passages, bands, radius, widths, min_count=min_count)
     maze = Maze(
         "learned",
         prior.ball,
         tuple(Ring(ring.number, _rounded(ring.inner_radius), _rounded(ring.outer_radius)) for ring in rings),
-        tuple(_opening(o) for o in openings if not o.problem),
+        tuple(_opening(o, widths[o.outer - 1]) for o in openings if not o.problem),
         prior.tilt_limit,
         prior.wall_height,
         prior.rim_thickness,
     )
     maze, check, dropped = _with_radial_walls(maze, prior, prior_name)
     problems = _never_passed(maze, openings) or tuple(error.problem for error in check.errors)
-    warnings = (*_warnings(rings, prior), *dropped)
     return LearnedMap(
         None if problems else maze, rings, openings, bands.centre, bands.noise, len(track.t), len(passages.wall),
-        passages.skipped, prior_name, warnings, problems,
+        passages.skipped, prior_name, (*_warnings(rings, prior), *dropped), problems,
     )  # fmt: skip
 
 
@@ -138,7 +134,7 @@ def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
     return (
         f"# Learned from where the ball was{': ' * bool(files)}{files}\n"
         f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture. It is the origin here.\n"
-        f"# What no log shows (ball, tilt limit, wall height, rim, radial walls) is from {learned.prior}.\n"
+        f"# What no log shows (ball, tilt limit, walls' height, rim, openings' widths) is from {learned.prior}.\n"
         + dump_map(learned.maze)
     )
 
@@ -146,64 +142,41 @@ def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
 # Rings.
 
 
-def _completed(bands: Bands, prior: Maze) -> tuple[Bands, dict[int, list[str]]]:
-    """The bands, and notes on them by index. If the ball hardly touched an edge, the other side of its wall gives the
-    edge's place, provided that the ball touched that side."""
-    edges = list(bands.edges)
-    notes: dict[int, list[str]] = {}
-    reach = 2.0 * prior.ball.radius
+def _completed(bands: Bands, prior: Maze) -> Bands:
+    """The bands with a place for each edge that the ball hardly touched: by the other side of its wall, provided that
+    the ball touched that side, else as far as the ball was seen. A band with only one visible edge gets the width of
+    the other ones."""
+    edges, reach = list(bands.edges), 2.0 * prior.ball.radius
     touched = [(e.low_touches >= TOUCHES, e.high_touches >= TOUCHES) for e in edges]
     walls = [
         outer.low - inner.high - reach
-        for outer, inner, a, b in zip(edges, edges[1:], touched, touched[1:], strict=False)
+        for (outer, inner), (a, b) in zip(pairwise(edges), pairwise(touched), strict=True)
         if a[0] and b[1]
     ]
     thickness = float(np.median(walls or [w.outer_radius - w.inner_radius for w in prior.walls[1:]]))
-    from_where = "other walls" if walls else "the prior map"
     for i, (low, high) in enumerate(touched):
-        disc = edges[i].low == 0.0
-        if not low and not disc:
-            beyond = i + 1 < len(edges) and touched[i + 1][1]
-            place = min(edges[i + 1].high + reach + thickness, edges[i].high) if beyond else edges[i].low
-            edges[i] = replace(edges[i], low=place)
-            notes.setdefault(i, []).append(_untouched("inner", beyond, from_where))
-        if not high:
-            beyond = i > 0 and touched[i - 1][0]
-            place = max(edges[i - 1].low - reach - thickness, edges[i].low) if beyond else edges[i].high
-            edges[i] = replace(edges[i], high=place)
-            notes.setdefault(i, []).append(_untouched("outer", beyond, from_where))
-    _widen(edges, bands.noise, prior, notes)
-    return replace(bands, edges=tuple(edges)), notes
-
-
-def _untouched(which: str, beyond: bool, from_where: str) -> str:
-    how = f"from the wall's other side and the thickness of {from_where}" if beyond else "as far as the ball was seen"
-    return f"{which} wall hardly touched: {how}"
-
-
-def _widen(edges: list[Edges], noise: float, prior: Maze, notes: dict[int, list[str]]) -> None:
-    """Give bands with only one visible wall the width of the other rings."""
-    play = [e.high - e.low for e in edges if e.low > 0.0 and e.high - e.low > 2.0 * noise]
-    nominal = [r.outer_radius - r.inner_radius - 2.0 * prior.ball.radius for r in prior.rings if not r.is_disc]
-    usual = float(np.median(play or nominal))
+        if not low and edges[i].low > 0.0 and i + 1 < len(edges) and touched[i + 1][1]:
+            edges[i] = replace(edges[i], low=min(edges[i + 1].high + reach + thickness, edges[i].high))
+        if not high and i > 0 and touched[i - 1][0]:
+            edges[i] = replace(edges[i], high=max(edges[i - 1].low - reach - thickness, edges[i].low))
+    play = [e.high - e.low for e in edges if e.low > 0.0 and e.high - e.low > 2.0 * bands.noise]
+    nominal = [r.outer_radius - r.inner_radius - reach for r in prior.rings if not r.is_disc]
+    half = 0.5 * float(np.median(play or nominal))
     for i, e in enumerate(edges):
-        if e.low > 0.0 and e.high - e.low <= 2.0 * noise:
+        if e.low > 0.0 and e.high - e.low <= 2.0 * bands.noise:
             middle = 0.5 * (e.low + e.high)
-            edges[i] = replace(e, low=middle - 0.5 * usual, high=middle + 0.5 * usual, low_touches=0, high_touches=0)
-            notes[i] = ["only one wall shows: its width is that of other rings"]
+            edges[i] = Edges(middle - half, middle + half, 0.0, 0.0)
+    return replace(bands, edges=tuple(edges))
 
 
-def _ring(i: int, bands: Bands, ball_radius: float, notes: dict[int, list[str]]) -> LearnedRing:
-    edges = bands.edges[i]
-    disc = edges.low == 0.0
+def _ring(i: int, edges: Edges, noise: float, ball_radius: float) -> LearnedRing:
     low, high = (
-        math.hypot(bands.noise / math.sqrt(touches), MODEL_ERROR) if touches >= TOUCHES else None
+        math.hypot(noise / math.sqrt(touches), MODEL_ERROR) if touches >= TOUCHES else None
         for touches in (edges.low_touches, edges.high_touches)
     )
-    return LearnedRing(
-        i + 1, 0.0 if disc else edges.low - ball_radius, edges.high + ball_radius, 0.0 if disc else low, high,
-        round(edges.low_touches), round(edges.high_touches), "; ".join(notes.get(i, [])),
-    )  # fmt: skip
+    inner, low = (0.0, 0.0) if edges.low == 0.0 else (edges.low - ball_radius, low)
+    touches = round(edges.low_touches), round(edges.high_touches)
+    return LearnedRing(i + 1, inner, edges.high + ball_radius, low, high, *touches)
 
 
 # Openings.
@@ -215,22 +188,10 @@ def _likely_width(prior: Maze, wall: int, rings: int) -> float:
     return float(np.median(same or [o.width for o in prior.openings]))
 
 
-def _with_width(
-    opening: LearnedOpening, openings: Sequence[LearnedOpening], likely: float, prior: str
-) -> LearnedOpening:
-    """The opening with a width: its own, else the mean of others in the wall, else that of the prior map."""
-    if opening.width is not None:
-        return opening
-    measured = [o.width for o in openings if o.outer == opening.outer and o.width is not None and not o.problem]
-    if measured:
-        return replace(opening, width=sum(measured) / len(measured), width_from="other openings of the wall")
-    return replace(opening, width=likely, width_from=prior)
-
-
-def _opening(o: LearnedOpening) -> Opening:
+def _opening(o: LearnedOpening, width: float) -> Opening:
     angle = place_deg(o.angle, PLACES_DEG)
     label = default_name(o.outer, o.outer + 1, angle)
-    return Opening(label, o.outer, o.outer + 1, math.radians(angle), _rounded(o.width or 0.0))
+    return Opening(label, o.outer, o.outer + 1, math.radians(angle), _rounded(width))
 
 
 def _never_passed(maze: Maze, openings: Sequence[LearnedOpening]) -> tuple[str, ...]:
@@ -244,7 +205,12 @@ def _never_passed(maze: Maze, openings: Sequence[LearnedOpening]) -> tuple[str, 
 
 
 def _warnings(rings: Sequence[LearnedRing], prior: Maze) -> tuple[str, ...]:
-    found = [f"ring {ring.number}: {ring.note}" for ring in rings if ring.note]
+    found = [
+        f"ring {ring.number}: {side} wall hardly touched, its place is a guess"
+        for ring in rings
+        for side, error in (("inner", ring.inner_stderr), ("outer", ring.outer_stderr))
+        if error is None
+    ]
     usual = float(np.median([w.outer_radius - w.inner_radius for w in prior.walls[1:]]))
     for outer, inner in pairwise(rings):
         thickness = outer.inner_radius - inner.outer_radius

@@ -21,6 +21,16 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 RingNumber = Annotated[int, Field(ge=1, le=MAX_RINGS)]
 
 
+def default_name(outer: int, inner: int, angle_deg: float) -> str:
+    """Default name of an opening."""
+    return f"{outer}-{inner}@{angle_deg:.10g}"
+
+
+def default_wall_name(ring: int, angle_deg: float) -> str:
+    """Default name of a radial wall."""
+    return f"wall{ring}@{angle_deg:.10g}"
+
+
 class BallSection(Section):
     """The ball."""
 
@@ -45,6 +55,11 @@ class OpeningSection(Section):
     closed: bool = False
     extra_cost_s: float = Field(default=0.0, ge=0, le=3600)
 
+    @property
+    def label(self) -> str:
+        """Name in the file, or the default name: rings and angle, such as "1-2@45"."""
+        return self.name or default_name(min(self.rings), max(self.rings), self.angle_deg)
+
 
 class RadialWallSection(Section):
     """One wall across the channel of a ring."""
@@ -53,6 +68,11 @@ class RadialWallSection(Section):
     angle_deg: float = Field(ge=0, lt=360)
     thickness_mm: float = Field(ge=1, le=100)
     name: Name | None = None
+
+    @property
+    def label(self) -> str:
+        """Name in the file, or the default name: ring and angle, such as "wall2@100"."""
+        return self.name or default_wall_name(self.ring, self.angle_deg)
 
 
 class MapFile(Section):

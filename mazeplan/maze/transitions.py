@@ -18,19 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazeplan.core.errors import TableError
-from mazeplan.core.maths.angles import difference, place_deg
+from mazeplan.core.maths.angles import difference, place_deg, wrap
 from mazeplan.core.records import Array
-from mazeplan.maze.bands import Bands, Edges, fit_edges, sharpness
+from mazeplan.maze.bands import Bands
 
 Index = NDArray[np.intp]
 
 MAX_SPEED = 1.0  # m/s; a ball that rolls down half the outermost ring at 5 degrees of tilt reaches .6
 MAX_GAP = 4  # sample intervals; after a longer gap the place of a change is unknown
 MIN_COUNT = 2  # minimum number of passages of an opening
-LEAST_IN_THROAT = 40  # minimum number of samples inside an opening to find its sides ...
-LEAST_AT_SIDE = 5  # ... of which at least this many touched each side ...
-SHARP = 5.0  # ... and minimum log likelihood by which two sides explain them better than one normal distribution
-SIDE_ERROR = 2e-4  # m, of a side, besides its noise: few samples touch it; seen in simulated logs of known maps
 
 
 @dataclass(frozen=True)
@@ -67,19 +63,14 @@ class LearnedOpening:
     """A cluster of passages of the wall between ring `outer` and the next one.
 
     angle, angle_stderr: rad in [0, 2 pi), and 1 sigma
-    width, width_stderr: m, and 1 sigma; None: not measured
     count: number of passages
-    width_from: source of the width, in words
     problem: why the cluster does not count as an opening, or ""
     """
 
     outer: int
     angle: float
     angle_stderr: float
-    width: float | None
-    width_stderr: float | None
     count: int
-    width_from: str = "its sides"
     problem: str = ""
 
 
@@ -134,9 +125,8 @@ def _held(ring: Index, segment: Array) -> Index:
 
 
 def find_openings(
-    passages: Passages, track: BallTrack, bands: Bands, ball_radius: float, widths: Sequence[float], *,
-    min_count: int = MIN_COUNT,
-) -> tuple[LearnedOpening, ...]:  # fmt: skip
+    passages: Passages, bands: Bands, ball_radius: float, widths: Sequence[float], *, min_count: int = MIN_COUNT
+) -> tuple[LearnedOpening, ...]:
     """Openings, sorted by wall and angle; rejected ones have a `problem`.
 
     widths: likely width of an opening for each wall, m
@@ -147,33 +137,34 @@ def find_openings(
     if min_count < 1:
         raise TableError(f"min_count: got {min_count}, expected at least 1")
     found: list[LearnedOpening] = []
-    for wall in range(1, len(bands.edges)):
-        here = np.flatnonzero(passages.wall == wall)
-        if not len(here):
+    for wall, width in enumerate(widths, start=1):
+        angles = passages.angle[passages.wall == wall]
+        if not len(angles):
             continue
         radius = middle_radius(bands, wall)
-        label = cluster(passages.angle[here], radius, ball_radius)
-        groups = [here[label == number] for number in np.unique(label)]
-        spread = _spread(passages.angle, groups, radius, widths[wall - 1] / 2.0 - ball_radius, bands.noise)
-        openings = [_opening(passages, rows, track, bands, wall, ball_radius, spread) for rows in groups]
-        openings = _judged(openings, radius, widths[wall - 1], min_count)
-        found += sorted(openings, key=lambda opening: opening.angle)
+        label = cluster(angles, radius, ball_radius)
+        groups = [angles[label == number] for number in np.unique(label)]
+        spread = _spread(groups, radius, width / 2.0 - ball_radius, bands.noise)
+        openings = [
+            LearnedOpening(wall, circular_mean(group), spread / math.sqrt(len(group)) / radius, len(group))
+            for group in groups
+        ]
+        found += sorted(_judged(openings, width / radius, min_count), key=lambda opening: opening.angle)
     return tuple(found)
 
 
-def _judged(openings: list[LearnedOpening], radius: float, width: float, min_count: int) -> list[LearnedOpening]:
-    """The openings of one wall with their problems: too few passages, or overlap with an opening that has more."""
-    accepted: list[LearnedOpening] = []
+def _judged(openings: list[LearnedOpening], width: float, min_count: int) -> list[LearnedOpening]:
+    """The openings of one wall with their problems: too few passages, or overlap with an opening that has more.
+
+    width: angle that an opening takes, rad"""
     judged: list[LearnedOpening] = []
     for opening in sorted(openings, key=lambda opening: -opening.count):
-        near = [o for o in accepted if radius * abs(difference(o.angle, opening.angle)) < max(width, o.width or 0.0)]
+        near = [o for o in judged if not o.problem and abs(difference(o.angle, opening.angle)) < width]
         problem = ""
         if opening.count < min_count:
             problem = f"{opening.count} passage{'s' * (opening.count != 1)}, fewer than {min_count}"
         elif near:
             problem = f"overlaps the opening at {place_deg(near[0].angle, 1):.1f} deg"
-        else:
-            accepted.append(opening)
         judged.append(replace(opening, problem=problem))
     return judged
 
@@ -187,7 +178,7 @@ def cluster(angle: Array, radius: float, ball_radius: float) -> Index:
     """
     from sklearn.cluster import DBSCAN
 
-    apart = np.abs((angle[:, None] - angle[None, :] + math.pi) % (2.0 * math.pi) - math.pi)
+    apart = np.abs(difference(angle[:, None], angle[None, :]))
     return DBSCAN(eps=ball_radius, min_samples=1, metric="precomputed").fit(radius * apart).labels_
 
 
@@ -196,48 +187,10 @@ def circular_mean(angle: Array) -> float:
     return math.atan2(np.sin(angle).sum(), np.cos(angle).sum()) % (2.0 * math.pi)
 
 
-def _turns(angle: Array, reference: float) -> Array:
-    """Shortest signed turns from `reference`, rad."""
-    return (angle - reference + math.pi) % (2.0 * math.pi) - math.pi
-
-
-def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise: float) -> float:
-    """1 sigma of the place of one passage along the wall, m, from all openings of the wall, with a prior from play and
-    noise."""
-    free = sum(len(rows) - 1 for rows in groups)
+def _spread(groups: list[Array], radius: float, play: float, noise: float) -> float:
+    """1 sigma of the place of one passage along the wall, m, from the angles of the passages of all openings of the
+    wall, with a prior from play and noise."""
+    free = sum(len(angles) - 1 for angles in groups)
     expected = play**2 / 3.0 + noise**2
-    squares = sum(float(np.sum((radius * _turns(angle[rows], circular_mean(angle[rows]))) ** 2)) for rows in groups)
+    squares = sum(float(np.sum((radius * wrap(angles - circular_mean(angles))) ** 2)) for angles in groups)
     return math.sqrt((squares + 3.0 * expected) / (free + 3.0))  # the expectation counts as three passages
-
-
-def _opening(
-    passages: Passages, rows: Index, track: BallTrack, bands: Bands, outer: int, ball_radius: float, spread: float
-) -> LearnedOpening:
-    """The opening of one cluster of passages. rows: indices of its passages; spread: 1 sigma of one passage, m."""
-    angle, radius = circular_mean(passages.angle[rows]), middle_radius(bands, outer)
-    stderr, width, width_stderr = spread / math.sqrt(len(rows)), None, None
-    if sides := _sides(track, bands, outer, angle, ball_radius):
-        # the middle between both sides does not depend on which side the ball touched more often
-        errors = [bands.noise**2 / touches + SIDE_ERROR**2 for touches in (sides.low_touches, sides.high_touches)]
-        angle = (angle + 0.5 * (sides.low + sides.high) / radius) % (2.0 * math.pi)
-        stderr, width_stderr = 0.5 * math.sqrt(sum(errors)), math.sqrt(sum(errors))
-        width = sides.high - sides.low + 2.0 * ball_radius
-    return LearnedOpening(outer, angle, stderr / radius, width, width_stderr, len(rows))
-
-
-def _sides(track: BallTrack, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:
-    """Places of the ball's centre when the ball touches the two sides of an opening, m along the wall from `angle`.
-
-    None if there are too few samples, or the sides do not show clearly. The parallel sides bound the centre as the
-    walls of a ring do."""
-    x, y = track.x - bands.centre[0], track.y - bands.centre[1]
-    along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
-    inner, outer_face = bands.edges[outer].high + ball_radius, bands.edges[outer - 1].low - ball_radius
-    throat = across[(along > inner) & (along < outer_face) & (np.abs(across) < ball_radius)]
-    if len(throat) < LEAST_IN_THROAT:
-        return None
-    low, high = np.quantile(throat, [0.1, 0.9])
-    sides = fit_edges(throat, float(low), float(high), bands.noise)
-    enough = min(sides.low_touches, sides.high_touches) >= LEAST_AT_SIDE
-    enough = enough and sides.high - sides.low > 2.0 * bands.noise
-    return sides if enough and sharpness(throat, sides, bands.noise) > SHARP else None

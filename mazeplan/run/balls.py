@@ -14,7 +14,7 @@ from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import Command, Observation, State
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import crowded
+from mazeplan.maze.maprules import crowded
 from mazeplan.maze.mapschema import MAX_BALLS
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.run.specification import Job, Setup

@@ -30,9 +30,8 @@ from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.progress import Display
 from mazeplan.core.records import Array, Command, FailureKind, Observation, State
-from mazeplan.maze.geometry import Maze
+from mazeplan.maze.geometry import Maze, leading_to
 from mazeplan.maze.mapfile import dump_map
-from mazeplan.maze.regions import leading_to
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.run.excitation import BAND_HZ, multisine
 from mazeplan.run.loop import Run

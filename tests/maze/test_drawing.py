@@ -80,7 +80,7 @@ def test_files_in_three_formats(tmp_path, suffix):
 
 def test_labels_name_rings_angles_axes_and_scale():
     texts = [text.get_text() for text in draw_maze(CME).texts]
-    assert {"ring 1", "2", "5", "20 mm", "$x$", "$y$", "315°", "0°"} <= set(texts)
+    assert {"1", "2", "5", "20 mm", "$x$", "$y$", "315°", "0°"} <= set(texts)
     assert texts.count("180°") == 2
     assert any("beta > 0$ lowers" in text for text in texts)
     assert any("gamma > 0$ lifts" in text for text in texts)
@@ -103,14 +103,14 @@ def test_closed_openings_are_hatched():
 
 
 def test_trail_breaks_where_the_ball_was_not_seen():
-    trail = np.column_stack([np.linspace(0, 0.05, 6), np.zeros(6)])
+    trail = np.column_stack([np.linspace(0, 0.05, 6), np.zeros(6), np.arange(6)])
     trail[3] = np.nan
     ax = draw_maze(CME)
     draw_trail(ax, trail)
     assert len(ax.collections[-1].get_paths()) == 3  # 0-1, 1-2, 4-5
     before = len(ax.collections)
     draw_trail(ax, np.full((4, 3), np.nan))
-    draw_trail(ax, np.zeros((1, 2)))
+    draw_trail(ax, np.zeros((1, 3)))
     assert len(ax.collections) == before
 
 

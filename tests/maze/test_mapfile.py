@@ -8,7 +8,8 @@ import pytest
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
 from mazeplan.maze.geometry import Ring
-from mazeplan.maze.mapfile import MapCheck, check_map, check_text, default_name, dump_map, load_map, packaged_maps
+from mazeplan.maze.mapfile import MapCheck, check_map, check_text, dump_map, load_map, packaged_maps
+from mazeplan.maze.mapschema import default_name
 
 CME = resources.find("maps", "cme", ".yaml").read_text()
 

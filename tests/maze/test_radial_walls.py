@@ -13,10 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mazeplan.core.maths.angles import difference
-from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
+from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring, leading_to, regions
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import check_text, dump_map, load_map
-from mazeplan.maze.regions import leading_to, regions
 
 CME, DETOUR = load_map("cme"), load_map("detour")
 R_STEP, TURNS = 1.5e-3, 720  # m, and cells of a turn, of the flood fill

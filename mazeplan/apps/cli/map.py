@@ -252,10 +252,10 @@ def _learned_lines(learned: LearnedMap) -> list[str]:
             for radius, sigma in ((ring.inner_radius, ring.inner_stderr), (ring.outer_radius, ring.outer_stderr))
         )
         lines.append(f"{ring.number:4d}  {inner:16s} {outer:16s} {ring.inner_touches}, {ring.outer_touches}")
-    lines.append("rings  angle deg       width mm  width from                  passages")
+    lines.append("rings  angle deg       passages")
     lines += [
         f"{o.outer}-{o.outer + 1}    {place_deg(o.angle, 2):6.2f} ± {math.degrees(o.angle_stderr):4.2f}  "
-        f"{1e3 * (o.width or 0.0):8.2f}  {o.width_from:26s}  {o.count:8d}{f'  left out: {o.problem}' * bool(o.problem)}"
+        f"{o.count:8d}{f'  left out: {o.problem}' * bool(o.problem)}"
         for o in learned.openings
     ]
     x, y = (1e3 * value for value in learned.centre)

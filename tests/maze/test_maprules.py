@@ -32,7 +32,7 @@ def test_a_wall_has_a_name_of_its_own_or_one_by_ring_and_angle():
         ([wall(ring=0)], 0, "radial_walls[0].ring: got 0"),
         (["ring: 1, angle_deg: 90"], 0, "radial_walls[0].thickness_mm: is missing"),
         ([wall(more=", colour: red")], 0, "unknown key, expected one of ring, angle_deg, thickness_mm, name"),
-        ([wall(), wall(ring=5)], 1, "radial_walls[1].ring: got the disc"),
+        ([wall(), wall(ring=5)], 1, "radial_walls[1].ring: got ring 5"),
         ([wall(ring=7)], 0, "radial_walls[0].ring: got ring 7"),
         ([wall(ring=4, angle=90, thickness=50)], 0, "got 50"),
         (
@@ -42,7 +42,7 @@ def test_a_wall_has_a_name_of_its_own_or_one_by_ring_and_angle():
         ),
         ([wall(2, 352)], 0, "stands in front of openings[4]: got 8 deg"),
         ([wall(2, 127)], 0, "stands in front of openings[1]: got 8 deg"),  # of the wall outside the ring
-        ([wall(), wall(1, 93)], 1, "overlaps radial_walls[0] in the same ring: got 3 deg"),
+        ([wall(), wall(1, 93)], 1, "overlaps radial_walls[0]: got 3 deg"),
         ([wall(1, 0), wall(1, 359)], 1, "overlaps radial_walls[0]"),
         ([wall(), wall(2, 20, more=", name: wall1@90")], 1, "got the name 'wall1@90', which radial_walls[0] has"),
     ],
