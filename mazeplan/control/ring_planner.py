@@ -19,7 +19,7 @@ from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.records import Array, Plan
-from mazeplan.learning import gp_dynamics as learned_dynamics
+from mazeplan.learning import fast_gp
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
@@ -60,8 +60,8 @@ class RingPlanner:
         if process is None:
             self._planner = planner(effects, options)
         else:
-            packed = learned_dynamics.pack(parameters, process)
-            self._planner = planner(Dynamics(learned_dynamics.linearise, packed, 6), options)
+            packed = fast_gp.pack_with_process(parameters, process)
+            self._planner = planner(Dynamics(fast_gp.linearise, packed, 6), options)
             if parameters.physics:  # else there are no effects for a coarse plan
                 rough = replace(effects, parameters=parameters.pack(COARSE_SUBSTEPS))
                 self._coarse = planner(rough, replace(options, tolerance=max(COARSE, options.tolerance)))

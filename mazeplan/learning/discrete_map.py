@@ -48,7 +48,7 @@ def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> D
     training = TrainingOptions(starts=1, seed=options.seed)
 
     def process(target: Array) -> GaussianProcess:
-        return GaussianProcess.condition(train(x, none, target, training).hyper, x, none, target)
+        return GaussianProcess.condition(train(x, none, target, training), x, none, target)
 
     return DiscreteMap(process(np.sin(theta)), process(np.cos(theta)), process(samples.k.theta_dot[rows + 1]))
 

@@ -1,4 +1,5 @@
-"""The mean of a Gaussian process and its derivatives, compiled for control; exact up to TOLERANCE.
+"""The mean of a Gaussian process and its derivatives, compiled for control; exact up to TOLERANCE. And the dynamics of
+a ring with it.
 
 Rows are sorted by angle into BINS bins. For each bin of a query, a table lists the ranges of rows that matter. The part
 of the kernel in sin and cos of theta decides: all other rows together change the mean by less than TOLERANCE. This is
@@ -27,6 +28,8 @@ from mazeplan.core.maths.compiled import CALLEE, KERNEL
 from mazeplan.core.maths.exponential import exp2_below
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.physics.dynamics import ring_dynamics
+from mazeplan.physics.dynamics.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, PROCESS, RingParameters
 
 TOLERANCE = 2e-7  # rad/s^2: bound on the error of culling, of the mean and of scaled derivatives
 BINS = 180  # of 2 degrees
@@ -219,14 +222,21 @@ def mean_and_gradient(p, at, s, by_state):
     return a2 * total
 
 
+def pack_with_process(parameters: RingParameters, part: GaussianProcess) -> Array:
+    """The vector of parameters of `linearise`: those of `RingParameters.pack`, then the Gaussian process."""
+    return np.concatenate([parameters.pack(), pack(part)])
+
+
 @njit(**KERNEL)
-def _many(p, states, out, by_state):
-    for i in range(len(states)):
-        out[i] = mean_and_gradient(p, np.int64(0), states[i], by_state[i])
+def linearise(s, u, p, out, A, B):
+    """The state one dt later, into out (6,), and its derivatives by s and u, into A (6, 6) and B (6, 2).
 
-
-def evaluate(packed: Array, states: Array) -> tuple[Array, Array]:
-    """Mean (N,) and its derivatives (N, 6) at states (N, 6): theta, theta_dot, beta, beta_dot, gamma, gamma_dot."""
-    out, by_state = np.empty(len(states)), np.empty((len(states), 6))
-    _many(packed, np.ascontiguousarray(states, dtype=float), out, by_state)
-    return out, by_state
+    The dynamics are those of `ring_dynamics` and the Gaussian process, which is evaluated once a step, at its
+    beginning, and held over the step like the command. Numba caches this function by the date of this file alone:
+    touch this file if you change `ring_dynamics`."""
+    by_state = np.empty(6)
+    p[EXTRA] = mean_and_gradient(p, np.int64(p[PROCESS]), s, by_state)
+    ring_dynamics.linearise(s, u, p, out, A, B)
+    for j in range(6):
+        A[0, j] += p[BY_ANGLE] * by_state[j]
+        A[1, j] += p[BY_RATE] * by_state[j]

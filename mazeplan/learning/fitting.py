@@ -1,5 +1,15 @@
 """Fit any kind of ball model to the samples of a ring; on request with heavy-tailed noise.
 
+| kind | model of theta_dd |
+|---|---|
+| p | the ball's equation, of a point that slides |
+| pi | the terms of the equation, each with a fitted weight: Bayesian linear regression |
+| np | Gaussian process on the inputs of the kernel |
+| sp | Gaussian process with an additional linear kernel on features |
+| rf | random forest on the nine inputs (scikit-learn) |
+
+np and sp learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity.
+
 Heavy tails: Student's t noise in place of normal noise.
 
     y_i = f(x_i) + e_i,  e_i = s t_i,  t with nu degrees of freedom: normal of variance s^2 / lambda_i, lambda_i random
@@ -24,17 +34,11 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.learning.ball_models import (
-    AccelerationModel,
-    ForestBall,
-    GaussianBall,
-    LinearBall,
-    PhysicsBall,
-)
-from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs
+from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs, paper_features
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
-from mazeplan.learning.gp_training import Training, TrainingOptions, train
-from mazeplan.learning.linear import fit_linear
+from mazeplan.learning.gp_training import TrainingOptions, train
+from mazeplan.learning.linear import LinearFit, fit_linear
+from mazeplan.learning.rollout import Accelerate
 from mazeplan.learning.samples import RingSamples
 from mazeplan.learning.split import uniform_downsample
 from mazeplan.physics.ball_model import BallModel
@@ -69,87 +73,90 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted model.
+    """A fitted model: its expectation of theta_dd, and what is typical: the expectation with heavy tails, if fitted."""
 
-    training:  of its hyperparameters, for a Gaussian process
-    robust:    the model with heavy tails, if fitted"""
-
-    model: AccelerationModel
-    training: Training | None = None
-    robust: AccelerationModel | None = None
-
-    @property
-    def typical(self) -> AccelerationModel:
-        """The model for absolute errors: the robust one if it was fitted."""
-        return self.model if self.robust is None else self.robust
+    mean: Accelerate
+    typical: Accelerate
 
 
 def fit_kind(
-    kind: str,
-    samples: RingSamples,
-    rows: IntArray,
-    options: FitOptions | None = None,
-    *,
-    progress: Words = no_words,
-    advance: Advance = no_advance,
-) -> Fitted:
+    kind: str, samples: RingSamples, rows: IntArray, options: FitOptions | None = None, *,
+    progress: Words = no_words, advance: Advance = no_advance,
+) -> Fitted:  # fmt: skip
     """Fit a kind of model to the training rows (indices into the samples). Raises InputError for an unknown kind."""
     options = options or FitOptions()
     k, target = samples.at(rows), samples.theta_ddot[rows]
     if kind == "p":
-        return Fitted(PhysicsBall(BallModel((rolling_inertia(1.0),))))
-    if kind == "pi":
-        return Fitted(LinearBall(fit_linear(FEATURES["paper"](k), target)))
-    if kind == "rf":
-        return Fitted(ForestBall(fit_forest(inputs(k), target, options.seed)))
-    if kind in ("np", "sp"):
-        features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
-        rest = target - kinematic_terms(k)
-        process, training = fit_process(k, rest, features, options, progress, advance=advance)
-        model, robust = GaussianBall(process, features, options.inputs), None
-        if options.heavy_tails:
-            robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
-        return Fitted(model, training, robust)
-    raise InputError(f"got kind {kind!r}, expected {one_of(KINDS, kind)}")
+        mean = BallModel((rolling_inertia(1.0),)).acceleration
+    elif kind == "pi":
+        mean = _linear(fit_linear(paper_features(k), target))
+    elif kind == "rf":
+        mean = _forest(inputs(k), target, options.seed)
+    elif kind in ("np", "sp"):
+        return _fit_gaussian(kind, k, target, options, progress, advance)
+    else:
+        raise InputError(f"got kind {kind!r}, expected {one_of(KINDS, kind)}")
+    return Fitted(mean, mean)
 
 
-def fit_forest(x: Array, target: Array, seed: int) -> object:
-    """scikit-learn's random forest."""
+def _linear(fit: LinearFit) -> Accelerate:
+    return lambda k: fit.mean(paper_features(k))
+
+
+def _forest(x: Array, target: Array, seed: int) -> Accelerate:
     from sklearn.ensemble import RandomForestRegressor
 
     forest = RandomForestRegressor(TREES, min_samples_leaf=LEAF, max_features=0.5, random_state=seed, n_jobs=1)
-    return forest.fit(x, target)
+    forest.fit(x, target)
+    return lambda k: np.asarray(forest.predict(inputs(k)), dtype=float)
+
+
+def _fit_gaussian(
+    kind: str, k: RingKinematics, target: Array, options: FitOptions, progress: Words, advance: Advance
+) -> Fitted:
+    features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
+    rest = target - kinematic_terms(k)
+
+    def predicted_by(process: GaussianProcess) -> Accelerate:
+        def mean(k: RingKinematics) -> Array:
+            phi = FEATURES[features](k) if features else None
+            return kinematic_terms(k) + process.mean(INPUT_SETS[options.inputs](k), phi)
+
+        return mean
+
+    process = fit_process(k, rest, features, options, progress, advance)
+    mean = predicted_by(process)
+    if not options.heavy_tails:
+        return Fitted(mean, mean)
+    return Fitted(mean, predicted_by(typical(process, rest[uniform_downsample(len(rest), options.most)])))
 
 
 def fit_process(
-    k: RingKinematics,
-    target: Array,
-    features: str,
-    options: FitOptions,
-    progress: Words = no_words,
-    *,
+    k: RingKinematics, target: Array, features: str, options: FitOptions, progress: Words = no_words,
     advance: Advance = no_advance,
-) -> tuple[GaussianProcess, Training]:
-    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k."""
+) -> GaussianProcess:  # fmt: skip
+    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k.
+
+    features: a name in FEATURES; "" for none"""
     picked = uniform_downsample(len(target), options.most)
     x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
     phi, y = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0)), target[picked]
     chosen = replace(options.training, seed=options.seed, terms=terms)
-    training = train(x, phi, y, chosen, progress=progress, advance=advance)
+    hyper = train(x, phi, y, chosen, progress=progress, advance=advance)
     progress(f"conditioning on {len(picked)} rows")
-    return GaussianProcess.condition(inflate_noise(training, x, phi, y), x, phi, y), training
+    return GaussianProcess.condition(inflate_noise(hyper, x, phi, y), x, phi, y)
 
 
-def inflate_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
+def inflate_noise(hyper: Hyperparameters, x: Array, phi: Array, target: Array) -> Hyperparameters:
     """The hyperparameters with a larger noise, because neighbouring residuals are correlated.
 
     Smoothing spreads noise and impacts over neighbouring rows. If rows counted as independent, each disturbance would
     count several times. The residuals are those of a Gaussian process on at most FEW of the rows."""
     own = uniform_downsample(len(target), min(FEW, len(target) // 3))
-    process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
+    process = GaussianProcess.condition(hyper, x[own], phi[own], target[own])
     left = target - process.mean(x, phi)
     left[own] = np.nan
-    return replace(training.hyper, noise=training.hyper.noise * math.sqrt(correlation_time(left)))
+    return replace(hyper, noise=hyper.noise * math.sqrt(correlation_time(left)))
 
 
 def correlation_time(left: Array) -> float:

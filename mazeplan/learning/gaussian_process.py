@@ -80,7 +80,7 @@ class KernelTerm:
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """Hyperparameters of a Gaussian process. Raises ModelError for numbers that are not positive and finite.
+    """Hyperparameters of a Gaussian process. Raises ModelError for other numbers than finite ones > 0.
 
     terms:              terms of the kernel
     noise:              s, in units of y
@@ -93,14 +93,9 @@ class Hyperparameters:
     family: str = "rbf"
 
     def __post_init__(self) -> None:
-        scales = [("lengthscales", np.concatenate([term.lengthscales for term in self.terms]))]
-        scales += [("amplitude", np.array([term.amplitude for term in self.terms])), ("noise", np.array([self.noise]))]
-        for name, values in (*scales, ("weight_sigma", np.asarray(self.weight_sigma))):
-            least = 0.0 if name == "weight_sigma" else np.nextafter(0.0, 1.0)
-            if not (np.isfinite(values).all() and (values >= least).all()):
-                raise ModelError("got a number that is not finite and positive", key=name)
-        if self.family not in FAMILIES:
-            raise ModelError(f"got {self.family!r}, expected one of {', '.join(FAMILIES)}", key="family")
+        positive = [self.noise, *(value for term in self.terms for value in (term.amplitude, *term.lengthscales))]
+        if not (np.isfinite(positive).all() and min(positive) > 0.0 and self.family in FAMILIES):
+            raise ModelError(f"expected finite numbers > 0, and the family {' or '.join(FAMILIES)}", key="kernel")
 
     @property
     def only(self) -> KernelTerm:
@@ -144,11 +139,6 @@ class GaussianProcess:
         return len(self.alpha)
 
     @classmethod
-    def without_features(cls, hyper: Hyperparameters, inputs: Array, alpha: Array) -> GaussianProcess:
-        """A Gaussian process without features."""
-        return cls(hyper, inputs, np.zeros((len(alpha), 0)), alpha, np.zeros(0), np.zeros((0, 0)))
-
-    @classmethod
     def condition(
         cls, hyper: Hyperparameters, inputs: Array, features: Array, y: Array, noise: Array | None = None
     ) -> GaussianProcess:
@@ -159,8 +149,6 @@ class GaussianProcess:
         from scipy.linalg import cho_solve, cholesky  # slow to import; no run needs it
 
         n, S = len(y), hyper.weight_sigma**2
-        if not (len(inputs) == len(features) == n and features.shape[1] == len(S)):
-            raise ModelError(f"got {len(inputs)} inputs, {len(features)} x {features.shape[1]} features for {n} values")
         C = (features * S) @ features.T  # only its lower triangle counts
         _add_terms(inputs, inputs, hyper, True, C)
         deviation, most = hyper.noise if noise is None else noise, max(term.amplitude for term in hyper.terms)
@@ -178,10 +166,6 @@ class GaussianProcess:
 
     def mean(self, inputs: Array, features: Array | None = None) -> Array:
         """E[f] (N,) at inputs (N, D); E[g] if no features are given."""
-        out = np.concatenate([kernel(part, self.inputs, self.hyper) @ self.alpha for part in _parts(inputs)])
+        parts = [inputs[i : i + BATCH] for i in range(0, len(inputs), BATCH)] or [inputs]
+        out = np.concatenate([kernel(part, self.inputs, self.hyper) @ self.alpha for part in parts])
         return out if features is None else out + features @ self.weights
-
-
-def _parts(rows: Array) -> list[Array]:
-    """Batches of rows; one empty batch for no rows."""
-    return [rows[i : i + BATCH] for i in range(0, len(rows), BATCH)] or [rows]

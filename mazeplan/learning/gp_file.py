@@ -21,16 +21,14 @@ from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters,
 
 MOST_ROWS = 20_000
 MOST_BYTES = 64 << 20
-MOST_NAME = 100  # maximum bytes of the name of a kernel
-NAMES = ("inputs", "alpha", "columns", "lengthscales", "amplitude", "noise", "family")
+MOST_NAME = 20  # maximum length of the name of a kernel
 
 
 def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
     """Write ringN.npz into the folder. Returns its entry for model.yaml.
 
     Inputs are stored in single precision, see `rounded`."""
-    h, only, path = process.hyper, process.hyper.only, folder / f"ring{ring}.npz"
-    stream = io.BytesIO()
+    h, only, stream = process.hyper, process.hyper.only, io.BytesIO()
     np.savez_compressed(
         stream,
         inputs=process.inputs.astype(np.float32),
@@ -41,7 +39,7 @@ def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str
         noise=np.array(h.noise),
         family=np.array(h.family),
     )
-    return write_content(path, stream.getvalue())
+    return write_content(folder / f"ring{ring}.npz", stream.getvalue())
 
 
 def write_content(path: Path, content: bytes) -> dict[str, Any]:
@@ -54,11 +52,6 @@ def write_content(path: Path, content: bytes) -> dict[str, Any]:
 def rounded(inputs: np.ndarray) -> np.ndarray:
     """Inputs rounded to single precision. Condition on rounded inputs, so that the file loses nothing."""
     return inputs.astype(np.float32).astype(np.float64)
-
-
-def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
-    """The Gaussian process of an entry of model.yaml. Raises ValueError."""
-    return _process(content_of(folder, entry), str(entry["file"]))
 
 
 def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
@@ -90,30 +83,21 @@ def arrays_of(content: bytes, most: int) -> dict[str, np.ndarray]:
         raise ValueError(" ".join(str(problem).split())) from None
 
 
-def _process(content: bytes, name: str) -> GaussianProcess:
+def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
+    """The Gaussian process of an entry of model.yaml. Raises ValueError."""
+    content = content_of(folder, entry)
     try:
         held = arrays_of(content, MOST_BYTES)
-        missing = [key for key in NAMES if key not in held]
-        if missing:
-            raise ValueError(f"it lacks {', '.join(missing)}")
-    except ValueError as problem:
-        raise ValueError(f"{name} is no such file of arrays: {problem}") from None
-    inputs, alpha = held["inputs"], held["alpha"]
-    rows = len(alpha) if alpha.ndim == 1 else 0
-    good = inputs.shape == (rows, len(INPUTS)) and 0 < rows <= MOST_ROWS
-    good &= inputs.dtype == np.float32 and alpha.dtype == np.float64
-    if not good or not (np.isfinite(inputs).all() and np.isfinite(alpha).all()):
-        raise ValueError(f"{name}: got inputs {inputs.shape}, alpha {alpha.shape}, expected (N, 9) and (N,), finite")
-    columns = tuple(held["columns"].tolist()) if held["columns"].dtype == np.int64 else ()
-    if not columns or columns != tuple(sorted(set(columns) & set(range(len(INPUTS))))):
-        raise ValueError(f"{name}: got columns {columns}, expected some of 0 to {len(INPUTS) - 1}, growing")
-    shapes = {"lengthscales": (len(columns),), "amplitude": (), "noise": ()}
-    numbers = all(held[key].shape == shape and held[key].dtype == np.float64 for key, shape in shapes.items())
-    if not numbers or held["family"].dtype.kind != "U" or held["family"].nbytes > MOST_NAME:
-        raise ValueError(f"{name}: the hyperparameters are not those of a process")
-    try:
-        term = KernelTerm(columns, held["lengthscales"], float(held["amplitude"]))
-        hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"]))
-    except ModelError as problem:
-        raise ValueError(f"{name}: {problem}") from None
-    return GaussianProcess.without_features(hyper, inputs.astype(np.float64), alpha)
+        inputs, alpha = held["inputs"], held["alpha"]
+        columns, lengthscales = tuple(held["columns"].tolist()), held["lengthscales"]
+        whole = alpha.shape == inputs.shape[:1] and inputs.shape[1:] == (len(INPUTS),) and 0 < len(alpha) <= MOST_ROWS
+        whole &= np.isfinite(inputs).all() and np.isfinite(alpha).all() and lengthscales.shape == (len(columns),)
+        whole &= columns == tuple(sorted(set(columns) & set(range(len(INPUTS)))))
+        if not whole:
+            raise ValueError(f"got inputs {inputs.shape}, alpha {alpha.shape}, columns {columns}")
+        term = KernelTerm(columns, lengthscales, float(held["amplitude"]))
+        hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"])[:MOST_NAME])
+    except (ValueError, KeyError, TypeError, ModelError) as problem:
+        raise ValueError(f"{entry['file']} has no Gaussian process: {' '.join(str(problem).split())}") from None
+    none = np.zeros((len(alpha), 0))
+    return GaussianProcess(hyper, inputs.astype(np.float64), none, alpha, np.zeros(0), np.zeros((0, 0)))

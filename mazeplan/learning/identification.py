@@ -19,6 +19,7 @@ have large residuals and therefore small weights (Huber). Standard errors are ro
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,8 +30,8 @@ from mazeplan.core.logs.table import Table
 from mazeplan.core.name_hints import guess
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.delay import best_delay, usable_starts
+from mazeplan.learning.features import EFFECTS
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.samples import rings_of
 from mazeplan.learning.smoothing import smoothed
@@ -40,6 +41,7 @@ from mazeplan.learning.tilt_checks import check_axes, check_follows
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 
@@ -199,6 +201,20 @@ def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tup
     )
     robust = np.diag(bread @ meat @ bread)
     return np.asarray(w, dtype=np.float64), np.where(robust > np.diag(bread), robust, np.diag(bread)), residual
+
+
+def effect_ball(values: Iterable[float], sigma: Iterable[float], asymmetry: float = 0.0) -> BallModel:
+    """A ball from the values of the parameters `EFFECTS`.
+
+    sigma:      their standard errors
+    asymmetry:  of dry friction"""
+    factor, viscous, dry, *offset = (float(value) for value in values)
+    effects = (rolling_inertia(factor), viscous_friction(viscous), dry_friction(dry, asymmetry), tilt_offset(*offset))
+    stderr: dict[str, dict[str, float]] = {}
+    for name, error in zip(EFFECTS, sigma, strict=True):
+        effect, parameter = name.split(".")
+        stderr.setdefault(effect, {})[parameter] = float(error)
+    return BallModel(effects, stderr)
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def _predictor(model: RigModel, ring: int) -> Predict:
 def _rolled(way: Predict, samples: RingSamples, start: Any) -> Rollout:
     """Roll-outs of a model from the samples `start`. A filter with the model estimates their start."""
     misfit = MISFIT * max(float(np.std(samples.theta_ddot[samples.good])), 1e-300)
-    theta, rate, _ = causal_start(way, samples, start, angle_noise(samples), misfit)
+    theta, rate = causal_start(way, samples, start, angle_noise(samples), misfit)
     return roll_out(way, samples, start, theta, rate)
 
 

@@ -17,12 +17,12 @@ from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words, piece
 from mazeplan.core.records import Array
-from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.features import DRY_WIDTH, EFFECTS, PLANNED_TERMS, effect_features, inputs
 from mazeplan.learning.fitting import FitOptions, inflate_noise
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_file import rounded
-from mazeplan.learning.gp_training import Training, train
+from mazeplan.learning.gp_training import train
+from mazeplan.learning.identification import effect_ball
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.learning.smoothing import Smoothing
@@ -39,17 +39,10 @@ TRAINED = 0.8  # share of the training in the duration of a ring
 
 @dataclass(frozen=True)
 class RingLearning:
-    """Result for one ring.
+    """Result for one ring: nRMSE of theta_dd on test blocks, by the effects alone, and with the learned part."""
 
-    rows:      number of training rows
-    before:    nRMSE of theta_dd on test blocks, by the effects alone
-    after:     the same with the learned part
-    training:  of the hyperparameters"""
-
-    rows: int
     before: float
     after: float
-    training: Training
 
 
 def learn_processes(
@@ -100,8 +93,8 @@ def _learn_ring(
     x, rest = inputs(k), target - (planned(ball, k) if kind == "sp" else kinematic_terms(k))
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
     chosen = replace(options.training, seed=options.seed, terms=PLANNED_TERMS)
-    training = train(x, features, rest, chosen, progress=progress, advance=piece(advance, 0.0, TRAINED, 1.0))
-    hyper = inflate_noise(training, x, features, rest)
+    hyper = train(x, features, rest, chosen, progress=progress, advance=piece(advance, 0.0, TRAINED, 1.0))
+    hyper = inflate_noise(hyper, x, features, rest)
     if kind == "sp":  # the prior of a correction is no wider than the standard error of its effect, see `effect_sigma`
         hyper = replace(hyper, weight_sigma=np.minimum(hyper.weight_sigma, effect_sigma(ball, math.inf)))
     better, process = _condition(k, target, ball, kind, hyper)
@@ -114,7 +107,7 @@ def _learn_ring(
     every = every[uniform_downsample(len(every), options.most)]
     better, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
     advance(1.0, 1.0)
-    return better, process, RingLearning(len(every), scores[0], scores[1], training)
+    return better, process, RingLearning(*scores)
 
 
 def effect_sigma(ball: BallModel, unknown: float) -> Array:

@@ -31,7 +31,7 @@ PAST = 45  # samples of the filter; 1.5 s at 30 Hz
 FIRST = 4  # the difference of two angles so many samples apart gives the first guess of the rate
 MEMORY = 0.1  # s; correlation time of the errors of a model
 
-Accelerate = Callable[[RingKinematics], Array]
+Accelerate = Callable[[RingKinematics], Array]  # theta_dd (N,), rad/s^2, of a batch of states
 
 
 @dataclass(frozen=True)
@@ -64,98 +64,66 @@ class Rollout:
         """Mean absolute error after so many samples, rad."""
         return float(np.mean(self.error[:, steps]))
 
-    def bands(self) -> dict[str, list[float]]:
-        """Mean and deciles 1, 5 and 9 of the error over the windows, after 0 to STEPS samples, rad."""
-        low, middle, high = np.quantile(self.error, [0.1, 0.5, 0.9], axis=0)
-        parts = {"mean": self.error.mean(axis=0), "p10": low, "p50": middle, "p90": high}
-        return {name: part.tolist() for name, part in parts.items()}
-
-
-def uninterrupted(usable: np.ndarray, segment: IntArray, steps: int = STEPS) -> IntArray:
-    """First rows of all windows of `steps` + 1 usable rows (N,) within one segment."""
-    run = np.concatenate([[0], np.cumsum(~usable)])
-    first = np.arange(max(len(usable) - steps, 0))
-    return first[(run[first + steps + 1] == run[first]) & (segment[first] == segment[first + steps])]
-
 
 def choose_windows(samples: RingSamples, allowed: np.ndarray, openings: Array | None = None) -> Windows:
     """Windows of rows that are all allowed (N,) and good; two windows share at most three quarters.
 
     openings: angles of the openings of this ring, rad, if known."""
-    first = uninterrupted(allowed & samples.good, samples.segment)
+    bad, segment = np.concatenate([[0], np.cumsum(~(allowed & samples.good))]), samples.segment
+    first = np.arange(max(len(samples) - STEPS, 0))
+    first = first[(bad[first + STEPS + 1] == bad[first]) & (segment[first] == segment[first + STEPS])]
     if openings is not None and len(openings):
         end = first + STEPS
         theta, rate = samples.k.theta[end], samples.k.theta_dot[end]
         ahead = difference(np.asarray(openings)[None, :], theta[:, None]) * np.sign(rate)[:, None]
-        near = _thinned(first[((ahead > 0.0) & (ahead < NEAR)).any(axis=1)], STEPS // 4)
+        near = _thinned(first[((ahead > 0.0) & (ahead < NEAR)).any(axis=1)])
         if len(near) >= FEWEST:
             return Windows(near, "before openings")
-    return Windows(_thinned(first, STEPS // 4), "evenly spaced")
+    return Windows(_thinned(first), "evenly spaced")
 
 
-def _thinned(first: IntArray, apart: int) -> IntArray:
-    """At most MOST of these rows, at least `apart` rows from one to the next."""
+def _thinned(first: IntArray) -> IntArray:
+    """At most MOST of these rows, at least a quarter of a window from one to the next."""
     kept: list[int] = []
     for row in first.tolist():
-        if not kept or row - kept[-1] >= apart:
+        if not kept or row - kept[-1] >= STEPS // 4:
             kept.append(row)
     every = max(1, -(-len(kept) // MOST))
     return np.array(kept[::every], dtype=np.int64)
 
 
-def roll_out(
-    accelerate: Accelerate,
-    samples: RingSamples,
-    start: IntArray,
-    theta: Array,
-    theta_dot: Array,
-    push: Array | None = None,
-) -> Rollout:
-    """Roll theta_dd = accelerate(state) out from (theta, theta_dot) (W,) at rows `start`, by Heun's method.
-
-    push (W, STEPS + 1): additional acceleration at each sample, rad/s^2."""
+def roll_out(accelerate: Accelerate, samples: RingSamples, start: IntArray, theta: Array, theta_dot: Array) -> Rollout:
+    """Roll theta_dd = accelerate(state) out from (theta, theta_dot) (W,) at rows `start`, by Heun's method."""
     dt, angle = samples.dt, np.empty((len(start), STEPS + 1))
-    push = np.zeros((1, STEPS + 1)) if push is None else push
     angle[:, 0], rate = theta, theta_dot.copy()
-    before = accelerate(_state(samples, start, angle[:, 0], rate)) + push[:, 0]
+    before = accelerate(_state(samples, start, angle[:, 0], rate))
     for i in range(STEPS):
         ahead = angle[:, i] + dt * rate + 0.5 * dt * dt * before
-        after = accelerate(_state(samples, start + i + 1, ahead, rate + dt * before)) + push[:, i + 1]
+        after = accelerate(_state(samples, start + i + 1, ahead, rate + dt * before))
         angle[:, i + 1] = angle[:, i] + dt * rate + dt * dt * (before / 3.0 + after / 6.0)
         rate = np.clip(rate + 0.5 * dt * (before + after), -FASTEST, FASTEST)
-        before = accelerate(_state(samples, start + i + 1, angle[:, i + 1], rate)) + push[:, i + 1]
+        before = accelerate(_state(samples, start + i + 1, angle[:, i + 1], rate))
     return Rollout.against(angle, samples.k.theta, start)
 
 
 def roll_out_delayed(
-    accelerate: Accelerate,
-    samples: RingSamples,
-    start: IntArray,
-    theta: Array,
-    theta_dot: Array,
-    push: Array | None = None,
+    accelerate: Accelerate, samples: RingSamples, start: IntArray, theta: Array, theta_dot: Array
 ) -> Rollout:
     """`roll_out` for a model whose input is the rate LAG samples ago.
 
     This rate comes from the rolled-out angles, at the beginning from the measured angles. Angles advance by
     theta_{k+1} = theta_k + dt v_{k+1/2}."""
     dt, n = samples.dt, len(start)
-    push = np.zeros((1, STEPS + 1)) if push is None else push
     past = samples.measured[start[:, None] + np.arange(-LAG - 1, 0)]
     angle = np.concatenate([past, theta[:, None], np.empty((n, STEPS))], axis=1)
     rate, now = theta_dot.copy(), LAG + 1
     for i in range(STEPS):
         late = (angle[:, now - LAG] - angle[:, now - LAG - 1]) / dt
-        felt = accelerate(_state(samples, start + i, angle[:, now], late)) + push[:, i]
+        felt = accelerate(_state(samples, start + i, angle[:, now], late))
         rate = np.clip(rate + (0.5 if i == 0 else 1.0) * dt * felt, -FASTEST, FASTEST)  # half a step to v_{1/2}
         angle[:, now + 1] = angle[:, now] + dt * rate
         now += 1
     return Rollout.against(angle[:, LAG + 1 :], samples.k.theta, start)
-
-
-def rollout_function(rates: str) -> Callable[..., Rollout]:
-    """The roll-out function for models with these rates, see `samples`."""
-    return roll_out_delayed if rates == "delayed" else roll_out
 
 
 def _state(samples: RingSamples, rows: IntArray, theta: Array, theta_dot: Array) -> RingKinematics:
@@ -171,8 +139,8 @@ def angle_noise(samples: RingSamples) -> float:
 
 def causal_start(
     accelerate: Accelerate, samples: RingSamples, start: IntArray, noise: float, misfit: float
-) -> tuple[Array, Array, Array]:
-    """Filtered angle (W,), rate (W,) and their covariance (W, 2, 2) at rows `start`.
+) -> tuple[Array, Array]:
+    """Filtered angle (W,) and rate (W,) at rows `start`.
 
     noise:   standard deviation of a measured angle, rad
     misfit:  rms error of the model, rad/s^2"""
@@ -199,4 +167,4 @@ def causal_start(
         theta = np.where(on, predicted + gain[:, 0] * innovation, theta)
         rate = np.where(on, faster + gain[:, 1] * innovation, rate)
         P = np.where(on[:, None, None], P_ahead - gain[:, :, None] * P_ahead[:, :1, :], P)
-    return theta, rate, P
+    return theta, rate

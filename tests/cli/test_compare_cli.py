@@ -20,7 +20,7 @@ KINDS = {"rf", "p", "pi", "np", "sp"}
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """One thread, short training, and few draws of a bootstrap."""
-    import mazeplan.learning.ring_scores as module
+    import mazeplan.learning.comparison as module
 
     pytest.importorskip("torch").set_num_threads(1)
     short = replace(module.THOROUGH, starts=1, iterations=10, refinement=4)

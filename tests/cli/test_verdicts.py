@@ -11,8 +11,7 @@ import pytest
 from planar_rig import PlanarRig
 
 from mazeplan.core.logs.table import read_table
-from mazeplan.learning.ball_models import effect_ball
-from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.identification import effect_ball, fit_rig
 from mazeplan.learning.model_score import ring_errors
 from mazeplan.learning.modelfile import save_model
 from mazeplan.maze.mapfile import load_map

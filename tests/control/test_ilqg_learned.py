@@ -15,7 +15,7 @@ from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.core.errors import ModelError
 from mazeplan.core.records import StopReason
-from mazeplan.learning import gp_dynamics as learned_dynamics
+from mazeplan.learning import fast_gp
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.physics.dynamics import ring_dynamics
@@ -52,8 +52,8 @@ def played(plan, gp, parameters=P, *, moved: float | np.ndarray = 0.0, feedback=
     """States (T + 1, 6) of a ball with another model, or moved at first, under the commands of a plan."""
     s, out = plan.states[0] + moved, np.empty(6)
     path = [s]
-    packed = parameters.pack() if gp is None else learned_dynamics.pack(parameters, gp)
-    dynamics = ring_dynamics if gp is None else learned_dynamics
+    packed = parameters.pack() if gp is None else fast_gp.pack_with_process(parameters, gp)
+    dynamics = ring_dynamics if gp is None else fast_gp
     for k, u in enumerate(plan.controls):
         if feedback:
             u = np.clip(u + plan.gains[k] @ (s - plan.states[k]), -LIMIT, LIMIT)

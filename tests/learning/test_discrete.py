@@ -102,6 +102,6 @@ def test_after_forty_steps_it_is_worse_than_the_equation_of_motion():
     windows = choose_windows(samples, held)
     begin = samples.k.theta[windows.start], samples.k.theta_dot[windows.start]
     discrete = roll_out_discrete(fit_discrete(samples, rows, QUICK), samples, windows.start, *begin)
-    continuous = roll_out(fit_kind("sp", samples, rows, QUICK).model.mean, samples, windows.start, *begin)
+    continuous = roll_out(fit_kind("sp", samples, rows, QUICK).mean, samples, windows.start, *begin)
     assert discrete.after(40) > 2.0 * continuous.after(40)
     assert continuous.after(40) < 0.15

@@ -13,8 +13,7 @@ from mazeplan.apps.report.models import models_section
 from mazeplan.apps.report.page import section_text
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.camera_center import Centre, find_centre, smoothing_of, straightened
-from mazeplan.learning.comparison import compare
-from mazeplan.learning.ring_scores import CompareOptions
+from mazeplan.learning.comparison import CompareOptions, compare
 from mazeplan.learning.samples import SampleOptions, ring_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.maze.mapfile import load_map
@@ -69,11 +68,11 @@ def test_straightened_samples_are_those_of_a_camera_that_is_right():
 
 def test_compare_predicts_as_well_in_the_measured_angle_and_tells_the_centre():
     table = record(seconds=90.0)
-    (scores,) = compare([table], [], load_map("cme"), CompareOptions(kinds=("pi",)))
-    assert scores.centre == pytest.approx((OFF[0] * RADIUS, OFF[1] * RADIUS), abs=1e-3)
-    section = models_section(Input("comparison", Path("x.json"), "x", {"ring1": scores.document()}))
+    scores = compare([table], [], load_map("cme"), CompareOptions(kinds=("pi",)))[1]
+    assert scores["centre_m"] == pytest.approx((OFF[0] * RADIUS, OFF[1] * RADIUS), abs=1e-3)
+    section = models_section(Input("comparison", Path("x.json"), "x", {"ring1": scores}))
     assert "another point than the rings' centre, in mm: ring 1 5." in section_text(section)
-    (right,) = compare([record((0.0, 0.0), 90.0)], [], load_map("cme"), CompareOptions(kinds=("pi",)))
-    assert right.centre == (0.0, 0.0)
-    assert scores.nrmse_test["pi"] < right.nrmse_test["pi"] + 0.03
-    assert scores.rollout["pi"]["40"] < 1.3 * right.rollout["pi"]["40"]
+    right = compare([record((0.0, 0.0), 90.0)], [], load_map("cme"), CompareOptions(kinds=("pi",)))[1]
+    assert right["centre_m"] == [0.0, 0.0]
+    assert scores["nrmse_test"]["pi"] < right["nrmse_test"]["pi"] + 0.03
+    assert scores["rollout"]["pi"]["40"] < 1.3 * right["rollout"]["pi"]["40"]

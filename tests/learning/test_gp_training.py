@@ -39,7 +39,7 @@ def draw(hyper, n, seed=0):
 def test_hyperparameters_come_back(family):
     known = plain(np.array([1.0, 15.0]), 20.0, 6.0, family=family)
     x, phi, y = draw(known, 300, seed=3)
-    found = train(x, phi, y, replace(QUICK, first=300, rows=300, family=family)).hyper
+    found = train(x, phi, y, replace(QUICK, first=300, rows=300, family=family))
     assert found.family == family
     assert found.noise == pytest.approx(6.0, rel=0.15)
     lengths, amplitude = found.only.lengthscales, found.only.amplitude
@@ -54,7 +54,7 @@ def test_hyperparameters_come_back(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_as_likely_as_the_optimum_of_scikit_learn(family):
     x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 1.0, family=family), 150, seed=1)
-    ours = train(x, phi, y, replace(QUICK, refinement=40, family=family)).hyper
+    ours = train(x, phi, y, replace(QUICK, refinement=40, family=family))
     shape = KERNELS.RBF([1.0, 10.0]) if family == "rbf" else KERNELS.Matern([1.0, 10.0], nu=0.5)
     form = KERNELS.ConstantKernel(4.0) * shape + KERNELS.WhiteKernel(0.1)
     fit: Any = GaussianProcessRegressor(form).fit(x, y)
@@ -89,7 +89,7 @@ def test_weights_of_physics_come_back_with_their_units():
     ripple = 0.8 * np.sin(3.0 * k.theta)  # a force that no feature has
     y = phi @ weights + ripple + rng.normal(0.0, 0.5, n)
     options = TrainingOptions(first=n, rows=n, starts=1, iterations=15, refinement=15)
-    process = GaussianProcess.condition(train(x, phi, y, options).hyper, x, phi, y)
+    process = GaussianProcess.condition(train(x, phi, y, options), x, phi, y)
     deviation = np.sqrt(np.diag(process.covariance))
     assert (np.abs(process.weights - weights) < 3.0 * deviation).all()
     assert (deviation < [0.1, 0.2, 0.3, 0.01, 0.01]).all(), "an interval as wide as the prior says nothing"
@@ -100,11 +100,10 @@ def test_weights_of_physics_come_back_with_their_units():
 def test_the_same_seed_gives_the_same_and_starts_are_several():
     x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5), 60)
     short = replace(QUICK, starts=3, iterations=2, refinement=2)
-    first, again, other = (train(x, phi, y, replace(short, seed=seed)) for seed in (7, 7, 8))
-    assert first.starts == again.starts
-    assert first.refined == again.refined
-    np.testing.assert_array_equal(first.hyper.only.lengthscales, again.hyper.only.lengthscales)
-    assert len(set(first.starts)) == 3
-    assert first.starts[0] == other.starts[0], "the first start is a sensible place, not a drawn one"
-    assert set(first.starts[1:]).isdisjoint(other.starts[1:])
-    assert first.refined >= max(first.starts), "the best is carried on with"
+    first, again, other = (train(x, phi, y, replace(short, seed=seed)).only.lengthscales for seed in (7, 7, 8))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    posterior, drawn = Posterior((x, phi, y), PLAIN, "rbf"), np.random.default_rng(7)
+    starts = [tuple(posterior.start(drawn, number)) for number in range(3)]
+    assert len(set(starts)) == 3
+    assert starts[0] == tuple(posterior.start(np.random.default_rng(8), 0)), "a sensible place, not a drawn one"

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.learning.ball_models import ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.learning.features import (
     EFFECTS,
     FEATURES,
@@ -16,9 +15,9 @@ from mazeplan.learning.features import (
     effect_features,
     inputs,
 )
-from mazeplan.learning.fitting import FitOptions, fit_kind
-from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.fitting import FitOptions, fit_kind, fit_process
 from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.policy_training import require_torch
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
@@ -76,26 +75,25 @@ def rms(values):
 
 
 def test_p_is_the_equation_of_a_sliding_point():
-    model, k = fitted("p").model, states(30, 3)
-    assert isinstance(model, PhysicsBall)
+    model, k = fitted("p"), states(30, 3)
     np.testing.assert_allclose(model.mean(k), kinematic_terms(k) + gravity_part(k), rtol=1e-12)
 
 
 def test_pi_finds_the_weights():
     part = samples(800, dry=0.0)
-    model = fitted("pi", part).model
-    assert isinstance(model, LinearBall)
+    model, phi = fitted("pi", part), FEATURES["paper"](part.k)
+    fit = fit_linear(phi, part.theta_ddot)
     pull = ROLLING * 9.81 / RADIUS
     known = np.array([1.0, 1.0, 1.0, 1.0, pull, pull, VISCOUS])
-    names, off = list(PAPER), np.abs(model.fit.weights - known) / np.sqrt(np.diag(model.fit.covariance))
+    names, off = list(PAPER), np.abs(fit.weights - known) / np.sqrt(np.diag(fit.covariance))
     for name in ("gravity_beta", "gravity_gamma", "viscous", "turning"):
         assert off[names.index(name)] < 4.0, name
-    assert model.fit.noise == pytest.approx(NOISE, rel=0.1)
-    assert model.fit.weights[4] == pytest.approx(pull, rel=0.02)
+    assert fit.noise == pytest.approx(NOISE, rel=0.1)
+    assert fit.weights[4] == pytest.approx(pull, rel=0.02)
     k = states(40, 5)
     assert rms(model.mean(k) - truth(k, dry=0.0)) < 0.1
     phi = FEATURES["paper"](k)
-    variance = np.diag(phi @ model.fit.covariance @ phi.T)
+    variance = np.diag(phi @ fit.covariance @ phi.T)
     assert (np.abs(model.mean(k) - truth(k, dry=0.0)) < 4.5 * np.sqrt(variance)).all()
 
 
@@ -108,20 +106,19 @@ def test_with_heavy_tails_what_is_typical_is_fitted_too(kind):
     options = FitOptions(most=200, inputs="local", heavy_tails=True, training=training)
     found = fit_kind(kind, struck, np.arange(300), options)
     right = truth(at, 1.5)
-    assert np.mean(np.abs(found.typical.mean(at) - right)) < 0.8 * np.mean(np.abs(found.model.mean(at) - right))
+    assert np.mean(np.abs(found.typical(at) - right)) < 0.8 * np.mean(np.abs(found.mean(at) - right))
     plain = fit_kind(kind, struck, np.arange(300), replace(options, heavy_tails=False))
-    assert plain.typical is plain.model
-    np.testing.assert_array_equal(plain.model.mean(at), found.model.mean(at))
+    assert plain.typical is plain.mean
+    np.testing.assert_array_equal(plain.mean(at), found.mean(at))
 
 
 def test_rf_learns_in_steps_the_same_each_time():
     part, at = samples(400), states(100, 5)
-    model = fitted("rf", part).model
-    assert isinstance(model, ForestBall)
+    model = fitted("rf", part)
     assert rms(model.mean(part.k) - part.theta_ddot) < 0.6 * np.std(part.theta_ddot)
     assert rms(model.mean(at) - truth(at)) < 0.8 * np.std(truth(at))
-    assert not np.array_equal(fitted("rf", part, replace(QUICK, seed=1)).model.mean(at), model.mean(at))
-    np.testing.assert_array_equal(fitted("rf", part).model.mean(at), model.mean(at))
+    assert not np.array_equal(fitted("rf", part, replace(QUICK, seed=1)).mean(at), model.mean(at))
+    np.testing.assert_array_equal(fitted("rf", part).mean(at), model.mean(at))
 
 
 @pytest.mark.parametrize(("kind", "seen"), GAUSSIAN)
@@ -129,28 +126,22 @@ def test_processes_learn_what_the_turning_plate_leaves(kind, seen):
     world = {"ripple": 1.5, "dry": 0.0, "waves": 2 if seen == "state" else 4}
     part, at = samples(250, **world), states(100, 5)
     training = TrainingOptions(first=250, rows=250, starts=1, iterations=12, refinement=6)
-    found = fit_kind(kind, part, np.arange(250), FitOptions(inputs=seen, training=training))
-    model = found.model
-    assert isinstance(model, GaussianBall)
-    assert found.training is not None
-    assert model.inputs == seen
-    assert model.features == ("" if kind == "np" else "effects" if seen == "state" else "wall")
-    right = truth(at, **world)
-    error, linear = model.mean(at) - right, fit_kind("pi", part, np.arange(250)).model.mean(at) - right
+    options = FitOptions(inputs=seen, training=training)
+    model, right = fit_kind(kind, part, np.arange(250), options), truth(at, **world)
+    error, linear = model.mean(at) - right, fit_kind("pi", part, np.arange(250)).mean(at) - right
     assert rms(error) < 0.5 * rms(linear)
-    x, phi = INPUT_SETS[seen](part.k), FEATURES[model.features](part.k) if model.features else np.zeros((250, 0))
-    rest = GaussianProcess.condition(found.training.hyper, x, phi, part.theta_ddot - kinematic_terms(part.k))
-    np.testing.assert_allclose(model.process.alpha, rest.alpha, rtol=1e-6, atol=1e-8)
-    none = replace(model.process, alpha=0.0 * model.process.alpha, weights=0.0 * model.process.weights)
-    np.testing.assert_allclose(replace(model, process=none).mean(at), kinematic_terms(at), rtol=1e-12)
+    features = "" if kind == "np" else "effects" if seen == "state" else "wall"
+    process = fit_process(part.k, part.theta_ddot - kinematic_terms(part.k), features, options)
+    phi = FEATURES[features](at) if features else None
+    np.testing.assert_array_equal(model.mean(at), kinematic_terms(at) + process.mean(INPUT_SETS[seen](at), phi))
 
 
 def test_sp_finds_the_physics_and_its_process_only_the_rest():
     part = samples(300, ripple=0.5)
     training = TrainingOptions(first=200, rows=300, starts=1, iterations=12, refinement=6)
-    model = fit_kind("sp", part, np.arange(300), FitOptions(training=training)).model
-    assert isinstance(model, GaussianBall)
-    process = model.process
+    options = FitOptions(training=training)
+    model = fit_kind("sp", part, np.arange(300), options)
+    process = fit_process(part.k, part.theta_ddot - kinematic_terms(part.k), "effects", options)
     deviation = dict(zip(EFFECTS, np.sqrt(np.diag(process.covariance)), strict=True))
     weights = dict(zip(EFFECTS, process.weights, strict=True))
     known = {

@@ -12,7 +12,7 @@ from gaussian_processes import plain
 from ring_numbers import G, numbers_of, ring_of
 from scipy.integrate import solve_ivp
 
-from mazeplan.learning import gp_dynamics as learned_dynamics
+from mazeplan.learning import fast_gp
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.modelfile import RigModel
@@ -88,7 +88,7 @@ def integrated(s, u, p, held):
 
 def stepped(s, u, packed):
     out = np.empty(6)
-    learned_dynamics.linearise(s, u, packed, out, np.empty((6, 6)), np.empty((6, 2)))
+    fast_gp.linearise(s, u, packed, out, np.empty((6, 6)), np.empty((6, 2)))
     return out
 
 
@@ -98,7 +98,7 @@ def drawn(rng):
 
 @pytest.mark.parametrize("p", [FULL, ALONE], ids=["sp", "np"])
 def test_a_step_is_the_equation_with_the_process_held(p):
-    rng, packed = np.random.default_rng(1), learned_dynamics.pack(p, GP)
+    rng, packed = np.random.default_rng(1), fast_gp.pack_with_process(p, GP)
     worst, largest = np.zeros(6), 0.0
     for _ in range(40):
         s, u = drawn(rng)
@@ -113,13 +113,13 @@ def test_a_step_is_the_equation_with_the_process_held(p):
 
 @pytest.mark.parametrize("p", [FULL, ALONE], ids=["sp", "np"])
 def test_derivatives_equal_finite_differences(p):
-    rng, packed = np.random.default_rng(2), learned_dynamics.pack(p, GP)
+    rng, packed = np.random.default_rng(2), fast_gp.pack_with_process(p, GP)
     A, B = np.full((6, 6), np.nan), np.full((6, 2), np.nan)
     plain_A, plain_B = A.copy(), B.copy()
     apart = 0.0
     for _ in range(50):
         s, u = drawn(rng)
-        learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
+        fast_gp.linearise(s, u, packed, np.empty(6), A, B)
         numeric = jacobian(lambda x: stepped(x[:6], x[6:], packed), np.concatenate([s, u]), 1e-4)
         np.testing.assert_allclose(np.hstack([A, B]), numeric, rtol=1e-5, atol=1e-7)
         ring_dynamics.linearise(s, u, packed[: int(packed[PROCESS])].copy(), np.empty(6), plain_A, plain_B)
@@ -129,14 +129,14 @@ def test_derivatives_equal_finite_differences(p):
 
 def test_a_process_of_nothing_is_the_ring_alone():
     rng = np.random.default_rng(4)
-    packed = learned_dynamics.pack(FULL, replace(GP, alpha=np.zeros(len(GP))))
+    packed = fast_gp.pack_with_process(FULL, replace(GP, alpha=np.zeros(len(GP))))
     A, B, plain_A, plain_B = np.empty((6, 6)), np.empty((6, 2)), np.empty((6, 6)), np.empty((6, 2))
     for _ in range(20):
         s, u = drawn(rng)
         plain = np.empty(6)
         ring_dynamics.step(s, u, FULL.pack(), plain)
         np.testing.assert_array_equal(stepped(s, u, packed), plain)
-        learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
+        fast_gp.linearise(s, u, packed, np.empty(6), A, B)
         ring_dynamics.linearise(s, u, FULL.pack(), np.empty(6), plain_A, plain_B)
         np.testing.assert_array_equal(A, plain_A)
         np.testing.assert_array_equal(B, plain_B)

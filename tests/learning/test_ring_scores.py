@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.learning.ring_scores import nrmse
+from mazeplan.learning.comparison import nrmse
 
 
 def test_the_figure_by_hand():

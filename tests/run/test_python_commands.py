@@ -16,7 +16,7 @@ from ring_record import ring_table, write_csv
 import mazeplan
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, as_table, read_table
-from mazeplan.learning import ring_scores
+from mazeplan.learning import comparison
 
 MAZE = mazeplan.load_map("cme")
 LIGHT = "mazeplan.apps.testing.lightrig:LightRig"
@@ -120,10 +120,10 @@ def test_a_model_from_a_table_in_other_units(printed, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_comparison_of_a_table_in_other_units(printed, tmp_path, monkeypatch):
     pytest.importorskip("torch").set_num_threads(1)
-    quick = replace(ring_scores.THOROUGH, starts=1, iterations=10, refinement=4)
-    monkeypatch.setattr(ring_scores, "THOROUGH", quick)
-    whole = ring_scores.block_bootstrap
-    monkeypatch.setattr(ring_scores, "block_bootstrap", lambda *a: whole(*a, draws=100))
+    quick = replace(comparison.THOROUGH, starts=1, iterations=10, refinement=4)
+    monkeypatch.setattr(comparison, "THOROUGH", quick)
+    whole = comparison.block_bootstrap
+    monkeypatch.setattr(comparison, "block_bootstrap", lambda *a: whole(*a, draws=100))
     plain = ring_table((2,), 30.0)
     write_csv(plain, tmp_path / "plain.csv")
     document = printed("compare", tmp_path / "plain.csv", "--kinds", "p,pi", "--most", "60")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,9 +12,9 @@ from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.table import as_table, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.results import DocumentResult
-from mazeplan.learning import comparison, ring_scores
+from mazeplan.learning import comparison
+from mazeplan.learning.comparison import CompareOptions
 from mazeplan.learning.fitting import KINDS, FitOptions
-from mazeplan.learning.ring_scores import CompareOptions, RingScores
 from mazeplan.learning.samples import SampleOptions
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.commands.log_context import check_channel, check_radius, logged_map
@@ -22,11 +22,9 @@ from mazeplan.run.commands.log_context import check_channel, check_radius, logge
 
 @dataclass(frozen=True)
 class Comparison(DocumentResult):
-    """Kinds of models on the same data: the document of `compare --json`, and the scores of each ring."""
+    """Kinds of models on the same data: the document of `compare --json`."""
 
     kind: ClassVar[str] = "comparison"
-
-    scores: tuple[RingScores, ...] = field(repr=False)
 
     def facts(self) -> dict[str, Any]:
         """The nRMSE of each kind on the test rows, ring by ring."""
@@ -65,7 +63,7 @@ def compare(
     found = logged_map(map, *given[0], *given[1])
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
-    fit = FitOptions(most=most, training=ring_scores.THOROUGH, seed=seed)
+    fit = FitOptions(most=most, training=comparison.THOROUGH, seed=seed)
     options = CompareOptions(samples=SampleOptions(ring=ring, radius=radius), fit=fit, kinds=chosen, seed=seed)
     progress("reading")
     tables, held_out = ([as_table(log, named) for log in group] for group in given)
@@ -74,4 +72,4 @@ def compare(
             check_radius(table, radius, ring)
     shown: dict[str, Any] = {"progress": progress, "advance": advance, "left_out": say}
     scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
-    return Comparison({f"ring{score.ring}": score.document() for score in scores}, tuple(scores))
+    return Comparison({f"ring{number}": found for number, found in scores.items()})
