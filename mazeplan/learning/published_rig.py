@@ -5,9 +5,8 @@ weights alpha of the kernel, weights w of seven features of the ball's equation.
 
     y = s K alpha + Phi w + s v alpha        s: standard deviation of y, v: noise variance in units of s^2
 
-Only v is missing in the files. It is the root at which y has the published standard deviation. The maximum of the
-likelihood, y' alpha = s N, gives a second value; the two are compared. Only every 4th, 3rd and 2nd sample of rings 1 to
-3 was published: `published_samples` recovers the samples between.
+Only v is missing in the files. It is the root at which y has the published standard deviation. Only every 4th, 3rd and
+2nd sample of rings 1 to 3 was published: `published_samples` recovers the samples between.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
@@ -81,18 +79,6 @@ class DualForm:
 
 
 @dataclass(frozen=True)
-class TrainingData:
-    """Training data of a model.
-
-    noise_variance:  v, in units of target_scale^2
-    checks:          values that should be 0, by name"""
-
-    rows: Published
-    noise_variance: float
-    checks: Mapping[str, float]
-
-
-@dataclass(frozen=True)
 class ImportedRing:
     """The table of a ring.
 
@@ -101,8 +87,7 @@ class ImportedRing:
     columns (M,):    by name; NaN if empty
     segments:        number of uninterrupted segments
     noise:           standard deviation, rad/s^2
-    noise_variance:  see `TrainingData`
-    checks:          values that should be 0, by name"""
+    noise_variance:  v, in units of target_scale^2"""
 
     ring: int
     file: Path
@@ -111,7 +96,6 @@ class ImportedRing:
     segments: int
     noise: float
     noise_variance: float
-    checks: Mapping[str, float]
 
     @property
     def published(self) -> int:
@@ -129,93 +113,66 @@ def find_models(folder: str | Path) -> dict[int, str]:
 
     Raises ModelError."""
     folder = Path(folder)
-    if not folder.is_dir():
-        expected = "the folder of the published model files"
-        raise ModelError(file_kinds.refused(folder, expected).replace("no such file", "no such folder"), file=folder)
     pattern = re.compile(re.escape(PREFIX["inputs"]) + r"(_ring([0-9]{1,2})_.*\.txt)")
     found: dict[int, tuple[int, str]] = {}
     try:
-        paths = sorted(folder.iterdir())
+        for path in sorted(folder.iterdir()):
+            match = pattern.fullmatch(path.name)
+            if match is not None and path.is_file():
+                size = (path.stat().st_size, match[1])
+                found[int(match[2])] = max(size, found.get(int(match[2]), size))
     except OSError as problem:
-        raise ModelError(f"cannot be read: {problem.strerror}", file=folder) from None
-    for path in paths:
-        match = pattern.fullmatch(path.name)
-        if match is not None and path.is_file():
-            size = (path.stat().st_size, match[1])
-            found[int(match[2])] = max(size, found.get(int(match[2]), size))
+        raise ModelError(f"{problem.strerror}, expected the folder of the published model files", file=folder) from None
     if not found:
         raise ModelError(f"no model in this folder, expected files {PREFIX['inputs']}_ring1_NAME.txt", file=folder)
     return {ring: ending for ring, (_, ending) in sorted(found.items())}
 
 
 def read_model(folder: str | Path, ring: int, ending: str) -> DualForm:
-    """The model whose files end in `ending`. Raises ModelError with file and line."""
+    """The model whose files end in `ending`. Raises ModelError with the file."""
     paths = {name: Path(folder) / (prefix + ending) for name, prefix in PREFIX.items()}
-    for name, path in paths.items():
-        if not path.is_file():
-            raise ModelError(f"no such file; ring {ring} needs it beside {paths['inputs'].name}", file=path, key=name)
-    read = {name: _numbers(path, rows=name in ("inputs", "alpha"), width=WIDTH[name]) for name, path in paths.items()}
+    read = {name: _numbers(path, WIDTH[name]) for name, path in paths.items()}
     rows = len(read["inputs"])
-    if len(read["alpha"]) != rows:
-        raise ModelError(f"got {len(read['alpha'])} rows, expected {rows} as in {paths['inputs']}", file=paths["alpha"])
+    for name, path in paths.items():
+        expected, got = (rows if name == "alpha" else 1), len(read[name])
+        if got != expected and name != "inputs":
+            raise ModelError(f"got {got} rows of {WIDTH[name]} numbers, expected {expected}", file=path)
+    if not MIN_ROWS <= rows <= MAX_ROWS:
+        raise ModelError(f"got {rows} rows, expected {MIN_ROWS} to {MAX_ROWS}", file=paths["inputs"])
     for name in ("lengths", "kernel_scale", "input_scales", "target_scale"):
         if not np.all(read[name] > 0.0):
             raise ModelError(f"got {read[name].min():g}, expected numbers > 0", file=paths[name], key=name)
-    for pair in (3, 5, 7):
-        scaled = read["inputs"][:, pair : pair + 2] * read["input_scales"][pair : pair + 2]
-        circle = np.abs(np.hypot(*scaled.T) - 1.0)
-        if circle.max() > 1e-6:
-            row = int(np.argmax(circle))
-            raise ModelError(
-                f"columns {pair + 1} and {pair + 2}: got {scaled[row, 0]:g} and {scaled[row, 1]:g} after scaling, "
-                "expected a sine and a cosine", file=paths["inputs"], line=row + 1,
-            )  # fmt: skip
+    scaled = read["inputs"] * read["input_scales"]
+    if np.abs(np.hypot(scaled[:, 3::2], scaled[:, 4::2]) - 1.0).max() > 1e-6:
+        raise ModelError("columns 4 to 9 are no sines and cosines after scaling", file=paths["inputs"])
     return DualForm(
         ring=ring,
         file=paths["inputs"],
         inputs=read["inputs"],
-        input_scales=read["input_scales"],
-        lengths=read["lengths"],
-        kernel_scale=float(read["kernel_scale"][0]),
+        input_scales=read["input_scales"][0],
+        lengths=read["lengths"][0],
+        kernel_scale=float(read["kernel_scale"][0, 0]),
         alpha=read["alpha"][:, 0],
-        weights=read["weights"],
-        target_scale=float(read["target_scale"][0]),
+        weights=read["weights"][0],
+        target_scale=float(read["target_scale"][0, 0]),
     )
 
 
-def _numbers(path: Path, *, rows: bool, width: int) -> Array:
-    """The numbers of a text file: (N, width) with one row a line, or (width,) in lines of any length."""
+def _numbers(path: Path, width: int) -> Array:
+    """The numbers of a text file, (N, width)."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelError(f"got {path.stat().st_size} bytes, expected at most {MAX_BYTES}", file=path)
-        lines = path.read_text(encoding="ascii").rstrip().splitlines()
-    except (OSError, UnicodeDecodeError) as problem:
+        found = np.array(path.read_text(encoding="ascii").split(), dtype=float)
+    except (OSError, ValueError) as problem:
         raise ModelError(f"not a text file of numbers: {problem}", file=path) from None
-    table: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        row = []
-        for text in line.split():
-            try:
-                row.append(float(text))
-            except ValueError:
-                raise ModelError(f"got {text[:40]!r}, expected a number", file=path, line=number) from None
-        if not np.all(np.isfinite(row)):
-            raise ModelError(f"got {line.strip()[:40]!r}, expected finite numbers", file=path, line=number)
-        if rows and len(row) != width:
-            raise ModelError(f"got {len(row)} numbers, expected {width}", file=path, line=number)
-        table.append(row)
-    if rows:
-        if not MIN_ROWS <= len(table) <= MAX_ROWS:
-            raise ModelError(f"got {len(table)} rows, expected {MIN_ROWS} to {MAX_ROWS}", file=path)
-        return np.array(table)
-    flat = np.array([value for row in table for value in row])
-    if len(flat) != width:
-        raise ModelError(f"got {len(flat)} numbers, expected {width}", file=path)
-    return flat
+    if len(found) % width or not np.all(np.isfinite(found)):
+        raise ModelError(f"got {len(found)} numbers, expected finite ones, {width} to a row", file=path)
+    return found.reshape(-1, width)
 
 
-def training_data(model: DualForm) -> TrainingData:
-    """The training data of a model. Raises ModelError if no noise fits the published numbers."""
+def training_data(model: DualForm) -> tuple[Published, float]:
+    """The training data of a model, and its noise variance v. Raises ModelError if no noise fits the numbers."""
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused below
         x = model.inputs * model.input_scales
         angles = np.stack([np.arctan2(x[:, i], x[:, i + 1]) for i in (3, 5, 7)], axis=1)
@@ -231,17 +188,11 @@ def training_data(model: DualForm) -> TrainingData:
     if not roots.size:
         raise ModelError(f"no noise gives targets of {model.target_scale:g} rad/s^2; {STRANGERS}", file=model.file)
     noise = float(roots.max())  # the only one: known and slope are positively correlated
-    again = (model.target_scale * len(known) - known @ model.alpha) / (slope @ model.alpha)
     prior = features.T @ model.alpha  # the weights are `prior` times their common prior variance
     ratio = (prior @ model.weights) / max(prior @ prior, np.finfo(float).tiny)
-    checks = {
-        "weights": float(np.max(np.abs(model.weights - ratio * prior)) / max(np.max(np.abs(model.weights)), 1e-300)),
-        "noise": float(abs(again / noise - 1.0)),
-        "input_scales": float(np.max(np.abs(x.std(axis=0) / model.input_scales - 1.0))),
-    }
-    if not checks["weights"] < MISFIT:
+    if not np.max(np.abs(model.weights - ratio * prior)) < MISFIT * max(np.max(np.abs(model.weights)), 1e-300):
         raise ModelError(f"{PREFIX['weights']} does not follow from {PREFIX['alpha']}; {STRANGERS}", file=model.file)
-    return TrainingData(Published(angles, x[:, :3], known + noise * slope), noise, checks)
+    return Published(angles, x[:, :3], known + noise * slope), noise
 
 
 def _features(angles: Array, rates: Array) -> Array:
@@ -276,26 +227,22 @@ def _kernel_times(model: DualForm, vector: Array) -> Array:
 
 def import_ring(model: DualForm, *, advance: Advance = no_advance) -> ImportedRing:
     """The measurements of a model, with the samples between the published rows. Raises ModelError."""
-    data = training_data(model)
-    step = sampling_step(data.rows)
-    starts = segment_starts(data.rows, step)
-    parts, squares, counts = [], np.zeros(2), np.zeros(2)
+    data, variance = training_data(model)
+    step = sampling_step(data)
+    starts = segment_starts(data, step)
+    parts = []
     for number, (first, last) in enumerate(zip(starts, [*starts[1:], len(model.alpha)], strict=True)):
-        rows = data.rows[int(first) : int(last)]
-        path = recover(rows, step)
-        squares, counts = squares + path.squares, counts + path.counts
-        parts.append(_columns(rows, path.angles, step, model.ring, number))
-        advance(int(first) + len(rows.theta_ddot), len(model.alpha))
-    rms = np.sqrt(squares / np.maximum(counts, 1))
+        rows = data[int(first) : int(last)]
+        parts.append(_columns(rows, recover(rows, step), step, model.ring, number))
+        advance(int(last), len(model.alpha))
     return ImportedRing(
         ring=model.ring,
         file=model.file,
         step=step,
         columns={name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
         segments=len(starts),
-        noise=model.target_scale * float(np.sqrt(data.noise_variance)),
-        noise_variance=data.noise_variance,
-        checks={**data.checks, "rate_filter": float(rms[0]), "acceleration": float(rms[1])},
+        noise=model.target_scale * float(np.sqrt(variance)),
+        noise_variance=variance,
     )
 
 
@@ -308,18 +255,16 @@ def _columns(rows: Published, angles: Array, step: int, ring: int, segment: int)
         "t": np.arange(length) / RATE_HZ,
         "measured": (np.arange(length) % step == 0).astype(float),
     }
-    columns |= {axis: angles[:, i] for i, axis in enumerate(AXES)}
+    columns |= dict(zip(AXES, angles.T, strict=True))
     for order, window in ((1, RATE), (2, ACCELERATION)):
-        for i, axis in enumerate(AXES):
-            derivative = np.full(length, np.nan)
+        for axis in AXES:
+            derivative = columns[f"{axis}_{'d' * order}ot"] = np.full(length, np.nan)
             if length > 2 * EDGE:
-                derivative[EDGE:-EDGE] = np.correlate(angles[:, i], window, "valid") * RATE_HZ**order
-            columns[axis + "_" + "d" * order + "ot"] = derivative
-    for i, axis in enumerate(AXES):
-        columns[f"{axis}_dot_pub"] = np.full(length, np.nan)
-        columns[f"{axis}_dot_pub"][::step] = rows.rates[:, i]
-    columns["theta_ddot_pub"] = np.full(length, np.nan)
-    columns["theta_ddot_pub"][::step] = rows.theta_ddot
+                derivative[EDGE:-EDGE] = np.correlate(columns[axis], window, "valid") * RATE_HZ**order
+    names = (*(f"{axis}_dot_pub" for axis in AXES), "theta_ddot_pub")
+    for name, values in zip(names, (*rows.rates.T, rows.theta_ddot), strict=True):
+        columns[name] = np.full(length, np.nan)
+        columns[name][::step] = values
     return columns
 
 

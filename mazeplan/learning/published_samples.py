@@ -69,35 +69,14 @@ class Published:
         return np.column_stack([turned - turned[0] + turned[0] % (2.0 * np.pi), self.angles[:, 1:]])
 
 
-@dataclass(frozen=True)
-class RecoveredPath:
-    """All samples of a segment.
-
-    angles (M, 3):  rad
-    squares (2,):   sums of squared errors of the filter (rad/s) and of the acceleration (rad/s^2)
-    counts (2,):    numbers of these errors"""
-
-    angles: Array
-    squares: Array
-    counts: Array
-
-
-@dataclass(frozen=True)
-class LeastSquares:
+def _system(m: int, step: int, acceleration: bool) -> tuple[Any, Any, Any]:
     """Least squares for one axis of m published rows, sparse: `smooth` z small, subject to `exact` z = `given` d.
 
     z: positions from EDGE samples before to EDGE samples after, then rates from one sample before on
-    d: published positions, rates and, for theta, accelerations, (m,) each
+    d: published positions, rates and, for theta, accelerations, (m,) each, see `_data`
 
     Units are rad and samples. The rows of `exact` are those of d, then those of the filter.
     """
-
-    smooth: Any
-    exact: Any
-    given: Any
-
-
-def _system(m: int, step: int, acceleration: bool) -> LeastSquares:
     samples = (m - 1) * step + 1
     places, rates = samples + 2 * EDGE, samples + 1
     width = places + rates
@@ -112,7 +91,7 @@ def _system(m: int, step: int, acceleration: bool) -> LeastSquares:
     third = _rows(np.arange(places - 3)[:, None] + [0, 1, 2, 3], (-1.0, 3.0, -3.0, 1.0), width)
     first = _rows(np.arange(places - 1)[:, None] + [0, 1], (-(TIE**0.5), TIE**0.5), width)
     given: Any = sparse.eye_array(known + samples - 1, known, format="csr")
-    return LeastSquares(sparse.vstack([third, first], format="csr"), sparse.vstack(exact, format="csr"), given)
+    return sparse.vstack([third, first], format="csr"), sparse.vstack(exact, format="csr"), given
 
 
 def _rows(columns: Any, values: Sequence[float] | Array, width: int) -> Any:
@@ -123,37 +102,31 @@ def _rows(columns: Any, values: Sequence[float] | Array, width: int) -> Any:
 
 
 def _data(positions: Array, rates: Array, theta_ddot: Array | None) -> Array:
-    """d of `LeastSquares`, (..., 2 m or 3 m), relative to the first position, from arrays (..., m)."""
+    """d of `_system`, (..., 2 m or 3 m), relative to the first position, from arrays (..., m)."""
     parts = [positions - positions[..., :1], rates / RATE_HZ]
     if theta_ddot is not None:
         parts.append(theta_ddot / RATE_HZ**2)
     return np.concatenate(parts, axis=-1)
 
 
-def recover(rows: Published, step: int) -> RecoveredPath:
-    """All samples of one uninterrupted segment of m published rows: ((m - 1) step + 1, 3)."""
+def recover(rows: Published, step: int) -> Array:
+    """Angles of all samples of one uninterrupted segment of m published rows: ((m - 1) step + 1, 3)."""
     m, known = len(rows), rows.unwrapped()
-    samples = (m - 1) * step + 1
-    angles, squares, counts = np.empty((samples, 3)), np.zeros(2), np.zeros(2)
     if m == 1:  # nothing to recover
-        return RecoveredPath(known, squares, counts)
+        return known
+    samples = (m - 1) * step + 1
+    angles = np.empty((samples, 3))
     for axis in range(3):
         acceleration = rows.theta_ddot if axis == 0 else None
-        system = _system(m, step, axis == 0)
-        right = system.given @ _data(known[:, axis], rows.rates[:, axis], acceleration)
-        smooth: Any = system.smooth.T @ system.smooth
+        smooth, exact, given = _system(m, step, axis == 0)
+        right = given @ _data(known[:, axis], rows.rates[:, axis], acceleration)
+        squares: Any = smooth.T @ smooth
         slack = -(EXACT**2) * sparse.eye_array(len(right))
-        lagrange = sparse.block_array([[smooth, system.exact.T], [system.exact, slack]], format="csc")
-        z = np.asarray(spsolve(lagrange, np.concatenate([np.zeros(len(smooth.indptr) - 1), right])))[: -len(right)]
+        lagrange = sparse.block_array([[squares, exact.T], [exact, slack]], format="csc")
+        z = np.asarray(spsolve(lagrange, np.concatenate([np.zeros(squares.shape[0]), right])))
         angles[:, axis] = known[0, axis] + z[EDGE : EDGE + samples]
         angles[::step, axis] = known[:, axis]
-        error = system.exact @ z - right
-        squares[0] += RATE_HZ**2 * np.sum(error[-(samples - 1) :] ** 2)
-        counts[0] += samples - 1
-        if axis == 0:
-            squares[1] += RATE_HZ**4 * np.sum(error[2 * m : 3 * m] ** 2)
-            counts[1] += m
-    return RecoveredPath(angles, squares, counts)
+    return angles
 
 
 def sampling_step(rows: Published) -> int:
@@ -180,10 +153,10 @@ def segment_starts(rows: Published, step: int) -> Array:
 
 @lru_cache(maxsize=256)
 def _surprise_factor(m: int, step: int, acceleration: bool) -> Array:
-    """R such that |R d|^2 is the minimum sum of squares, rad^2, of m rows with the data d (see `LeastSquares`)."""
-    system = _system(m, step, acceleration)
-    matrix = np.vstack([system.smooth.toarray(), system.exact.toarray() / SLACK])
-    right = np.vstack([np.zeros((system.smooth.shape[0], system.given.shape[1])), system.given.toarray() / SLACK])
+    """R such that |R d|^2 is the minimum sum of squares, rad^2, of m rows with the data d (see `_system`)."""
+    smooth, exact, given = (part.toarray() for part in _system(m, step, acceleration))
+    matrix = np.vstack([smooth, exact / SLACK])
+    right = np.vstack([np.zeros((len(smooth), given.shape[1])), given / SLACK])
     left, singular, _ = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.sum(singular > singular[0] * 1e-12))
     return np.asarray(np.linalg.qr(left[:, rank:].T @ right, mode="r"))

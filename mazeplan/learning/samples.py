@@ -14,13 +14,12 @@ A model may use one of two rates of theta, even for a smoothed target:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from mazeplan.core.errors import SettingsError, TableError
+from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table, stretches
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import paper_features
@@ -30,7 +29,6 @@ from mazeplan.physics.formulas.arrays import RingKinematics
 
 SLACK = 2e-3  # m; the camera's noise may move the ball this far into a wall
 SHORTEST = 8  # samples; a shorter stretch has no derivatives
-RATE_RULES = ("smoothed", "delayed")
 LAG = 2  # delay of the delayed rate, samples
 PAST = np.arange(-9, -2)  # lags of the earlier samples whose mean tilt moved the ball across the ring
 
@@ -84,13 +82,13 @@ def pick(k: RingKinematics, rows: Array | IntArray | np.ndarray) -> RingKinemati
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """Information in addition to the table. Raises SettingsError.
+    """Information in addition to the table.
 
     delay:      delay of the ball behind the tilt, s
-    ring:       the only ring to use; in a table without rings (`tells_rings`), the ring of all rows
+    ring:       the only ring to use; in a table without rings, the ring of all rows
     radius:     in place of the map's radius, m
     recompute:  whether to ignore derivatives of the table
-    rates:      see above"""
+    rates:      smoothed or delayed, see above"""
 
     delay: float = 0.0
     ring: int | None = None
@@ -98,25 +96,19 @@ class SampleOptions:
     recompute: bool = False
     rates: str = "smoothed"
 
-    def __post_init__(self) -> None:
-        if self.rates not in RATE_RULES:
-            raise SettingsError(f"got {self.rates!r}, expected one of {', '.join(RATE_RULES)}", key="rates")
-        if not abs(self.delay) < math.inf:
-            raise SettingsError(f"got {self.delay:g}, expected a finite number of s", key="delay")
-
 
 def ring_samples(
-    table: Table,
-    maze: Maze | None,
-    smoothing: Smoothing | None = None,
-    options: SampleOptions | None = None,
+    table: Table, maze: Maze | None, smoothing: Smoothing | None = None, options: SampleOptions | None = None
 ) -> dict[int, RingSamples]:
     """Samples by ring, for rings with samples. Raises TableError if there are none, or if the rings are unknown."""
     smoothing, options = smoothing or Smoothing(), options or SampleOptions()
     numbers = rings_wanted(table, maze, options)
     signals = _signals(table, smoothing, options)
     found, here = {}, np.isfinite(table["theta"]) & (numbers > 0)
-    run = _runs(table, numbers, here)
+    starts = np.zeros(len(table), dtype=bool)  # of uninterrupted stretches
+    starts[[part.start for part in stretches(table)]] = True
+    starts[1:] |= (numbers[1:] != numbers[:-1]) | (here[1:] != here[:-1])
+    run = np.cumsum(starts)
     for number in np.unique(numbers[here]).tolist():
         rows = np.flatnonzero(here & (numbers == number))
         values, counts = np.unique(run[rows], return_counts=True)
@@ -125,8 +117,7 @@ def ring_samples(
             r = options.radius if options.radius is not None else _radius(table, maze, number, rows)
             found[int(number)] = _collect(table, signals, rows, run[rows], int(number), r, smoothing, options)
     if not found:
-        least = f"expected {SHORTEST} at least"
-        raise TableError(f"no ring has enough samples in a row: {least}", file=table.place)
+        raise TableError(f"no ring has {SHORTEST} samples in a row", file=table.place)
     return found
 
 
@@ -140,21 +131,16 @@ def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float
     raise TableError(f"ring {ring} is not in the map: its radius is needed", file=table.place)
 
 
-def tells_rings(table: Table, maze: Maze | None, options: SampleOptions) -> bool:
-    """Whether a table has the ring of each row: in a column, or by r and the map (unless the options have a radius)."""
-    return "ring" in table or ("r" in table and maze is not None and options.radius is None)
-
-
 def rings_wanted(table: Table, maze: Maze | None, options: SampleOptions) -> IntArray:
-    """Ring of each row (N,); 0 for none, and for any ring other than that of the options."""
+    """Ring of each row (N,); 0 for none, and for any ring other than that of the options.
+
+    If neither a column tells the ring, nor r and the map, it is that of the options. A given radius is of another map."""
     if options.ring is None:
         return rings_of(table, maze)
-    if not tells_rings(table, maze, options):
+    if "ring" not in table and (maze is None or "r" not in table or options.radius is not None):
         return np.full(len(table), options.ring)
-    if options.radius is not None:  # the map may lack this ring: use the column
-        return np.where(table["ring"] == options.ring, options.ring, 0)
-    numbers = rings_of(table, maze)
-    return np.where(numbers == options.ring, numbers, 0)
+    numbers = rings_of(table, maze) if options.radius is None else table["ring"]  # the map may lack this ring
+    return np.where(numbers == options.ring, options.ring, 0)
 
 
 def rings_of(table: Table, maze: Maze | None) -> IntArray:
@@ -170,10 +156,7 @@ def rings_of(table: Table, maze: Maze | None) -> IntArray:
         if "ring" in table:
             discs = [] if maze is None else [place.number for place in maze.rings if place.is_disc]
             return np.where(np.isin(table["ring"], discs), 0, table["ring"]).astype(np.int64)
-        raise TableError(
-            "the ring of a row is unknown: expected a column ring, or r (or x, y)",
-            file=table.place,
-        )
+        raise TableError("the ring of a row is unknown: expected a column ring, or r (or x, y)", file=table.place)
     numbers, reach = np.zeros(len(table), dtype=np.int64), maze.ball.radius - SLACK
     for place in maze.rings:
         if not place.is_disc:
@@ -184,19 +167,9 @@ def rings_of(table: Table, maze: Maze | None) -> IntArray:
     return numbers
 
 
-def _runs(table: Table, numbers: IntArray, here: np.ndarray) -> IntArray:
-    """Number of the uninterrupted stretch of each row (N,)."""
-    starts = np.zeros(len(table), dtype=bool)
-    for part in stretches(table):
-        starts[part.start] = True
-    starts[1:] |= (numbers[1:] != numbers[:-1]) | (here[1:] != here[:-1])
-    return np.cumsum(starts)
-
-
 def _signals(table: Table, smoothing: Smoothing, options: SampleOptions) -> dict[str, Array]:
     """Tilts with rates and accelerations, at the time of the ball, by name."""
     segment, out = table.segment, {}
-    t = table["t"]
     for axis in ("beta", "gamma"):
         names = (axis, f"{axis}_dot", f"{axis}_ddot")
         if not options.recompute and all(name in table for name in names):
@@ -205,7 +178,7 @@ def _signals(table: Table, smoothing: Smoothing, options: SampleOptions) -> dict
             smooth = derivatives(table[axis], table.dt, smoothing, segment=segment)
             columns = [table[axis], smooth.rate, smooth.acceleration]
         if options.delay:
-            columns = [_late(column, t, segment, options.delay) for column in columns]
+            columns = [_late(column, table["t"], segment, options.delay) for column in columns]
         out[f"{axis}_past"] = _averaged(columns[0], segment, PAST, np.full(len(PAST), 1.0 / len(PAST)))
         if options.rates == "delayed":
             weights = acceleration_kernel(smoothing.window, smoothing.order)
@@ -236,15 +209,9 @@ def _late(values: Array, t: Array, segment: Array, delay: float) -> Array:
 
 
 def _collect(
-    table: Table,
-    signals: dict[str, Array],
-    rows: IntArray,
-    run: IntArray,
-    ring: int,
-    radius: float,
-    smoothing: Smoothing,
-    options: SampleOptions,
-) -> RingSamples:
+    table: Table, signals: dict[str, Array], rows: IntArray, run: IntArray, ring: int, radius: float,
+    smoothing: Smoothing, options: SampleOptions,
+) -> RingSamples:  # fmt: skip
     """The samples of one ring; rows: rows of the table; run: stretch of each row."""
     dt, measured = table.dt, unwrapped(table["theta"][rows], run)
     if not options.recompute and "theta_dot" in table and "theta_ddot" in table:
@@ -254,7 +221,7 @@ def _collect(
         theta, rate, target = smooth.value, smooth.rate, smooth.acceleration
     if options.rates == "delayed":
         rate = delayed(measured, run, dt)
-    state = {name: signals[name][rows] for name in signals}
+    state = {name: values[rows] for name, values in signals.items()}
     k = MatchedKinematics(radius=radius, theta=theta, theta_dot=rate, **state)
     good = np.isfinite(target)
     for name in columns_of(k):
@@ -307,12 +274,10 @@ def joined(parts: Sequence[RingSamples]) -> RingSamples:
     """Samples of one ring from several records, one after the other; stretches stay separate."""
     if len(parts) == 1:
         return parts[0]
-    segments, rows, segment_from, row_from = [], [], 0, 0
-    for part in parts:
-        segments.append(part.segment + segment_from)
-        rows.append(part.row + row_from)
-        segment_from, row_from = int(segments[-1].max()) + 1, int(rows[-1].max()) + 1
-    first = parts[0]
+    first, segments, rows = parts[0], [parts[0].segment], [parts[0].row]
+    for part in parts[1:]:
+        segments.append(part.segment + int(segments[-1].max()) + 1)
+        rows.append(part.row + int(rows[-1].max()) + 1)
     state = {name: np.concatenate([getattr(part.k, name) for part in parts]) for name in columns_of(first.k)}
     same = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in ("theta_ddot", "measured", "good")

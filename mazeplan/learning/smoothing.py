@@ -5,7 +5,7 @@ savgol  Savitzky and Golay (1964): derivatives at the middle of a polynomial fit
 rts     Rauch, Tung and Striebel (1965): the third derivative of the signal (model "jerk"), or the fourth ("snap"), is
         white noise of density q, and the samples have white noise of standard deviation sigma. A Kalman filter and a
         smoother give the mean of the signal given all samples, also at edges and in gaps, with an unknown start.
-        If q or sigma is unknown, it maximises the likelihood of the samples,
+        q and sigma maximise the likelihood of the samples,
 
             -2 log L = sum_k [ log S_k + e_k^2 / S_k ],    e_k, S_k: innovation of the filter and its variance.
 
@@ -24,7 +24,6 @@ import numpy as np
 from numba import njit
 from scipy.optimize import minimize_scalar
 
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array, IntArray
 
 # decades of q / sigma^2, in units of one step, that are searched: from one parabola through 300 samples to a signal
@@ -33,6 +32,7 @@ RATIOS = (-12.0, 4.0)
 GRID = 17  # ratios tried before the best is refined
 DIFFUSE = 1e7  # prior variance of the states over that of a sample and of a step; a larger one would lose digits
 SETTLED = 1e-12  # relative change per step below which the filter's covariance counts as constant
+BRIDGE = 5  # longest run of missing samples (NaN) within a stretch, rts only; savgol bridges none
 TINY = 1e-200  # minimum variance, so that a constant signal has a likelihood
 
 
@@ -60,39 +60,17 @@ def savgol_weights(window: int, order: int, deriv: int, dt: float, at: int = 0) 
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Settings of a smoothing. Raises SettingsError.
+    """Settings of a smoothing.
 
     window:  samples (odd) of the polynomial; for both methods, shorter stretches give NaN
     order:   degree of the polynomial, savgol only
     model:   rts only: jerk or snap, see above
-    process: density q, unit^2/s^5 (jerk) or unit^2/s^7 (snap); None: by maximum likelihood
-    noise:   standard deviation of a sample, in its unit; None: by maximum likelihood
-    bridge:  longest run of missing samples (NaN) within a stretch, rts only; savgol bridges none
     """
 
     method: Literal["savgol", "rts"] = "savgol"
     window: int = 7
     order: int = 2
     model: Literal["jerk", "snap"] = "jerk"
-    process: float | None = None
-    noise: float | None = None
-    bridge: int = 5
-
-    def __post_init__(self) -> None:
-        for name, allowed in (("method", ("savgol", "rts")), ("model", ("jerk", "snap"))):
-            if getattr(self, name) not in allowed:
-                raise SettingsError(f"got {getattr(self, name)!r}, expected one of {', '.join(allowed)}", key=name)
-        for name, least in (("window", 3), ("order", 2), ("bridge", 0)):
-            value = getattr(self, name)
-            if not (isinstance(value, int) and value >= least):
-                raise SettingsError(f"got {value!r}, expected a whole number >= {least}", key=name)
-        above = self.order if self.method == "savgol" else 4  # rts: one sample more than states, to find the noise
-        if self.window % 2 == 0 or self.window <= above:
-            raise SettingsError(f"got {self.window}, expected an odd number > {above}", key="window")
-        for name in ("process", "noise"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise SettingsError(f"got {value!r}, expected a number > 0, or None", key=name)
 
     @property
     def states(self) -> int:
@@ -109,18 +87,10 @@ class Derivatives:
     acceleration: Array
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the rts smoother: density q (see Smoothing) and standard deviation of a sample."""
-
-    process: float
-    noise: float
-
-
 def derivatives(
     signal: Array, dt: float, smoothing: Smoothing | None = None, *, segment: Array | IntArray | None = None
 ) -> Derivatives:
-    """Signal (N,), rate and acceleration from samples `dt` s apart, NaN: missing. Raises ValueError for shapes and dt.
+    """Signal (N,), rate and acceleration from samples `dt` s apart, NaN: missing.
 
     segment (N,): number of the uninterrupted stretch of each row; None: one stretch.
 
@@ -129,31 +99,28 @@ def derivatives(
     and in long gaps.
     """
     smoothing = smoothing or Smoothing()
-    signal, number = _checked(signal, dt, segment)
-    out = np.full((3, len(signal)), np.nan)
+    number = np.zeros(len(signal), dtype=np.int64) if segment is None else _numbers(segment)
+    out, half = np.full((3, len(signal)), np.nan), smoothing.window // 2
     if smoothing.method == "savgol":
         for start, stop in _runs(number, np.ones(len(signal), dtype=bool), 0):
-            out[:, start:stop] = _savgol(signal[start:stop], dt, smoothing)
+            if stop - start < smoothing.window:
+                continue
+            for deriv in range(3):
+                weights = savgol_weights(smoothing.window, smoothing.order, deriv, dt)
+                out[deriv, start + half : stop - half] = np.correlate(signal[start:stop], weights, mode="valid")
         return Derivatives(*out)
-    pieces = _pieces(signal, number, smoothing)
+    seen = np.isfinite(signal)
+    runs = _runs(number, seen, BRIDGE)
+    pieces = [(start, stop) for start, stop in runs if np.count_nonzero(seen[start:stop]) >= smoothing.window]
     if pieces:
-        noise = _most_likely(signal, pieces, dt, smoothing)
-        ratio = noise.process * dt ** (2 * smoothing.states - 1) / noise.noise**2
         step, disturbance = _chain(smoothing.states)
+        q, sigma = _most_likely([signal[start:stop] for start, stop in pieces], dt, step, disturbance)
+        ratio = q * dt ** (2 * smoothing.states - 1) / sigma**2
         for start, stop in pieces:
             states = _rts(signal[start:stop] - signal[start], step, ratio * disturbance)
             out[:, start:stop] = states[:, :3].T / np.array([[1.0], [dt], [dt**2]])
             out[0, start:stop] += signal[start]
     return Derivatives(*out)
-
-
-def noise_of(signal: Array, dt: float, smoothing: Smoothing, *, segment: Array | IntArray | None = None) -> Noise:
-    """The noise that `derivatives` uses for rts. Raises ValueError as it does, and if all stretches are short."""
-    signal, number = _checked(signal, dt, segment)
-    pieces = _pieces(signal, number, smoothing)
-    if not pieces:
-        raise ValueError(f"no stretch has {smoothing.window} samples")
-    return _most_likely(signal, pieces, dt, smoothing)
 
 
 def unwrapped(angle: Array, segment: Array | IntArray | None = None) -> Array:
@@ -175,37 +142,13 @@ def acceleration_kernel(window: int = 7, order: int = 2) -> Array:
     Peano's K(s) = sum_j c_j max(j - s, 0), s in samples: c takes value and slope at any s to 0. K is linear between
     samples; if a is too, the integral is sum_m w_m a_m with w_m = (K_{m-1} + 4 K_m + K_{m+1}) / 6, exactly.
     """
-    smoothing = Smoothing(window=window, order=order)
     half = window // 2
     j = np.arange(-half, half + 1)
-    c = savgol_weights(window, smoothing.order, 2, 1.0)
+    c = savgol_weights(window, order, 2, 1.0)
     knots = np.arange(-half - 1, half + 2)
     K = np.maximum(j - knots[:, None], 0) @ c
     K[[0, 1, -2, -1]] = 0.0  # at the ends and beyond; else rounding
     return (K[:-2] + 4.0 * K[1:-1] + K[2:]) / 6.0
-
-
-def _checked(signal: Array, dt: float, segment: Array | IntArray | None) -> tuple[Array, IntArray]:
-    """The signal as float, and the stretch of each row, counted from 0."""
-    signal = np.asarray(signal, dtype=np.float64)
-    number = np.zeros(signal.shape, dtype=np.int64) if segment is None else _numbers(segment)
-    if signal.ndim != 1 or number.shape != signal.shape:
-        raise ValueError(f"got signal {signal.shape} and segment {number.shape}, expected (N,) both")
-    if not 0.0 < dt < math.inf:
-        raise ValueError(f"dt: got {dt}, expected a number > 0")
-    if np.isinf(signal).any():
-        raise ValueError("signal: got an infinite sample, expected numbers or NaN")
-    return signal, number
-
-
-def _savgol(signal: Array, dt: float, smoothing: Smoothing) -> Array:
-    """(3, N): value, rate, acceleration of one stretch."""
-    out, half = np.full((3, len(signal)), np.nan), smoothing.window // 2
-    if len(signal) >= smoothing.window:
-        for deriv in range(3):
-            weights = savgol_weights(smoothing.window, smoothing.order, deriv, dt)
-            out[deriv, half : len(signal) - half] = np.correlate(signal, weights, mode="valid")
-    return out
 
 
 def _numbers(segment: Array | IntArray) -> IntArray:
@@ -223,13 +166,6 @@ def _runs(number: IntArray, seen: np.ndarray, bridge: int) -> list[tuple[int, in
     return [(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def _pieces(signal: Array, number: IntArray, smoothing: Smoothing) -> list[tuple[int, int]]:
-    """Stretches that rts smooths: those with at least a window of samples seen."""
-    seen = np.isfinite(signal)
-    runs = _runs(number, seen, smoothing.bridge)
-    return [(start, stop) for start, stop in runs if np.count_nonzero(seen[start:stop]) >= smoothing.window]
-
-
 def _chain(n: int) -> tuple[Array, Array]:
     """Transition (n, n) of n integrators in a row over one step, and covariance of unit white noise at their input."""
     step, disturbance = np.eye(n), np.empty((n, n))
@@ -242,27 +178,21 @@ def _chain(n: int) -> tuple[Array, Array]:
     return step, disturbance
 
 
-def _most_likely(signal: Array, pieces: list[tuple[int, int]], dt: float, smoothing: Smoothing) -> Noise:
-    """The noise: given values, and missing ones by maximum likelihood over all stretches."""
-    step, disturbance = _chain(smoothing.states)
-    scale = dt ** (2 * smoothing.states - 1)  # q in units of one step
-    q = None if smoothing.process is None else smoothing.process * scale
+def _most_likely(pieces: list[Array], dt: float, step: Array, disturbance: Array) -> tuple[float, float]:
+    """q and sigma by maximum likelihood over all stretches.
+
+    The first n samples of a stretch determine its unknown start; they do not count."""
+    n = len(step)
+    nothing = np.empty((0, n))
 
     def variance_and_loss(decade: float) -> tuple[float, float]:
         ratio, logs, squares, count = 10.0**decade, 0.0, 0.0, 0
-        for start, stop in pieces:
-            part = _innovations(signal[start:stop] - signal[start], step, ratio * disturbance)
+        for y in pieces:
+            part = _forward(y - y[0], step, ratio * disturbance, nothing, np.empty((0, n, n)), nothing, np.empty(0))
             logs, squares, count = logs + part[0], squares + part[1], count + part[2]
-        if smoothing.noise is not None:
-            variance = smoothing.noise**2
-        elif q is not None:
-            variance = q / ratio
-        else:
-            variance = max(squares / max(count, 1), TINY)
+        variance = max(squares / max(count, 1), TINY)
         return variance, count * math.log(variance) + logs + squares / variance
 
-    if smoothing.noise is not None and q is not None:
-        return Noise(q / scale, smoothing.noise)
     decades = np.linspace(*RATIOS, GRID)
     best = int(np.argmin([variance_and_loss(float(decade))[1] for decade in decades]))
     bounds = decades[max(best - 1, 0)], decades[min(best + 1, GRID - 1)]
@@ -270,19 +200,7 @@ def _most_likely(signal: Array, pieces: list[tuple[int, int]], dt: float, smooth
         lambda at: variance_and_loss(at)[1], bounds=bounds, method="bounded", options={"xatol": 1e-3}
     )
     variance = variance_and_loss(float(found.x))[0]
-    return Noise(variance * 10.0 ** float(found.x) / scale, math.sqrt(variance))
-
-
-@njit(cache=True)
-def _innovations(y: Array, step: Array, disturbance: Array) -> tuple[float, float, int]:
-    """Sums of log S and e^2 / S over the samples of y (N,) except the first n, and the number of these samples.
-
-    The first n samples determine the unknown start. S is in units of the noise of a sample: 1 plus the variance of the
-    prediction.
-    """
-    n = len(step)
-    nothing = np.empty((0, n))
-    return _forward(y, step, disturbance, nothing, np.empty((0, n, n)), nothing, np.empty(0))
+    return variance * 10.0 ** float(found.x) / dt ** (2 * n - 1), math.sqrt(variance)
 
 
 @njit(cache=True)
@@ -313,7 +231,10 @@ def _rts(y: Array, step: Array, disturbance: Array) -> Array:
 def _forward(
     y: Array, step: Array, disturbance: Array, x_kept: Array, P_kept: Array, gain_kept: Array, pull_kept: Array
 ) -> tuple[float, float, int]:
-    """Kalman filter. Keeps prediction, covariance, gain and e / S of each step unless the arrays are empty."""
+    """Kalman filter: sums of log S and e^2 / S over the samples of y (N,) except the first n, and their number.
+
+    S is in units of the noise of a sample: 1 plus the variance of the prediction. The filter keeps prediction,
+    covariance, gain and e / S of each step unless the arrays are empty."""
     n, keep = len(step), len(x_kept) > 0
     x, moved, P = np.zeros(n), np.empty(n), np.zeros((n, n))
     for i in range(n):

@@ -35,8 +35,9 @@ _SHOWN = 1.27  # a picture with labels shows this many radii of the rim to each 
 Array = NDArray[np.float64]
 
 
-def wall_outlines(wall: Wall) -> list[Array]:
+def wall_outlines(wall: Wall, step: float = _ARC_STEP) -> list[Array]:
     """Outlines of the solid pieces between a wall's openings, each (N, 2) in m; none for a wall without openings.
+    step: rad from point to point of an arc.
 
     The sides of an opening are parallel to its middle line: at radius rho an edge lies asin(width / 2 rho) beside it.
     """
@@ -46,7 +47,9 @@ def wall_outlines(wall: Wall) -> list[Array]:
         start = here.angle % (2.0 * math.pi)
         end = following.angle % (2.0 * math.pi) + (2.0 * math.pi if following is gaps[0] else 0.0)
         inner, outer = (
-            _arc(radius, start + math.asin(0.5 * here.width / radius), end - math.asin(0.5 * following.width / radius))
+            _arc(
+                radius, start + math.asin(0.5 * here.width / radius), end - math.asin(0.5 * following.width / radius), step
+            )
             for radius in (wall.inner_radius, wall.outer_radius)
         )
         outlines.append(np.vstack([inner, outer[::-1]]))
@@ -62,9 +65,9 @@ def radial_outline(maze: Maze, wall: RadialWall) -> Array:
     return np.vstack(ends)
 
 
-def _arc(radius: float, first: float, last: float) -> Array:
-    """Points (N, 2) of an arc, _ARC_STEP apart."""
-    angles = np.linspace(first, last, max(2, math.ceil(abs(last - first) / _ARC_STEP)))
+def _arc(radius: float, first: float, last: float, step: float = _ARC_STEP) -> Array:
+    """Points (N, 2) of an arc."""
+    angles = np.linspace(first, last, max(2, math.ceil(abs(last - first) / step)))
     return radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 

@@ -39,8 +39,6 @@ def test_the_document_describes_each_ring(run, models, tmp_path):
         assert len({row.split(",")[1] for row in rows}) == got["segments"]
         assert {row.split(",")[0] for row in rows} == {ring[-1]}
         assert got["noise"] > got["noise_variance"] > 0.0
-        assert list(got["checks"]) == ["weights", "noise", "input_scales", "rate_filter", "acceleration"]
-        assert all(0.0 <= value < 1e-5 for value in got["checks"].values())
 
 
 def test_nothing_is_written_if_one_ring_cannot_be_read(refused, models, tmp_path):
@@ -50,5 +48,5 @@ def test_nothing_is_written_if_one_ring_cannot_be_read(refused, models, tmp_path
     for path in models.iterdir():
         (broken / path.name).write_bytes(path.read_bytes())
     (broken / ("w_hat_SP" + ENDING.format(4))).write_text("1 2 3")
-    assert "got 3 numbers, expected 7" in refused("data", "import-cme", broken, "-o", tmp_path / "out")
+    assert "got 3 numbers, expected finite ones, 7" in refused("data", "import-cme", broken, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

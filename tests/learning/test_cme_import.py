@@ -48,7 +48,6 @@ def test_the_training_data_come_back(recording, published):
     assert (got.ring, got.step, got.segments, got.published) == (1, 2, 4, len(rows))
     assert got.noise_variance == pytest.approx(noise_variance, rel=1e-6)
     assert got.noise == pytest.approx(np.sqrt(noise_variance) * rows.theta_ddot.std(), rel=1e-6)
-    assert max(got.checks[name] for name in ("weights", "noise", "input_scales")) < 1e-6
     measured = got.columns["measured"] == 1
     turns = (got.columns["theta"][measured] - rows.angles[:, 0]) / (2 * np.pi)
     assert np.allclose(turns, np.round(turns), atol=1e-9)
@@ -116,10 +115,9 @@ def line(text):
 @pytest.mark.parametrize(
     ("name", "spoil", "message"),
     [
-        ("alpha", line("one"), r"alpha_hat_SP_ring1_toy.txt:5: got 'one', expected a number"),
-        ("alpha", line("1 2"), r"txt:5: got 2 numbers, expected 1"),
-        ("alpha", lambda lines: lines.pop(), r"got \d+ rows, expected \d+ as in .*data_X"),
-        ("inputs", lambda lines: lines.__delitem__(slice(5, None)), r"got 5 rows, expected 8 to 50000"),
+        ("alpha", line("one"), r"alpha_hat_SP_ring1_toy.txt: not a text file of numbers: .*'one'"),
+        ("inputs", line("1 2"), r"txt: got \d+ numbers, expected finite ones, 9 to a row"),
+        ("alpha", lambda lines: lines.pop(), r"got \d+ rows of 1 numbers, expected \d+"),
         ("target_scale", lambda lines: lines.__setitem__(0, "0.001"), r"no noise gives targets of 0.001 rad/s\^2"),
     ],
 )
@@ -147,7 +145,7 @@ def test_nothing_in_a_file_is_run(model, tmp_path, monkeypatch):
 
 
 def test_the_published_models():
-    """Figures of the authors' files: each ring's step, how well the two ways to its noise agree, what its rates say."""
+    """Figures of the authors' files: each ring's step, and the noise of its targets."""
     folder = os.environ.get("MAZEPLAN_CME_MODELS")
     if not folder:
         pytest.skip("MAZEPLAN_CME_MODELS does not name the folder of the published model files (not distributed)")
@@ -158,6 +156,4 @@ def test_the_published_models():
         got = import_ring(models[ring])
         assert got.step == step
         assert got.noise_variance == pytest.approx(noise[ring], rel=1e-5)
-        assert got.checks["noise"] < 5e-5
-        assert max(got.checks[name] for name in ("weights", "input_scales", "rate_filter", "acceleration")) < 1e-6
         assert got.published == len(models[ring].alpha)

@@ -12,9 +12,11 @@ from scipy.signal import savgol_filter
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.smoothing import (
     Smoothing,
+    _chain,
+    _most_likely,
+    _rts,
     acceleration_kernel,
     derivatives,
-    noise_of,
     smoothed,
     unwrapped,
 )
@@ -107,11 +109,13 @@ def test_rts_is_the_least_squares_solution(model, process):
     y = 5.0 + np.sin(4.0 * np.arange(60) * DT) + 0.01 * rng.standard_normal(60)
     y[[3, 20, 21, 22, 23, 24, 50]] = np.nan
     process = process if model == "jerk" else 100.0 * process
-    d = derivatives(y, DT, Smoothing("rts", model=model, process=process, noise=0.01))
-    states = least_squares(y, DT, process, 0.01, 3 if model == "jerk" else 4)
-    for i, found in enumerate((d.value, d.rate, d.acceleration)):
+    order = 3 if model == "jerk" else 4
+    step, disturbance = _chain(order)
+    found = _rts(y - y[0], step, process * DT ** (2 * order - 1) / 0.01**2 * disturbance)
+    states = least_squares(y - y[0], DT, process, 0.01, order)
+    for i in range(3):
         assert np.isfinite(found).all()
-        assert found == pytest.approx(states[:, i], abs=1e-6 * np.ptp(states[:, i]))
+        assert found[:, i] / DT**i == pytest.approx(states[:, i], abs=1e-6 * np.ptp(states[:, i]))
 
 
 def likelihood(y, dt, q, sigma, order):
@@ -128,20 +132,17 @@ def likelihood(y, dt, q, sigma, order):
     return np.linalg.slogdet(V)[1] + e @ np.linalg.solve(V, e)
 
 
-@pytest.mark.parametrize("given", [{}, {"noise": 0.02}, {"process": 3000.0}])
-def test_noise_is_that_of_the_largest_likelihood(given):
+def test_noise_is_that_of_the_largest_likelihood():
     """Over short stretches, so that what their unknown starts cost is seen."""
     rng = np.random.default_rng(5)
     y = np.cumsum(np.cumsum(np.cumsum(rng.standard_normal(120) * 0.5))) * DT + 0.01 * rng.standard_normal(120)
-    found = noise_of(y, DT, Smoothing("rts", **given), segment=np.arange(120) // 8)
-    for name, value in given.items():
-        assert getattr(found, name) == pytest.approx(value)
+    parts = y.reshape(15, 8)
+    q, sigma = _most_likely(list(parts), DT, *_chain(3))
 
     def loss(process=1.0, noise=1.0):
-        parts = y.reshape(15, 8)
-        return sum(likelihood(part, DT, process * found.process, noise * found.noise, 3) for part in parts)
+        return sum(likelihood(part, DT, process * q, noise * sigma, 3) for part in parts)
 
-    for name in {"process", "noise"} - set(given):
+    for name in ("process", "noise"):
         assert loss(**{name: 0.97}) > loss() < loss(**{name: 1.03})
 
 
@@ -158,9 +159,9 @@ def test_rts_recovers_the_noise_that_made_a_signal():
         states[k] = s
         s = F @ s + kicks[k]
     y = states[:, 0] + sigma * rng.standard_normal(n)
-    found = noise_of(y, DT, RTS["jerk"])
-    assert found.noise == pytest.approx(sigma, rel=0.02)
-    assert found.process == pytest.approx(q, rel=0.1)
+    process, noise = _most_likely([y], DT, *_chain(3))
+    assert noise == pytest.approx(sigma, rel=0.02)
+    assert process == pytest.approx(q, rel=0.1)
 
 
 def test_rts_bridges_short_gaps_and_stops_at_long_ones():
@@ -181,10 +182,11 @@ def test_segments_are_smoothed_apart_with_one_noise():
     y = np.sin(2.0 * t) + 1e-3 * rng.standard_normal(300) + np.repeat([0.0, 50.0], 150)
     segment = np.repeat([1.0, 2.0], 150)
     both = derivatives(y, DT, RTS["jerk"], segment=segment)
-    noise = noise_of(y, DT, RTS["jerk"], segment=segment)
-    fixed = Smoothing("rts", process=noise.process, noise=noise.noise)
+    step, disturbance = _chain(3)
+    q, sigma = _most_likely([y[:150], y[150:]], DT, step, disturbance)
     for part in (slice(0, 150), slice(150, 300)):
-        assert both.acceleration[part] == pytest.approx(derivatives(y[part], DT, fixed).acceleration, abs=1e-9)
+        own = _rts(y[part] - y[part][0], step, q * DT**5 / sigma**2 * disturbance)
+        assert both.acceleration[part] == pytest.approx(own[:, 2] / DT**2, abs=1e-9)
     assert rms(both.acceleration + 4.0 * np.sin(2.0 * t)) < 0.2
 
 
