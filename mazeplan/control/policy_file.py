@@ -116,7 +116,7 @@ def _arrays(path: Path, entry: Any, sizes: list[int]) -> dict[str, Single]:
     """Read the arrays of the file and check their shapes. Raises ValueError."""
     if not isinstance(entry, dict) or entry.get("file") != ARRAYS:
         raise ValueError(f"expected file: {ARRAYS} and its sha256")
-    content = content_of(path.parent, {"file": ARRAYS, "sha256": entry.get("sha256")})
+    content = content_of(path.parent, ARRAYS, str(entry.get("sha256")))
     try:
         found = arrays_of(content, MOST_BYTES)
     except ValueError as problem:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +53,8 @@ def rounded(inputs: np.ndarray) -> np.ndarray:
     return inputs.astype(np.float32).astype(np.float64)
 
 
-def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
-    """The content of the file of an entry. Raises ValueError if it is not the file that was saved."""
-    name = str(entry["file"])
+def content_of(folder: Path, name: str, sha256: str) -> bytes:
+    """The content of a file. Raises ValueError if it is not the file that was saved."""
     path = folder / name
     if Path(name).name != name or path.suffix != ".npz":
         raise ValueError(f"file: got {name!r}, expected the name of an .npz file beside model.yaml")
@@ -66,7 +64,7 @@ def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
         content = path.read_bytes()
     except OSError as problem:
         raise ValueError(f"{name} cannot be read: {problem.strerror}") from None
-    if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+    if hashlib.sha256(content).hexdigest() != sha256:
         raise ValueError(f"{name} is not the file that was saved here (its sha256 differs)")
     return content
 
@@ -83,9 +81,9 @@ def arrays_of(content: bytes, most: int) -> dict[str, np.ndarray]:
         raise ValueError(" ".join(str(problem).split())) from None
 
 
-def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
-    """The Gaussian process of an entry of model.yaml. Raises ValueError."""
-    content = content_of(folder, entry)
+def read_process(folder: Path, file: str, sha256: str) -> GaussianProcess:
+    """The Gaussian process in a file that is named in model.yaml. Raises ValueError."""
+    content = content_of(folder, file, sha256)
     try:
         held = arrays_of(content, MOST_BYTES)
         inputs, alpha = held["inputs"], held["alpha"]
@@ -98,6 +96,6 @@ def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
         term = KernelTerm(columns, lengthscales, float(held["amplitude"]))
         hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"])[:MOST_NAME])
     except (ValueError, KeyError, TypeError, ModelError) as problem:
-        raise ValueError(f"{entry['file']} has no Gaussian process: {' '.join(str(problem).split())}") from None
+        raise ValueError(f"{file} has no Gaussian process: {' '.join(str(problem).split())}") from None
     none = np.zeros((len(alpha), 0))
     return GaussianProcess(hyper, inputs.astype(np.float64), none, alpha, np.zeros(0), np.zeros((0, 0)))

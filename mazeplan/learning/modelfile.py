@@ -22,16 +22,16 @@ as a zip file (`packed_model`).
 from __future__ import annotations
 
 import io
-import math
 import re
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, Literal
 
 import yaml
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
@@ -51,17 +51,16 @@ from mazeplan.learning.model_document import (
     model_document,
 )
 from mazeplan.learning.rig_model import RigModel
-from mazeplan.learning.rigid_body_entries import KEPT, Body
-from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
+from mazeplan.learning.rigid_body_entries import Body
+from mazeplan.maze.sections import MISSING, Section, problems
+from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects.local_forces import FAMILY as LOCAL
-from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import ORDERS, PROMPT, StageAxis, StageModel
 
-Part = TypeVar("Part")
-RATES = (1.0, 1000.0)  # Hz, samples of a rig
 ROUNDED = 1e-6  # s; precision of a delay in a file
 PROCESSES = ("np", "sp")
 KINDS = ("p", "pi", *PROCESSES)
@@ -110,10 +109,38 @@ def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
     return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
 
 
-def _nothing_learned(kind: str) -> str:
-    """The message for a file of a learned kind whose learned parts are missing."""
-    make = f"make them with `mazeplan learn --kind {kind}`"
-    return f"got {kind}, but there are no Gaussian processes (section processes) in this file; expected pi, or {make}"
+class Entry(Section):
+    """A number, with its standard error and unit; a plain number is its value."""
+
+    value: float
+    stderr: float | None = Field(default=None, ge=0)
+    unit: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, given: Any) -> Any:
+        return given if isinstance(given, dict) else {"value": given}
+
+
+Entries = dict[str, Entry]
+Build = Callable[[dict[str, float], dict[str, float]], Any]  # of values and standard errors
+
+
+class ModelFile(Section):
+    """The content of model.yaml."""
+
+    format: int
+    kind: Literal["p", "pi", "np", "sp"] = "p"
+    rate_hz: float = Field(default=30.0, ge=1, le=1000)
+    camera_delay_s: Entry = Entry(value=0.0)
+    stage: dict[str, dict[str, Any]]
+    camera: Entries | None = None
+    tilt_sensor: Entries | None = None
+    rings: dict[str, dict[str, Entries]] = Field(min_length=1)
+    body: dict[str, Any] | None = None
+    processes: dict[str, dict[str, str]] | None = None
+    data: list[dict[str, Any]] | None = None
+    scores: dict[str, Any] | None = None
 
 
 class _Reader:
@@ -123,169 +150,126 @@ class _Reader:
         self._tree, self._path = tree, path
 
     def fail(self, problem: str, *key: str | int) -> ModelError:
-        """The error at a key."""
+        """The error at a key, or at the nearest one above it in the file."""
+        while key and key not in self._tree.lines:
+            key = key[:-1]
         return ModelError(problem, file=self._path, line=self._tree.line(key), key=key_path(key) or None)
 
-    def section(
-        self, node: Any, key: Key, allowed: tuple[str, ...] | None = None, needed: tuple[str, ...] = ()
-    ) -> dict[str, Any]:
-        """A mapping with only allowed (None: any) and all needed keys."""
-        if not isinstance(node, dict):
-            raise self.fail(f"got {shown(node)}, expected a mapping", *key)
-        for name in node:
-            if allowed is not None and name not in allowed:
-                raise self.fail(f"unknown key, expected {one_of(allowed, name)}", *key, name)
-        for name in needed:
-            if name not in node:
-                raise self.fail(f"{name} is missing", *key)
-        return node
-
-    def number(self, node: Any, *key: str | int, unit: str | None = None) -> tuple[float, float | None]:
-        """(value, standard error) of a number or of {value, stderr, unit}; unit: the only allowed unit."""
-        stderr: float | None = None
-        if isinstance(node, dict):
-            self.section(node, key, ("value", "stderr", "unit"), ("value",))
-            if unit is not None and str(node.get("unit", unit)) != unit:
-                raise self.fail(f"got {shown(node['unit'])}, expected {unit}", *key, "unit")
-            if node.get("stderr") is not None:
-                stderr = self.number(node["stderr"], *key, "stderr")[0]
-                if stderr < 0.0:
-                    raise self.fail(f"got {stderr:g}, expected a number >= 0", *key, "stderr")
-            node = node["value"]
-        if isinstance(node, bool) or not isinstance(node, int | float) or not math.isfinite(node):
-            raise self.fail(f"got {shown(node)}, expected a finite number", *key)
-        return float(node), stderr
-
-    def part(
-        self,
-        node: Any,
-        key: Key,
-        units: Mapping[str, str] | None,
-        build: Callable[[dict[str, float], dict[str, float]], Part],
-    ) -> Part:
-        """A part built from a section of numbers, with their values and standard errors.
-
-        units: unit of each allowed name; None: any name."""
-        self.section(node, key, None if units is None else tuple(units))
-        found = {
-            name: self.number(v, *key, name, unit=None if units is None else units[name]) for name, v in node.items()
-        }
+    def valid(self, kind: Any, node: Any, *key: str | int) -> Any:
+        """The node at a key as a value of this kind."""
         try:
-            return build(
-                {name: value for name, (value, _) in found.items()},
-                {name: stderr for name, (_, stderr) in found.items() if stderr is not None},
-            )
+            return TypeAdapter(kind).validate_python(node, strict=True)
+        except ValidationError as wrong:
+            where, said = problems(kind, wrong)[0]
+            missing = said == MISSING
+            raise self.fail(f"{where[-1]} {said}" if missing else said, *key, *where[: len(where) - missing]) from None
+
+    def part(self, entries: Entries, units: Mapping[str, str], build: Build, *key: str | int) -> Any:
+        """What `build` makes of the values and standard errors of a section. units: of each allowed name."""
+        for name, entry in entries.items():
+            if name not in units:
+                raise self.fail(f"unknown key, expected {one_of(tuple(units), name)}", *key, name)
+            if entry.unit not in (None, units[name]):
+                raise self.fail(f"got {shown(entry.unit)}, expected {units[name]}", *key, name, "unit")
+        stderr = {name: entry.stderr for name, entry in entries.items() if entry.stderr is not None}
+        try:
+            return build({name: entry.value for name, entry in entries.items()}, stderr)
         except ValueError as problem:
             raise self.fail(str(problem), *key) from None
 
     def model(self) -> RigModel:
         """The whole file."""
-        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
-                 "processes", "data", "scores")  # fmt: skip
         check_format(self._tree, FORMAT, file=self._path, error=ModelError)
-        root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
-        delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
-        axes = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
-        stage = StageModel(*(self.axis(axes[name], name) for name in ("beta", "gamma")))
-        least = 0.0 - stage.dead_time
-        if not least - ROUNDED <= delay <= 0.5:
-            expected = f"expected {least:.3g} to 0.5 s"
-            raise self.fail(f"got {delay}, {expected}", "camera_delay_s")
-        rings = self.section(root["rings"], ("rings",))
-        if not rings:
-            raise self.fail("expected at least one ring", "rings")
-        kind = root.get("kind", "p")
-        if kind not in KINDS:
-            raise self.fail(f"got {shown(kind)}, expected {one_of(KINDS, kind)}", "kind")
-        rate = self.number(root.get("rate_hz", 30.0), "rate_hz")[0]
-        low, high = RATES
-        if not low <= rate <= high:
-            raise self.fail(f"got {rate:g}, expected {low:g} to {high:g} Hz", "rate_hz")
-        data = [] if root.get("data") is None else root["data"]
-        if not isinstance(data, list):
-            raise self.fail(f"got {shown(data)}, expected a list", "data")
-        scores = {} if root.get("scores") is None else root["scores"]
-        camera, sensor = ({} if root.get(name) is None else root[name] for name in ("camera", "tilt_sensor"))
+        file: ModelFile = self.valid(ModelFile, self._tree.data)
+        if file.stage.keys() != {"beta", "gamma"}:
+            raise self.fail(f"got {', '.join(file.stage)}, expected beta and gamma", "stage")
+        stage = StageModel(self.axis(file.stage["beta"], "beta"), self.axis(file.stage["gamma"], "gamma"))
+        delay = file.camera_delay_s
+        if not -stage.dead_time - ROUNDED <= delay.value <= 0.5:
+            problem = f"got {delay.value}, expected {0.0 - stage.dead_time:.3g} to 0.5 s"
+            raise self.fail(problem, "camera_delay_s")
         return RigModel(
             stage=stage,
-            balls={self.ring_number(name): self.ball(node, name) for name, node in rings.items()},
-            camera_delay=delay,
-            camera_delay_stderr=delay_stderr,
-            kind=kind,
-            rate_hz=rate,
-            data=tuple(self.section(entry, ("data", i)) for i, entry in enumerate(data)),
-            scores=self.section(scores, ("scores",)),
-            processes=self.processes(root.get("processes"), kind),
-            camera=self.part(camera, ("camera",), CAMERA_UNITS | CAMERA_MORE, lambda v, s: Camera(**v, stderr=s)),
-            tilt_sensor=self.part(sensor, ("tilt_sensor",), SENSOR_UNITS, lambda v, s: TiltSensor(**v, stderr=s)),
-            body=None if root.get("body") is None else self.body(root["body"]),
+            balls={self.ring_number(name, "rings"): self.ball(node, name) for name, node in file.rings.items()},
+            camera_delay=delay.value,
+            camera_delay_stderr=delay.stderr,
+            kind=file.kind,
+            rate_hz=file.rate_hz,
+            data=tuple(file.data or ()),
+            scores=file.scores or {},
+            processes=self.processes(file.processes or {}, file.kind),
+            camera=self.part(
+                file.camera or {}, CAMERA_UNITS | CAMERA_MORE, lambda v, s: Camera(**v, stderr=s), "camera"
+            ),
+            tilt_sensor=self.part(
+                file.tilt_sensor or {}, SENSOR_UNITS, lambda v, s: TiltSensor(**v, stderr=s), "tilt_sensor"
+            ),
+            body=None if file.body is None else self.body(dict(file.body)),
         )
 
-    def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
+    def processes(self, entries: Mapping[str, Mapping[str, str]], kind: str) -> dict[int, GaussianProcess]:
         """The Gaussian processes of a model; their arrays are checked against the file."""
-        learned, empty = kind in PROCESSES, node is None or node == {}
-        if empty or not learned:
-            if empty == learned:
-                problem = _nothing_learned(kind) if empty else f"kind {kind} has no processes"
-                raise self.fail(problem, "kind" if empty else "processes")
-            return {}
+        if bool(entries) != (kind in PROCESSES):
+            has = "has" if entries else "lacks"
+            raise self.fail(f"got {kind}, but the file {has} Gaussian processes (section processes)", "kind")
         out = {}
-        for name, entry in self.section(node, ("processes",)).items():
-            self.section(entry, ("processes", name), ("file", "sha256"), ("file", "sha256"))
+        for name, entry in entries.items():
+            if entry.keys() != {"file", "sha256"}:
+                raise self.fail(f"got {', '.join(entry)}, expected file and sha256", "processes", name)
             try:
-                out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
+                out[self.ring_number(name, "processes")] = read_process(self._path.parent, **entry)
             except ValueError as problem:
                 raise self.fail(str(problem), "processes", name) from None
         return out
 
-    def ring_number(self, name: str, section: str = "rings") -> int:
+    def ring_number(self, name: str, section: str) -> int:
         """The number of a ring from its key."""
         if not re.fullmatch("[1-9][0-9]{0,3}", name):
             raise self.fail(f"got {shown(name)}, expected a ring number from 1", section, name)
         return int(name)
 
-    def axis(self, node: Any, name: str) -> StageAxis:
+    def axis(self, node: Mapping[str, Any], name: str) -> StageAxis:
         """One axis of the stage. An axis that follows at once has no frequency, one of first order no damping."""
-        order, node = 2, dict(self.section(node, ("stage", name)))
-        if "follows" in node:
-            if (kind := node.pop("follows")) not in ORDERS:
-                raise self.fail(f"got {shown(kind)}, expected {one_of(ORDERS, str(kind))}", "stage", name, "follows")
-            order = ORDERS.index(kind)
-        if order == 0 and isinstance(node.get("natural_frequency"), dict):
-            at_least = self.section(node["natural_frequency"], ("stage", name, "natural_frequency"))
-            node["natural_frequency"] = at_least.get("faster_than", PROMPT)
+        node, kind, gears = dict(node), node.get("follows", ORDERS[2]), node.get("backlash")
+        if kind not in ORDERS:
+            raise self.fail(f"got {shown(kind)}, expected {one_of(ORDERS, str(kind))}", "stage", name, "follows")
+        node.pop("follows", None)
+        order = ORDERS.index(kind)
         usual: dict[str, Any] = {} if order == 2 else {"damping": 1.0}
-        if isinstance(gears := node.get("backlash"), dict):
+        if order == 0 and isinstance(at_least := node.get("natural_frequency"), dict):
+            node["natural_frequency"] = at_least.get("faster_than", PROMPT)
+        if isinstance(gears, dict):
             node["backlash"] = {key: value for key, value in gears.items() if key != "behind_the_lag"}
             usual["behind"] = bool(gears.get("behind_the_lag", False))
         return self.part(
-            node, ("stage", name), AXIS_UNITS | AXIS_MORE,
-            lambda v, s: StageAxis(**{**usual, **v}, stderr=s, order=order),
+            self.valid(Entries, node, "stage", name), AXIS_UNITS | AXIS_MORE,
+            lambda v, s: StageAxis(**{**usual, **v}, stderr=s, order=order), "stage", name,
         )  # fmt: skip
 
-    def ball(self, node: Any, ring: str) -> BallModel:
+    def ball(self, node: Mapping[str, Entries], ring: str) -> BallModel:
         """The effects of one ring."""
-        effects, stderr = [], {}
-        for name, parameters in self.section(node, ("rings", ring)).items():
-            units = {k: p.unit for k, p in EFFECTS[name].parameters.items()} if name in EFFECTS else None
-            key = ("rings", ring, name)
-            term, stderr[name] = self.part(parameters, key, units, lambda v, s, name=name: (make_term(name, v), s))
-            effects.append(term)
-        return BallModel(tuple(effects), stderr)
+        found = self.terms(node, EFFECTS, "rings", ring)
+        return BallModel(tuple(term for term, _ in found), {term.name: stderr for term, stderr in found})
 
-    def body(self, node: Any) -> Body:
+    def terms(self, node: Mapping[str, Entries], known: Mapping[str, Effect], *key: str) -> list[Any]:
+        """The effects in a section, each with the standard errors of its parameters."""
+        found = []
+        for name, entries in node.items():
+            if name not in known:
+                own = "; an effect of your own needs --effects MODULE:FUNCTION"
+                raise self.fail(f"got {shown(name)}, expected {one_of(tuple(known), name)}{own}", *key, name)
+            effect = known[name]
+            units = {part: p.unit for part, p in effect.parameters.items()}
+            found.append(self.part(entries, units, lambda v, s, effect=effect: (effect(**v), s), *key, name))
+        return found
+
+    def body(self, node: dict[str, Any]) -> Body:
         """The ball as a rigid body."""
-        of = str(self.section(node, ("body",), ("of", *KEPT, "terms"), ("of",))["of"])
-        known = {**LOCAL, **EFFECTS}
-        terms = self.section(node.get("terms", {}), ("body", "terms"), tuple(known))
-        more = tuple(self.term(known[name], values, ("body", "terms", name))[0] for name, values in terms.items())
-        numbers = {name: value for name, value in node.items() if name in KEPT}
-        return self.part(numbers, ("body",), BODY_UNITS, lambda v, s: Body(v, of, s, more))
-
-    def term(self, effect: Effect, node: Any, key: Key) -> tuple[Term, dict[str, float]]:
-        """An effect with its values, and their standard errors."""
-        units = {name: p.unit for name, p in effect.parameters.items()}
-        return self.part(node, key, units, lambda v, s: (effect(**v), s))
+        of = self.valid(str, node.pop("of", None), "body", "of")
+        terms = self.valid(dict[str, Entries], node.pop("terms", {}), "body", "terms")
+        more = tuple(term for term, _ in self.terms(terms, {**LOCAL, **EFFECTS}, "body", "terms"))
+        entries = self.valid(Entries, node, "body")
+        return self.part(entries, BODY_UNITS, lambda v, s: Body(v, of, s, more), "body")
 
 
 def save_model(model: RigModel, folder: str | Path) -> Path:

@@ -134,7 +134,7 @@ def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float
 def rings_wanted(table: Table, maze: Maze | None, options: SampleOptions) -> IntArray:
     """Ring of each row (N,); 0 for none, and for any ring other than that of the options.
 
-    If neither a column tells the ring, nor r and the map, it is that of the options. A given radius is of another map."""
+    If neither a column nor r and the map tell it, it is that of the options. A given radius is of another map."""
     if options.ring is None:
         return rings_of(table, maze)
     if "ring" not in table and (maze is None or "r" not in table or options.radius is not None):

@@ -65,7 +65,7 @@ def test_a_kernel_may_look_at_some_inputs_only(tmp_path):
     ("entry", "key", "said"),
     [
         ("5", "processes", "got 5, expected a mapping"),
-        ("{1: {sha256: ab}}", "processes.1", "file is missing"),
+        ("{1: {sha256: ab}}", "processes.1", "expected file and sha256"),
         ("{1: {file: ring1.npz, sha256: ab}}", "processes.1", "its sha256 differs"),
     ],
 )
