@@ -46,13 +46,11 @@ def wall_outlines(wall: Wall, step: float = _ARC_STEP) -> list[Array]:
     for here, following in zip(gaps, gaps[1:] + gaps[:1], strict=True):
         start = here.angle % (2.0 * math.pi)
         end = following.angle % (2.0 * math.pi) + (2.0 * math.pi if following is gaps[0] else 0.0)
-        inner, outer = (
-            _arc(
-                radius, start + math.asin(0.5 * here.width / radius), end - math.asin(0.5 * following.width / radius), step
-            )
-            for radius in (wall.inner_radius, wall.outer_radius)
-        )
-        outlines.append(np.vstack([inner, outer[::-1]]))
+        arcs = []
+        for radius in (wall.inner_radius, wall.outer_radius):
+            first = start + math.asin(0.5 * here.width / radius)
+            arcs.append(_arc(radius, first, end - math.asin(0.5 * following.width / radius), step))
+        outlines.append(np.vstack([arcs[0], arcs[1][::-1]]))
     return outlines
 
 
