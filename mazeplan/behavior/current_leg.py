@@ -17,15 +17,6 @@ if TYPE_CHECKING:
 ENTERING = 0.24  # s that a ball may take from the middle of an opening into the next ring
 
 
-@dataclass(frozen=True)
-class Approach:
-    """Where the ball was measured nearest to an opening, and its distance from the middle of the opening, m."""
-
-    opening: Opening
-    distance: float
-    state: State
-
-
 @dataclass
 class CurrentLeg:
     """What the leaves know of the way out of a ring.
@@ -39,7 +30,8 @@ class CurrentLeg:
     refused: the opening that did not take the ball, although the ball already counted as in the next ring
     entering: ring that the ball leaves, ring into which it falls, and rig time until which it counts as there, s
     falling: the opening through which the ball falls
-    nearest: where the ball came nearest to the opening through which it falls, otherwise to the chosen one
+    nearest: the opening through which the ball falls, otherwise the chosen one; the measured state nearest to it, and
+        its distance from the middle of the opening, m
     """
 
     opening: Opening | None = None
@@ -51,7 +43,7 @@ class CurrentLeg:
     refused: Opening | None = None
     entering: tuple[int, int, float] | None = None
     falling: Opening | None = None
-    nearest: Approach | None = None
+    nearest: tuple[Opening, State, float] | None = None
 
     def passage(self) -> CurrentLeg:
         """A new leg for a ball that is still falling through an opening. Nothing is chosen or planned."""
@@ -65,8 +57,8 @@ class CurrentLeg:
         radius = maze.threshold_radius(opening)
         middle = (radius * math.cos(opening.angle), radius * math.sin(opening.angle))
         distance = math.dist(middle, (measured.x, measured.y))
-        if self.nearest is None or self.nearest.opening != opening or distance < self.nearest.distance:
-            self.nearest = Approach(opening, distance, measured)
+        if self.nearest is None or self.nearest[0] != opening or distance < self.nearest[2]:
+            self.nearest = (opening, measured, distance)
 
     def enter(self, source: int, target: int, now: float) -> None:
         """The ball falls from ring `source` into ring `target`. For ENTERING s from `now` on, it counts as there."""

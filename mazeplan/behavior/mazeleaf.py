@@ -47,7 +47,7 @@ class MazeLeaf(Leaf):
         """Leave the failure missed_opening with what was measured, and return FAILURE. start: the ring to be left"""
         run, nearest = self.context, self.context.leg.nearest
         last = run.measured or run.here
-        state = nearest.state if nearest is not None and nearest.opening == opening else last
+        state = nearest[1] if nearest is not None and nearest[0] == opening else last
         run.leg.nearest = None
         return self.fail_as(FailureKind.MISSED_OPENING, words, measured_miss(state, last, opening, start))
 

@@ -1,8 +1,8 @@
 """The leaves that bring the ball through an opening and to rest: align, pass, confirm, settle.
 
 Each leaf uses the state at which its command will act, gives at most one command a tick, and never blocks. If it fails,
-it leaves a `records.Failure` of a named kind. The way to an opening is in `routing` and `travel`, conditions and
-recoveries are in `recovery`.
+it leaves a `records.Failure` of a named kind. The way to an opening is in `travel`, conditions and recoveries are in
+`recovery`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from enum import IntEnum
 from types import ModuleType
 from typing import Any
 
-from mazeplan.behavior import ball_leaves, follow_policy, opening_leaves, recovery, routing, travel
+from mazeplan.behavior import ball_leaves, follow_policy, opening_leaves, recovery, travel
 from mazeplan.btree.builder import BUILTIN, OPTION
 from mazeplan.btree.controls import Control
 from mazeplan.btree.decorators import Decorator
@@ -116,5 +116,5 @@ def _mistake_in(port: Any) -> str | None:
     return None
 
 
-PACKAGED = (ball_leaves, follow_policy, opening_leaves, recovery, routing, travel)
+PACKAGED = (ball_leaves, follow_policy, opening_leaves, recovery, travel)
 REGISTRY = {node.__name__: node for module in PACKAGED for node in nodes_of(module)}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.view.panel import facts_html, tree_html
+from mazeplan.apps.view.page import facts_html, tree_html
 from mazeplan.apps.view.scene import UNIT, Scene, attitude, wall_mesh
 from mazeplan.apps.view.story import BallShown, Moment
 from mazeplan.core.palette import rgb

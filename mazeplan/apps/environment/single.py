@@ -10,9 +10,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from mazeplan.apps.environment.judging import Judge, Potential
 from mazeplan.apps.environment.senses import HIGH, LOW, Senses
-from mazeplan.apps.environment.task import Start, Task
+from mazeplan.apps.environment.task import Judge, Potential, Start, Task
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map

@@ -7,14 +7,13 @@ error, such as `never("blal_lost")`, would always hold.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field
 from typing import NoReturn
 
 from mazeplan.btree.ports import shown
 from mazeplan.core.errors import InputError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
-from mazeplan.core.maths.angles import difference, place_deg
+from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.records import Command, FailureKind, NavigationResult
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.resolve import ring_number
@@ -114,14 +113,9 @@ class Record:
 
     @property
     def openings(self) -> list[str]:
-        """Openings through which the ball rolled into another ring, in order. A ball that was put there has none."""
-        out = []
-        for before, now in itertools.pairwise(self.ticks):
-            for opening in self.maze.openings_between(before.ring, now.ring) if before.ring != now.ring else ():
-                turned = abs(difference(opening.angle, now.theta))
-                if turned * self.maze.threshold_radius(opening) <= opening.width:
-                    out.append(opening.name)
-        return out
+        """Openings through which the ball rolled into another ring, in order; without a rig, none."""
+        passages = () if self.result is None else self.result.rings
+        return [passage.opening for passage in passages if passage.opening is not None]
 
     def statuses(self, name: str) -> list[str]:
         """How each tick of a node ended; HALTED where the node was halted. Raises InputError.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.apps.view.panel import SIGNS
+from mazeplan.apps.view.page import SIGNS
 from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, INKS, MAZE

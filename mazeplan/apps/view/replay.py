@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.page import RunView, draw_loop, open_page
-from mazeplan.apps.view.panel import FONT
+from mazeplan.apps.view.page import FONT, RunView, draw_loop, open_page
 from mazeplan.apps.view.server import check_installed, listen, url_of
 from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import LogError

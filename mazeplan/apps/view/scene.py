@@ -32,7 +32,7 @@ PLAN_POINTS = 64
 TILT_SHOWN = 3.0  # drawn tilt over true tilt
 WALLS_SHOWN = 0.5  # drawn height of the walls over true height, so that the ball is visible behind them
 MARK = 4e-4  # m, height of the mark on the floor of an opening
-WALL, TABLE = (178, 184, 192), (205, 208, 212)
+WALL = (178, 184, 192)
 FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
 GOAL_FLOOR = (172, 222, 190)
 LABELS_AT = -60.0  # deg, where rings have their numbers
@@ -136,10 +136,6 @@ class Scene:
             out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
             place = UNIT * (out * along + np.array([0.0, 0.0, 0.001]))
             scene.add_label(f"/plate/{name}/number", str(ring.number), font_screen_scale=0.7, position=tuple(place))
-        rim = UNIT * maze.walls[0].outer_radius
-        scene.add_cylinder(
-            "/plate/base", rim, UNIT * 0.003, TABLE, radial_segments=96, position=(0.0, 0.0, -UNIT * 0.002)
-        )
 
     def _build_openings(self) -> None:
         maze = self._maze

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.environment.judging import HOLD, LOST, Judge, Potential
 from mazeplan.apps.environment.senses import NAMES, RATE, Senses
-from mazeplan.apps.environment.task import Task
+from mazeplan.apps.environment.task import HOLD, LOST, Judge, Potential, Task
 from mazeplan.control.estimation.rim_watch import SAMPLES
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
