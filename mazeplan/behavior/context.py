@@ -38,24 +38,15 @@ ENTRY = 1.4  # of the change of the lag; set in trials on seven rigs whose servo
 
 @dataclass(frozen=True)
 class TravelOptions:
-    """How the ball travels along a ring to an opening. Raises SettingsError.
+    """How the ball travels along a ring to an opening. Raises SettingsError."""
 
-    lean_deg: tilt towards the next ring on the way
-    speed_m_s: speed along the ring on arrival
-    fastest_m_s: highest speed on arrival, used if the delay is short (`arrival_speed`)
-    blind_rad: angle by which the ball may turn during the delay, before the plate answers to what the camera sees
-    deadline_ms: time that a plan may take
-    horizon: length of a plan, ticks
-    planned_choices: number of openings to which plans are made before one is chosen; they share the deadline
-    """
-
-    lean_deg: float = 4.0
-    speed_m_s: float = 0.05
-    fastest_m_s: float = 0.075
-    blind_rad: float = 0.0
-    deadline_ms: float = 15.0
-    horizon: int = 40
-    planned_choices: int = 3
+    lean_deg: float = 4.0  # tilt towards the next ring on the way
+    speed_m_s: float = 0.05  # along the ring on arrival
+    fastest_m_s: float = 0.075  # highest speed on arrival, used if the delay is short (`arrival_speed`)
+    blind_rad: float = 0.0  # turn of the ball during the delay, before the plate answers to what the camera sees
+    deadline_ms: float = 15.0  # time that a plan may take
+    horizon: int = 40  # length of a plan, ticks
+    planned_choices: int = 3  # openings to which plans are made before one is chosen; they share the deadline
 
     def __post_init__(self) -> None:
         most = {"planned_choices": 50, "deadline_ms": 1e9, "horizon": 1000}
@@ -64,9 +55,9 @@ class TravelOptions:
 
 @dataclass(frozen=True)
 class SettleOptions:
-    """damping: 1/s, braking in the goal ring. Raises SettingsError."""
+    """How the ball comes to rest in the goal ring. Raises SettingsError."""
 
-    damping: float = 6.0
+    damping: float = 6.0  # 1/s
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -96,64 +87,41 @@ class LeafOptions:
 
 @dataclass(frozen=True, slots=True)
 class BallView:
-    """One ball at a tick.
+    """One ball at a tick."""
 
-    state: estimate for the time when the command of the tick will act
-    measured: estimate for the time of the last sample with the ball
-    """
-
-    state: State
-    measured: State
+    state: State  # estimate for the time when the command of the tick will act
+    measured: State  # estimate for the time of the last sample with the ball
 
 
 @dataclass
 class BallRoles:
-    """All balls of a run, and which of them the leaves lead now.
+    """All balls of a run by their numbers, from 1 on, and which of them the leaves lead now."""
 
-    aheads: for each ball, its `RunContext.ahead`
-    views: each ball at this tick
-    led: number of the ball that the leaves lead, from 1 on; `state`, `measured` and `ahead` belong to this ball
-    kept: numbers of the balls that must stay in the centre meanwhile
-    sought: numbers of the balls that were lost when the led ball was chosen: those found in the centre are kept, too
-    """
-
-    aheads: tuple[Callable[..., State], ...] = ()
-    views: tuple[BallView, ...] = ()
-    led: int = 1
-    kept: frozenset[int] = frozenset()
-    sought: frozenset[int] = frozenset()
+    aheads: tuple[Callable[..., State], ...] = ()  # for each ball, its `RunContext.ahead`
+    views: tuple[BallView, ...] = ()  # each ball at this tick
+    led: int = 1  # the ball that the leaves lead; `state`, `measured` and `ahead` of the context belong to it
+    kept: frozenset[int] = frozenset()  # balls that must stay in the centre meanwhile
+    sought: frozenset[int] = frozenset()  # balls lost when `led` was chosen: those found in the centre are kept, too
 
 
 @dataclass
 class RunHistory:
-    """What has happened so far in a run.
+    """What has happened so far in a run."""
 
-    failures: all failures, oldest first
-    since: index of the first failure on the way to this goal
-    replans: number of recoveries by planning again
-    planner_ms: computing time of each plan, ms
-    """
-
-    failures: list[Failure] = field(default_factory=list)
-    since: int = 0
-    replans: int = 0
-    planner_ms: list[float] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)  # all, oldest first
+    since: int = 0  # index of the first failure on the way to this goal
+    replans: int = 0  # recoveries by planning again
+    planner_ms: list[float] = field(default_factory=list)  # computing time of each plan, ms
 
 
 @dataclass(frozen=True)
 class Steering:
-    """What steers by the model. A run replaces it if the rig shows another stage.
+    """What steers by the model. A run replaces it if the rig shows another stage."""
 
-    planners: a planner for each channel, by ring
-    options: settings of the leaves
-    late_s: time from a sample until a command computed from it acts, s, as the model states
-    rollout: tries commands in front of an opening; None: only the law for openings commands there
-    """
-
-    planners: Mapping[int, RingPlanner]
+    planners: Mapping[int, RingPlanner]  # for each channel, by ring
     options: LeafOptions = field(default_factory=LeafOptions)
-    late_s: float = 0.0
-    rollout: OpeningRollout | None = None
+    late_s: float = 0.0  # from a sample until a command computed from it acts, as the model states
+    rollout: OpeningRollout | None = None  # tries commands in front of an opening; None: only the law for openings
 
 
 @dataclass

@@ -19,30 +19,18 @@ ENTERING = 0.24  # s that a ball may take from the middle of an opening into the
 
 @dataclass
 class CurrentLeg:
-    """What the leaves know of the way out of a ring.
+    """What the leaves know of the way out of a ring."""
 
-    opening: the chosen opening
-    leaving_ring: the ring that the ball will leave by it
-    plan: the plan along the ring
-    followed: whether the command of this tick follows the plan (`Track`)
-    goal_theta: angle of the opening to which `plan` leads, rad
-    prepared: an opening that was chosen by a plan, and this plan
-    refused: the opening that did not take the ball, although the ball already counted as in the next ring
-    entering: ring that the ball leaves, ring into which it falls, and rig time until which it counts as there, s
-    falling: the opening through which the ball falls
-    nearest: the opening through which the ball falls, otherwise the chosen one; the measured state nearest to it, and
-        its distance from the middle of the opening, m
-    """
-
-    opening: Opening | None = None
-    leaving_ring: int | None = None
-    plan: Plan | None = None
-    followed: bool = False
-    goal_theta: float | None = None
-    prepared: tuple[Opening, Plan] | None = None
-    refused: Opening | None = None
-    entering: tuple[int, int, float] | None = None
-    falling: Opening | None = None
+    opening: Opening | None = None  # the chosen one
+    leaving_ring: int | None = None  # the ring that the ball will leave by it
+    plan: Plan | None = None  # along the ring
+    followed: bool = False  # whether the command of this tick follows the plan (`Track`)
+    goal_theta: float | None = None  # angle of the opening to which `plan` leads, rad
+    prepared: tuple[Opening, Plan] | None = None  # an opening that was chosen by a plan, and this plan
+    refused: Opening | None = None  # did not take the ball, although the ball already counted as in the next ring
+    entering: tuple[int, int, float] | None = None  # ring left, ring entered, and until when it counts as there, s
+    falling: Opening | None = None  # through which the ball falls
+    # `falling`, otherwise `opening`; the measured state nearest to its middle, and the distance there, m
     nearest: tuple[Opening, State, float] | None = None
 
     def passage(self) -> CurrentLeg:

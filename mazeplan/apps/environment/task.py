@@ -82,16 +82,12 @@ def _ring(key: str, ring: int | str, maze: Maze) -> int:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on the last step.
-
-    arrived: whether the ball has arrived.
-    out: whether the ball was not seen for too long, or has left the maze.
-    left: whether the ball has left the maze."""
+    """Verdict on the last step."""
 
     reward: float
     arrived: bool
-    out: bool
-    left: bool
+    out: bool  # whether the ball was not seen for too long, or has left the maze
+    left: bool  # whether the ball has left the maze
 
 
 class Potential:

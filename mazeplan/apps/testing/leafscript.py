@@ -42,13 +42,10 @@ class Act:
 
 @dataclass(frozen=True)
 class Script:
-    """What a leaf does, tick by tick.
+    """What a leaf does, tick by tick."""
 
-    acts: one for each tick; the last act goes on for ever
-    sets: values that the leaf writes to its ports when it succeeds"""
-
-    acts: tuple[Act, ...]
-    sets: Mapping[str, Any] = field(default_factory=dict)
+    acts: tuple[Act, ...]  # one for each tick; the last act goes on for ever
+    sets: Mapping[str, Any] = field(default_factory=dict)  # values that the leaf writes to its ports when it succeeds
 
 
 def script(text: str, **sets: Any) -> Script:

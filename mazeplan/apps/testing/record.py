@@ -25,9 +25,9 @@ NEAR = 7  # lines before and after a moment
 
 @dataclass(frozen=True)
 class NodeInfo:
-    """A node of the tree that ran. path: names from the root of the main tree to the node"""
+    """A node of the tree that ran."""
 
-    path: str
+    path: str  # names from the root of the main tree to the node
     name: str
     kind: str
     is_leaf: bool
@@ -35,37 +35,25 @@ class NodeInfo:
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that happened to a node in a tick.
+    """One thing that happened to a node in a tick."""
 
-    t: rig time, s
-    node: index of the node in `Record.nodes`
-    what: RUNNING, SUCCESS, FAILURE, SKIPPED or HALTED
-    ticked: whether the node itself was ticked: no precondition decided in its place"""
-
-    t: float
-    node: int
-    what: str
-    ticked: bool
+    t: float  # rig time, s
+    node: int  # its index in `Record.nodes`
+    what: str  # RUNNING, SUCCESS, FAILURE, SKIPPED or HALTED
+    ticked: bool  # whether the node itself was ticked: no precondition decided in its place
 
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick of the tree.
+    """One tick of the tree."""
 
-    t: rig time, s
-    ring, theta: place of the ball, theta in rad; on the light rig the true place, else the estimate
-    seen: whether the camera saw the ball
-    status: of the root
-    command: in rad
-    leaf: the leaf that gave the command"""
-
-    t: float
-    ring: int
-    theta: float
-    seen: bool
-    status: str
+    t: float  # rig time, s
+    ring: int  # place of the ball: on the light rig the true place, else the estimate
+    theta: float  # rad, of the same place
+    seen: bool  # whether the camera saw the ball
+    status: str  # of the root
     command: Command | None
-    leaf: str
+    leaf: str  # that gave the command
 
 
 @dataclass(repr=False)

@@ -44,13 +44,11 @@ PHASES = {  # sign, words, name in the palette
 
 @dataclass(frozen=True)
 class Offer:
-    """What a person can operate: a maze on a rig.
-
-    faults: kind -> its description; empty on a real rig"""
+    """What a person can operate: a maze on a rig."""
 
     maze: Maze
     rig: str
-    faults: dict[str, str] = field(default_factory=dict)
+    faults: dict[str, str] = field(default_factory=dict)  # kind -> its description; empty on a real rig
 
 
 class LiveTab:

@@ -32,16 +32,12 @@ _NEAR = 1e-6  # s; times that are no farther apart are the same tick
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """One log.
-
-    moments:  one for each tick
-    times:    of the ticks, (N,), never decreasing
-    complete: whether the program finished the log"""
+    """One log."""
 
     name: str
-    moments: Sequence[Moment]
-    times: Array
-    complete: bool
+    moments: Sequence[Moment]  # one for each tick
+    times: Array  # of the ticks, (N,), never decreasing
+    complete: bool  # whether the program finished the log
 
     @property
     def failures(self) -> list[float]:

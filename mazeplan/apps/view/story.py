@@ -33,29 +33,22 @@ TRAIL_S = 3.0  # s of the ball's path in a moment
 
 @dataclass(frozen=True)
 class NodeShown:
-    """A node of the behaviour tree.
-
-    parent: number of the node above; -1 for the root
-    depth: 0 for the root"""
+    """A node of the behaviour tree."""
 
     kind: str
     name: str
-    parent: int
-    depth: int
+    parent: int  # number of the node above; -1 for the root
+    depth: int  # 0 for the root
 
 
 @dataclass(frozen=True)
 class TreeShown:
-    """The behaviour tree.
+    """The behaviour tree."""
 
-    number: how many trees the run has had
-    statuses: a letter for each node (`core.logs.run_log.STATUSES`)
-    active: numbers of the nodes that run, if all nodes above them run, too"""
-
-    number: int = 0
+    number: int = 0  # how many trees the run has had
     nodes: tuple[NodeShown, ...] = ()
-    statuses: str = ""
-    active: tuple[int, ...] = ()
+    statuses: str = ""  # a letter for each node (`core.logs.run_log.STATUSES`)
+    active: tuple[int, ...] = ()  # numbers of the nodes that run, if all nodes above them run, too
 
 
 @dataclass(frozen=True)
@@ -69,40 +62,25 @@ class BallShown:
 
 @dataclass(frozen=True)
 class Moment:
-    """A run at one time.
+    """A run at one time."""
 
-    run: number of the run on this page
-    tick: how many ticks the run has had
-    header: of its log
-    ring, goal: of the ball, and the goal ring
-    leaf: the leaf that commands
-    opening: name of the opening to which the run brings the ball
-    closed: names of the closed openings
-    ball: None while its place is unknown
-    second: the second ball; None without one
-    tilt: beta, gamma as measured
-    trail: path of the ball in the last seconds, (N, 2); NaN where its place is unknown
-    plan: the plan that the run follows, (N, 2), on the track of the ring
-    failure: the last failure
-    result: None until the run ends"""
-
-    run: int = 0
-    tick: int = 0
+    run: int = 0  # its number on this page
+    tick: int = 0  # how many ticks it has had
     t: float = 0.0
-    header: dict[str, Any] = field(default_factory=dict)
-    ring: int | None = None
-    goal: int | None = None
-    leaf: str = ""
-    opening: str | None = None
-    closed: frozenset[str] = frozenset()
-    ball: BallShown | None = None
-    second: BallShown | None = None
-    tilt: tuple[float, float] = (0.0, 0.0)
-    trail: Array = field(default_factory=lambda: np.empty((0, 2)))
-    plan: Array | None = None
+    header: dict[str, Any] = field(default_factory=dict)  # of its log
+    ring: int | None = None  # of the ball
+    goal: int | None = None  # ring
+    leaf: str = ""  # that commands
+    opening: str | None = None  # to which the run brings the ball
+    closed: frozenset[str] = frozenset()  # openings
+    ball: BallShown | None = None  # None while its place is unknown
+    second: BallShown | None = None  # None without a second ball
+    tilt: tuple[float, float] = (0.0, 0.0)  # beta, gamma as measured
+    trail: Array = field(default_factory=lambda: np.empty((0, 2)))  # of the last seconds; NaN: place unknown
+    plan: Array | None = None  # that the run follows, (N, 2), on the track of the ring
     tree: TreeShown = TreeShown()
-    failure: Failure | None = None
-    result: dict[str, Any] | None = None
+    failure: Failure | None = None  # the last one
+    result: dict[str, Any] | None = None  # None until the run ends
 
 
 def number(value: Any) -> float:
