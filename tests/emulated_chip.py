@@ -11,7 +11,7 @@ import pytest
 from emulator.chip import EmulatedChip, built
 
 from mazeplan.core.errors import RigError
-from mazeplan.rigs.link.frames import encode
+from mazeplan.rigs.link.protocol import encode
 
 EMULATED = Path(__file__).resolve().parents[1] / "tools" / "emulated.yaml"
 NEEDED = os.environ.get("MAZEPLAN_EMULATOR") == "needed"  # set where the packages are: nothing is skipped there

@@ -11,11 +11,10 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 
-from mazeplan.rigs.link.frames import Frame, FrameReader, encode
-from mazeplan.rigs.link.messages import AxisLimits, ServoLimits
+from mazeplan.rigs.link.protocol import AxisLimits, Frame, FrameReader, encode
 
 AXIS = AxisLimits(min_us=1200, max_us=1800, level_us=1500, slew_us_per_s=5000)
-LIMITS = ServoLimits(beta=AXIS, gamma=AXIS)
+LIMITS = (AXIS, AXIS)
 Answer = Callable[["FakeBoard", Frame], bytes]
 
 

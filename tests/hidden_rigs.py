@@ -42,7 +42,7 @@ def started(rig, theta=0.1, ring=1):
 def thrown(rig, speed, theta=0.1, at=OUTER, upright=0.0):
     """Put the ball there, rolling along the ring; upright: share of the spin of one that rolls along the wall."""
     c, s = math.cos(theta), math.sin(theta)
-    rig.set_ball(
+    rig.machine.set_ball(
         np.array([at * c, at * s, BALL]), speed * np.array([-s, c, 0.0]), speed / BALL * np.array([-c, -s, -upright])
     )
 

@@ -44,7 +44,7 @@ class Thrown(RigWrapper):
             self._jumped = True
             out, up = np.array([x, y, 0.0]) / max(r, 1e-9), np.array([0.0, 0.0, 1.0])
             place = r * out + 1.5 * MAZE.wall_height * up  # over the walls already
-            self._machine.set_ball(place, (RIM + 0.02 - r) / JUMP_S * out + UP * up, np.zeros(3))
+            self._machine.machine.set_ball(place, (RIM + 0.02 - r) / JUMP_S * out + UP * up, np.zeros(3))
         return sample
 
     @property

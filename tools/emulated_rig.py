@@ -22,13 +22,12 @@ from emulator.truth import Truth
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.section import mapping, save_background
+from mazeplan.rigs.camera.section import mapping
 from mazeplan.rigs.files import validated
-from mazeplan.rigs.hardware.parts import open_board
-from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, write_sections
-from mazeplan.rigs.hardware.tiltcalibration import TiltFit, fit_tilt
-from mazeplan.rigs.hardware.tiltreadings import grid, hold_pulses, take_readings
-from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.hardware.rigfile import write_sections
+from mazeplan.rigs.hardware.settings import Servo
+from mazeplan.rigs.hardware.tiltcalibration import PulseHolder, TiltFit, fit_tilt, grid, take_readings
+from mazeplan.rigs.link.board import Board, open_board
 
 MAZE = load_map("cme")
 WORLD: dict[str, Any] = {
@@ -54,7 +53,7 @@ def opened(world: WorldSettings, servo: Servo | None = None) -> Iterator[tuple[E
     """A table and its board."""
     table = EmulatedTable(MAZE, world)
     try:
-        board = open_board(HardwareSettings(servo=servo or Servo()), table.port)
+        board = open_board(table.port, (servo or Servo()).limits())
         try:
             yield table, board
         finally:
@@ -83,10 +82,9 @@ def wide(servo: Servo) -> Servo:
 
 def servo_section(fit: TiltFit) -> dict[str, Any]:
     """What was found, with limits around it."""
-    assert fit.level_us is not None
-    assert fit.us_per_deg is not None
     out: dict[str, Any] = {}
-    for axis, level, gain in zip(("beta", "gamma"), fit.level_us, fit.us_per_deg, strict=True):
+    for axis, found in fit.servos.items():
+        level, gain = found["level_us"], found["us_per_deg"]
         room = abs(gain) * RANGE_DEG
         out[axis] = {
             "level_us": round(level, 1), "us_per_deg": round(gain, 3), "min_us": round(level - room, 0),
@@ -104,7 +102,7 @@ def camera_section(table: EmulatedTable, truth: Truth, background: Path) -> dict
     plates = [(f"plate {i}", frame.image) for i in range(PLATES) if (frame := table.read()) is not None]
     markers = corner_markers(MAZE)
     found = calibrate_plate(lens, plates, MAZE, markers)
-    save_background(found.background, background)
+    found.background.write(background)
     print(f"lens {lens.error_px:.3f} px, plate {found.error_px:.3f} px, {found.error_mm:.3f} mm")
     return mapping(
         found.camera, markers, background=background.name, date=date.today().isoformat(),
@@ -123,11 +121,12 @@ def calibrate(folder: Path) -> None:
     servo = servo_section(fit)
     with opened(world, validated(Servo, servo)) as (table, board):
         level = servo["beta"]["level_us"], servo["gamma"]["level_us"]
-        with hold_pulses(board, level):
+        with PulseHolder(board, level):
             for _ in range(60):  # until it rests
                 table.read()
             camera = camera_section(table, Truth.drawn(world.seed), folder / "emulated.png")
-    write_sections(path, {"servo": servo, "tilt": fit.section(today), "camera": camera, "world": WORLD})
+    tilt = {**fit.sensor.model_dump(mode="json"), "date": today}
+    write_sections(path, {"servo": servo, "tilt": tilt, "camera": camera, "world": WORLD})
 
 
 if __name__ == "__main__":

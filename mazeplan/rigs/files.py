@@ -11,11 +11,10 @@ from pydantic import BaseModel, ValidationError
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.sections import as_tuples, problems
-from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
+from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1  # also the format of a file without the key `format`
 OURS = "mazeplan."  # a class whose name begins so is one of this package
-MAPPING = "settings as `key: value`"
 
 
 class FileSettings(dict[str, Any]):
@@ -30,7 +29,7 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
     """The value of `class` (or None) and the other keys of a rig's YAML file. Raises SettingsError."""
     tree = read_yaml(path, error=SettingsError, what="the settings of a rig (YAML)")
     if not isinstance(tree.data, dict):
-        raise SettingsError(f"got {shown(tree.data)}, expected {MAPPING}", file=path, line=1)
+        raise SettingsError(f"got {shown(tree.data)}, expected settings as `key: value`", file=path, line=1)
     data = FileSettings(tree.data, path, tree)
     kind = data.pop("class", None)
     if kind is not None and not isinstance(kind, str):
@@ -45,30 +44,22 @@ def placed(problem: SettingsError, settings: Mapping[str, Any]) -> SettingsError
     """The error with file and line added, if the settings come from a file and the error names no file."""
     if problem.file is not None or not isinstance(settings, FileSettings):
         return problem
-    line = None if problem.key is None else settings.tree.line(_parsed_key(problem.key))
+    line = None
+    if problem.key is not None:
+        parts = re.findall(r"[^.\[\]]+", problem.key)  # of a key such as camera.size[0]
+        line = settings.tree.line(tuple(int(part) if part.isdigit() else part for part in parts))
     return SettingsError(problem.problem, file=settings.file, line=line, key=problem.key)
 
 
 M = TypeVar("M", bound=BaseModel)
 
 
-def validated(
-    kind: type[M], data: Mapping[str, Any], *, within: Key = (), source: Mapping[str, Any] | None = None
-) -> M:
+def validated(kind: type[M], data: Mapping[str, Any]) -> M:
     """`data` as a section of the class `kind`.
 
-    within: key of the section in its file.
-    source: the settings of the whole file, by default `data`.
-
-    Raises SettingsError with the key, and with file and line if `source` is from a file."""
+    Raises SettingsError with the key, and with file and line if the data are `FileSettings`."""
     try:
         return kind.model_validate(as_tuples(data))
     except ValidationError as problem:
         key, said = problems(kind, problem)[0]
-        error = SettingsError(said, key=key_path((*within, *key)) or None)
-        raise placed(error, data if source is None else source) from None
-
-
-def _parsed_key(text: str) -> Key:
-    """`camera.size[0]` as a key path."""
-    return tuple(int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", text))
+        raise placed(SettingsError(said, key=key_path(key) or None), data) from None

@@ -8,7 +8,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from mazeplan.core.errors import RigError
 from mazeplan.core.records import Array, Latency, Observation
+from mazeplan.maze.geometry import Maze
+
+TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 
 
 @runtime_checkable
@@ -26,7 +30,6 @@ class Rig(Protocol):
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Place the ball (a person does it on hardware), level the plate, set time to 0."""
-        ...
 
     def observe(self) -> Observation:
         """Block until the next sample, 1 / rate_hz after the last one, and return the sample."""
@@ -34,42 +37,28 @@ class Rig(Protocol):
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Command a tilt in rad. The rig holds this tilt until the next command."""
-        ...
 
     def level(self) -> None:
         """Level the plate now: the safe state."""
-        ...
 
     def close(self) -> None:
         """Release the machine. A second call does nothing."""
-        ...
 
 
 @dataclass(frozen=True)
 class RigTraits:
-    """Optional attributes and methods of a rig. A rig that lacks one gets the default here.
+    """Optional attributes and methods of a rig. A rig that lacks one gets the default here."""
 
-    realtime: False for a simulation, which needs no watchdog.
-    latency: measured delays; they replace the delays of the model.
-    unseen_s: a run ends after so many seconds without a sight of the ball.
-    out_s: a run ends after so many seconds with the ball out of the maze; None: the value of `Setup`.
-    balls: number of balls; `reset` places the first, and `Observation.others` has the others.
-    ready(): raises SettingsError if the rig cannot be driven yet.
-    stop(): levels the plate until the next reset; any thread may call it.
-    inject(fault): makes the machine fail.
-    cannot: kinds of faults that `inject` refuses.
-    truth(): true state of a simulation."""
-
-    realtime: bool = True
-    latency: Latency | None = None
-    unseen_s: float | None = None
-    out_s: float | None = None
-    balls: int = 1
-    ready: Callable[[], None] | None = None
-    stop: Callable[[], None] | None = None
-    inject: Callable[[Any], None] | None = None
-    cannot: tuple[str, ...] = ()
-    truth: Callable[[], Array] | None = None
+    realtime: bool = True  # False for a simulation, which needs no watchdog
+    latency: Latency | None = None  # measured delays; they replace the delays of the model
+    unseen_s: float | None = None  # a run ends after so many seconds without a sight of the ball
+    out_s: float | None = None  # a run ends after so many seconds with the ball out of the maze; None: as `Setup` says
+    balls: int = 1  # number of balls; `reset` places the first, and `Observation.others` has the others
+    ready: Callable[[], None] = lambda: None  # raises SettingsError if the rig cannot be driven yet
+    stop: Callable[[], None] | None = None  # levels the plate until the next reset; any thread may call it
+    inject: Callable[[Any], None] | None = None  # makes the machine fail
+    cannot: tuple[str, ...] = ()  # kinds of faults that `inject` refuses
+    truth: Callable[[], Array] | None = None  # true state of a simulation
 
 
 def traits(rig: object) -> RigTraits:
@@ -77,11 +66,12 @@ def traits(rig: object) -> RigTraits:
     return RigTraits(**{f.name: getattr(rig, f.name) for f in fields(RigTraits) if hasattr(rig, f.name)})
 
 
-def check_ready(rig: Rig) -> None:
-    """Raises SettingsError if the rig says that it cannot be driven yet."""
-    ready = traits(rig).ready
-    if ready is not None:
-        ready()
+def check_command(maze: Maze, u_beta: float, u_gamma: float) -> None:
+    """Raises RigError for NaN and for a tilt beyond the map's limit."""
+    limit = maze.tilt_limit + TOLERANCE
+    for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
+        if not -limit <= value <= limit:  # also refuses NaN
+            raise RigError(f"{name}: got {value} rad, expected at most {maze.tilt_limit:.4f} rad either way")
 
 
 class RigWrapper:

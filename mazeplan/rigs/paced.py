@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from time import monotonic
-from typing import Protocol
 
 import numpy as np
 
@@ -17,45 +16,27 @@ from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
 
 
-class Waiting(Protocol):
-    """A clock, and a way to wait by it."""
-
-    def now(self) -> float:
-        """Time since some fixed moment, s."""
-        ...
-
-    def wait(self, woken: threading.Event, seconds: float) -> None:
-        """Wait until `woken` is set, but at most `seconds`."""
-        ...
-
-
-class WallClock:
-    """The wall clock."""
-
-    def now(self) -> float:
-        """Monotonic time, s."""
-        return monotonic()
-
-    def wait(self, woken: threading.Event, seconds: float) -> None:
-        """Wait until `woken` is set, but at most `seconds`."""
-        woken.wait(seconds)
-
-
 class PacedRig(RigWrapper):
-    """A rig around a simulated rig, see `interface.Rig`."""
+    """A rig around a simulated rig, see `interface.Rig`.
+
+    now: the clock, s.
+    wait(event, seconds): waits by this clock until the event is set, but at most so long."""
 
     realtime = False  # still a simulation: no watchdog
 
-    def __init__(self, rig: Rig, wall: Waiting | None = None) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        now: Callable[[], float] = monotonic,
+        wait: Callable[[threading.Event, float], object] = threading.Event.wait,
+    ) -> None:
         super().__init__(rig)
-        self._wall = wall or WallClock()
+        self._now, self._wait = now, wait
         self._due: float | None = None  # wall time of the next sample
         self._woken = threading.Event()  # another thread wants the loop to act now
         self._levelled = False
         self._orders: list[Callable[[], object]] = []
         self._lock = threading.Lock()
-
-    # -- calls of the loop ------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Reset the rig inside; forget the order to level, and waiting orders."""
@@ -69,13 +50,13 @@ class PacedRig(RigWrapper):
         """The next sample, when it is due."""
         self._obey()
         sample = super().observe()
-        period, due = 1.0 / self.rate_hz, self._wall.now() if self._due is None else self._due
-        while (left := due - self._wall.now()) > 0.0:
-            self._wall.wait(self._woken, left)
+        period, due = 1.0 / self.rate_hz, self._now() if self._due is None else self._due
+        while (left := due - self._now()) > 0.0:
+            self._wait(self._woken, left)
             if self._woken.is_set():
                 self._obey()
         # a program that is late by more than one sample does not hurry afterwards
-        self._due = period + max(due, self._wall.now() - period)
+        self._due = period + max(due, self._now() - period)
         return sample
 
     def command(self, u_beta: float, u_gamma: float) -> None:
@@ -96,8 +77,6 @@ class PacedRig(RigWrapper):
             orders, self._orders = self._orders, []
         for order in orders:
             order()
-
-    # -- calls of other threads -------------------------------------------------------------------------------------
 
     def level_now(self) -> None:
         """Level the plate until the next reset, and ignore commands. Any thread may call."""

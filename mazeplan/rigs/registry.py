@@ -13,7 +13,7 @@ from typing import Any
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.core.name_hints import guess, one_of
-from mazeplan.core.user_modules import user_module
+from mazeplan.core.user_modules import reason, user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
@@ -28,11 +28,9 @@ METHODS = ("reset", "observe", "command", "level", "close")
 
 
 class _KeptOpen(RigWrapper):
-    """A rig that several runs use one after the other: it stays open between them."""
+    """A rig that several runs use one after the other: it stays open between them, with the plate level."""
 
-    def close(self) -> None:
-        """Leave the plate level."""
-        self.inside.level()
+    close = RigWrapper.level
 
 
 @contextmanager
@@ -76,17 +74,15 @@ def rig_file(spec: str) -> Path | None:
     if spec in rig_names():
         return packaged
     path = Path(spec)
-    if path.suffix == ".py":
-        raise SettingsError(f"got rig {shown(spec)}, a Python file; expected the class in it, as {path.stem}:CLASS")
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.is_file():
             raise SettingsError(file_kinds.refused(path, "the settings of a rig (YAML)"), file=spec)
         return path
     if ":" in spec:
         return None
-    names = one_of(rig_names(), spec, ", a YAML file, or module:Class")
-    what = f", {file_kinds.got(path)}" if path.is_dir() else ""
-    raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
+    raise SettingsError(
+        f"got rig {shown(spec)}, expected {one_of(rig_names(), spec, ', a YAML file, or module:Class')}"
+    )
 
 
 def is_simulated(rig: str | Path | Rig | type) -> bool:
@@ -109,11 +105,8 @@ def rig_label(spec: str | Path | Rig | type) -> str:
     """Name in reports: the packaged name, the file's stem, or the class."""
     if not isinstance(spec, str | Path):
         return (spec if isinstance(spec, type) else type(spec)).__name__
-    spec = str(spec)
-    path = rig_file(spec)
-    if path is None:
-        return spec
-    return path.stem if Path(spec).suffix in (".yaml", ".yml") or Path(spec).is_file() else spec
+    path = rig_file(str(spec))
+    return str(spec) if path is None else path.stem
 
 
 def rig_model_hint(spec: str) -> str | None:
@@ -165,19 +158,16 @@ def _check_keys(settings: FileSettings) -> None:
     known = SimulatedSettings.model_fields
     for key in settings:
         if key not in known:
-            expected = (
-                f"a key of `mazeplan rig list`{guess(key, known)}; or, for a rig of your own, `class: module:Class`"
-            )
-            raise placed(SettingsError(f"unknown key, expected {expected}", key=str(key)), settings)
+            what = f"a key of `mazeplan rig list`{guess(key, known)}; or, for a rig of your own, `class: module:Class`"
+            raise placed(SettingsError(f"unknown key, expected {what}", key=str(key)), settings)
 
 
 def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
     where: dict[str, Any] = {}
     if settings is not None:
         where = {"file": settings.file, "line": settings.tree.line(("class",))}
-    name, kind = f"{spec!r}", rig_class(spec, where)
+    name, kind, given = f"{spec!r}", rig_class(spec, where), {} if settings is None else settings
     _check_class(kind, name, where)
-    given = {} if settings is None else settings
     try:
         rig = kind(maze, given)
     except SettingsError as problem:  # the class knows the key, but not its line in the file
@@ -185,15 +175,12 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
     except MazeplanError:
         raise
     except Exception as problem:  # for example a port that does not exist
-        code = traceback.extract_tb(problem.__traceback__)[-1]
-        if code.filename == __file__:  # the call itself failed: wrong arguments of the constructor
+        if traceback.extract_tb(problem.__traceback__)[-1].filename == __file__:  # the call itself failed
             raise SettingsError(f"{name}: {problem}; expected __init__(self, maze, settings)", **where) from None
-        what = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise RigError(f"{name} could not be made: {what} ({code.filename}:{code.lineno})") from problem
+        raise RigError(f"{name} could not be made: {reason(problem)}") from problem
     rate = getattr(rig, "rate_hz", None)
     if not isinstance(rate, int | float) or isinstance(rate, bool) or not 0.0 < rate < math.inf:
-        got = "it lacks rate_hz" if rate is None else f"rate_hz: got {shown(rate)}, expected a number > 0"
-        raise SettingsError(f"{name} is no rig: {got}", **where)
+        raise SettingsError(f"{name} is no rig: rate_hz: got {shown(rate)}, expected a number > 0", **where)
     return rig
 
 
@@ -210,9 +197,7 @@ def rig_class(spec: str, where: dict[str, Any]) -> Any:
     except InputError as problem:
         raise SettingsError(problem.problem, **where) from None
     if not hasattr(module, class_name):
-        own = getattr(module, "__file__", None)
-        taken = "" if own else f", for which the folder {next(iter(module.__path__))} is taken,"
-        raise SettingsError(f"rig {spec!r}: module {module_name!r}{taken} has no {class_name!r}", **where)
+        raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where)
     return getattr(module, class_name)
 
 

@@ -67,6 +67,10 @@ class _Call:
         except BaseException as error:  # a user's rig may raise any error; `outcome` raises it again
             self.error = error
 
+    def finish(self) -> None:
+        self.run()
+        self.done.set()
+
     def outcome(self) -> Any:
         """The returned value. If the rig raised an error, raises a RigError that names the line of the rig's code."""
         error = self.error
@@ -114,8 +118,6 @@ class WatchedRig(RigWrapper):
         self._late: list[_Call] = []  # calls that did not return in time
         self._first = True
 
-    # -- calls of the loop -------------------------------------------------------------------------------------------
-
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside, without a time limit."""
         if self._hangs():
@@ -144,11 +146,7 @@ class WatchedRig(RigWrapper):
         self._heard.set()
         if self._hangs("level"):  # an earlier call has reported that; another try would only take longer
             return
-        call = self._give("level")
-        if not call.done.wait(LEVEL_S):
-            self._late.append(call)
-            raise RigError(self._after(f"level() of the rig did not return within {LEVEL_S:g} s"))
-        call.outcome()
+        self._await(self._give("level"), LEVEL_S)
 
     def close(self) -> None:
         """As the rig inside, for at most CLOSE_S, also while another call hangs."""
@@ -156,8 +154,15 @@ class WatchedRig(RigWrapper):
         call = self._give("close")
         self._calls.put(None)
         self._thread = None
-        if not call.done.wait(CLOSE_S):
-            raise RigError(self._after(f"close() of the rig did not return within {CLOSE_S:g} s"))
+        self._await(call, CLOSE_S)
+
+    def _await(self, call: _Call, limit: float) -> None:
+        """Wait for a call of `level` or `close`, for at most `limit` seconds."""
+        if not call.done.wait(limit):
+            if call.name == "level":
+                self._late.append(call)
+            problem = f"{call.name}() of the rig did not return within {limit:g} s"
+            raise RigError(problem if self.reason is None else f"{self.reason}; then {problem}")
         call.outcome()
 
     def _ask(self, name: str, limit: float | None, *args: Any, **more: Any) -> Any:
@@ -182,17 +187,12 @@ class WatchedRig(RigWrapper):
         if call.begun.wait(0.0 if self._hangs() else 2.0 / self.rate_hz):
             return call
         apart = _Call(self.inside, name)
-        threading.Thread(target=self._do, args=(apart,), name=f"mazeplan rig {name}", daemon=True).start()
+        threading.Thread(target=apart.finish, name=f"mazeplan rig {name}", daemon=True).start()
         return apart
 
     def _hangs(self, *names: str) -> bool:
         """Whether a late call (of these names, if any) still hangs."""
         return any(not call.done.is_set() for call in self._late if not names or call.name in names)
-
-    def _after(self, problem: str) -> str:
-        return problem if self.reason is None else f"{self.reason}; then {problem}"
-
-    # -- the rig's thread -------------------------------------------------------------------------------------------
 
     def _put(self, call: _Call) -> None:
         if self._thread is None:
@@ -200,11 +200,6 @@ class WatchedRig(RigWrapper):
             self._thread = threading.Thread(target=self._work, args=(self._calls,), name="mazeplan rig", daemon=True)
             self._thread.start()
         self._calls.put(call)
-
-    @staticmethod
-    def _do(call: _Call) -> None:
-        call.run()
-        call.done.set()
 
     def _work(self, calls: queue.SimpleQueue[_Call | None]) -> None:
         due: float | None = None  # latest time of the command
@@ -215,7 +210,7 @@ class WatchedRig(RigWrapper):
             except queue.Empty:
                 due = None
                 self._strike(f"no command within {self.timeout_s:g} s of the sample at t = {t:.3f} s", stuck=True)
-                self._do(_Call(self.inside, "level"))
+                _Call(self.inside, "level").run()
                 continue
             if call is None:
                 return
@@ -227,8 +222,6 @@ class WatchedRig(RigWrapper):
             if call.name == "observe" and call.error is None:
                 due, t = monotonic() + self.timeout_s, getattr(call.result, "t", 0.0)
             call.done.set()
-
-    # -- striking ---------------------------------------------------------------------------------------------------
 
     def _strike(self, problem: str, *, stuck: bool = False) -> None:
         """Store the reason. stuck: the loop hangs"""

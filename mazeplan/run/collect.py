@@ -32,7 +32,7 @@ from mazeplan.core.progress import Display
 from mazeplan.core.records import Array, Command, FailureKind, Observation, State
 from mazeplan.maze.geometry import Maze, leading_to
 from mazeplan.maze.mapfile import dump_map
-from mazeplan.rigs.interface import Rig, check_ready
+from mazeplan.rigs.interface import Rig, traits
 from mazeplan.run.excitation import BAND_HZ, multisine
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import Job, Setup
@@ -121,7 +121,7 @@ def run_collection(
 
     Each placing of the ball begins a new segment; the time in the log goes on through all segments. A sample whose time
     is no number, or not newer than the last one, is skipped. Afterwards the plate is level and the rig closed."""
-    check_ready(rig)
+    traits(rig).ready()
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, maze.tilt_limit)
     stretch = len(commands) if len(plan.rings) == 1 else max(1, round(STRETCH_S * rig.rate_hz))
@@ -160,7 +160,7 @@ def run_tour(
 
     The ball is placed once, in the first of the rings. If a drive does not arrive, the tour counts it as failed and
     excites the ball where it is. Afterwards the plate is level and the rig closed, whatever happens."""
-    check_ready(rig)
+    traits(rig).ready()
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
     theta = setup.maze.clear_angle(plan.rings[0], float(rng.uniform(-math.pi, math.pi)))

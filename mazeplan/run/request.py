@@ -28,7 +28,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import own_effects
-from mazeplan.rigs.interface import Rig, check_ready
+from mazeplan.rigs.interface import Rig, traits
 from mazeplan.rigs.registry import rig_label, rig_of
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.balls import check_balls, with_balls
@@ -127,7 +127,7 @@ class NavigationRequest:
         made = rig_of(self.rig, maze)
         rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
         check_balls(maze, rig, job, self.policy is not None)
-        check_ready(rig)
+        traits(rig).ready()
         own_effects(self.effects)
         self._check_tree(job)  # before the model, which may compile for minutes
         model = self.model

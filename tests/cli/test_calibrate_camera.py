@@ -12,7 +12,8 @@ from emulator.render import TRUE, Overhead
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.camera.section import camera_section
+from mazeplan.rigs.camera.section import CameraSection
+from mazeplan.rigs.files import validated
 
 MAZE = load_map("cme")
 RIG = """# the rig in room 3
@@ -58,7 +59,7 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     assert text.startswith("# the rig in room 3")
     assert "port: auto  # stays" in text
     assert "  source: 0   # the grey one" in text
-    section = camera_section(read_yaml(tmp_path / "rig.yaml").data["camera"])
+    section = validated(CameraSection, read_yaml(tmp_path / "rig.yaml").data["camera"])
     assert section.source == 0
     assert section.date is not None
     camera = section.model()

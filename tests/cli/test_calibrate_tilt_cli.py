@@ -14,8 +14,8 @@ from emulator.truth import Diode
 
 from mazeplan.core.errors import RigError
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.hardware import tiltreadings
-from mazeplan.rigs.hardware.tiltsensor import TiltSection
+from mazeplan.rigs.hardware import tiltcalibration
+from mazeplan.rigs.hardware.settings import TiltSensor
 
 RIG = """\
 class: mazeplan.rigs.hardware:HardwareRig
@@ -75,7 +75,7 @@ def test_a_table_becomes_a_section_of_the_rigs_file(desk, call):
     assert data["servo"]["slew_us_per_s"] == 5000.0
     assert data["servo"]["beta"]["level_us"] == pytest.approx(1510.0, abs=1.0)
     assert data["servo"]["gamma"]["us_per_deg"] == pytest.approx(-38.0, abs=0.3)
-    assert set(data["tilt"]) == set(TiltSection.model_fields)
+    assert set(data["tilt"]) == set(TiltSensor.model_fields)
 
 
 def test_a_bad_fit_leaves_the_rigs_file_alone(desk, call):
@@ -117,10 +117,10 @@ class Board:
 @pytest.fixture
 def board(monkeypatch):
     board = Board()
-    monkeypatch.setattr("mazeplan.rigs.hardware.parts.open_board", lambda settings: board)
+    monkeypatch.setattr("mazeplan.rigs.link.board.open_board", lambda port, limits: board)
     for name in ("SETTLE_S", "AVERAGE_S", "AGAIN_S"):
-        monkeypatch.setattr(tiltreadings, name, 0.002)
-    monkeypatch.setattr(tiltreadings, "sleep", lambda seconds: __import__("time").sleep(0.01))
+        monkeypatch.setattr(tiltcalibration, name, 0.002)
+    monkeypatch.setattr(tiltcalibration, "sleep", lambda seconds: __import__("time").sleep(0.01))
     return board
 
 

@@ -9,8 +9,8 @@ import pytest
 from fake_board import FakeBoard, accept, silent
 
 from mazeplan.rigs.hardware import check as hardware_check
-from mazeplan.rigs.link import handshake
-from mazeplan.rigs.link.frames import encode
+from mazeplan.rigs.link import board as line
+from mazeplan.rigs.link.protocol import encode
 from mazeplan.rigs.registry import PACKAGED
 
 TEMPLATE = (PACKAGED / "hardware.yaml").read_text()
@@ -69,11 +69,11 @@ def test_the_board_can_be_checked_without_calibrations(check):
 
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_json):
-    monkeypatch.setattr(handshake.Timeouts, "__init__", _hasty(handshake.Timeouts.__init__))
+    monkeypatch.setattr(line.Timeouts, "__init__", _hasty(line.Timeouts.__init__))
     words = ("--json",) if as_json else ()
     with FakeBoard(reports=False, I=silent) as board:
         told = [check(TEMPLATE.replace("port: auto", f"port: {port}"), *words) for port in (board.port, "/dev/nosuch")]
-    for (status, rows, out, err), why in zip(told, ("the board does not answer", "no such port"), strict=True):
+    for (status, rows, out, err), why in zip(told, ("the board does not answer", "cannot be opened"), strict=True):
         assert status == 3
         assert why in err.splitlines()[-1]
         if as_json:

@@ -35,7 +35,7 @@ def at(x_mm=0.0, y_mm=0.0, vx=0.0, vy=0.0):
 def seen(rig):
     """The state of the simulated ball, as the best estimator would have it."""
     x, y, _, vx, vy, beta, gamma = rig.truth()
-    rates = rig.machine.data.qvel[:2]
+    rates = rig.machine.gimbal.data.qvel[:2]
     return State(rig.machine.time, x, y, vx, vy, beta, float(rates[0]), gamma, float(rates[1]), 5)
 
 

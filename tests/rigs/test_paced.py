@@ -63,7 +63,7 @@ def wall():
 
 @pytest.fixture
 def rig(wall):
-    rig = PacedRig(Counting(), wall)
+    rig = PacedRig(Counting(), wall.now, wall.wait)
     rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     return rig
 

@@ -17,23 +17,21 @@ import pytest
 from emulated_chip import chip
 
 from mazeplan.core.errors import RigError
-from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.link.frames import encode
-from mazeplan.rigs.link.handshake import Timeouts
-from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
+from mazeplan.rigs.link.board import Board, Timeouts
+from mazeplan.rigs.link.protocol import AxisLimits, Flag, encode
 
 __all__ = ["chip"]
 
 BETA, GAMMA = AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)
-LIMITS = ServoLimits(BETA, GAMMA)
+LIMITS = (BETA, GAMMA)
 LEVEL = (BETA.level_us, GAMMA.level_us)
 QUICK = Timeouts(silence_s=1.0)
 
 COMMANDER = """
 import sys, time
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.link.messages import AxisLimits, ServoLimits
-board = Board(sys.argv[1], ServoLimits(AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)))
+from mazeplan.rigs.link.protocol import AxisLimits
+board = Board(sys.argv[1], (AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)))
 board.open()
 while True:
     board.command(1700.0, 1300.0)
@@ -83,7 +81,7 @@ def test_the_pulse_on_the_pin_is_the_commanded_one(chip):
 
 
 def test_the_slew_rate_is_kept_and_levelling_does_not_wait_for_it(chip):
-    slow = ServoLimits(AxisLimits(1100, 1900, 1480, 1000), GAMMA)  # 20 us a pulse
+    slow = (AxisLimits(1100, 1900, 1480, 1000), GAMMA)  # 20 us a pulse
     with Board(chip.port, slow, QUICK) as board:
         chip.wait_for(*LEVEL, 2.0)
         before = len(chip.history)
@@ -148,7 +146,7 @@ def test_the_watchdog_strikes_says_so_and_the_next_command_goes_on(chip):
 
 
 def test_limits_wider_than_the_hard_ones_are_refused_and_raw_frames_do_not_get_past_them(chip):
-    wide = Board(chip.port, ServoLimits(AxisLimits(500, 2500, 1500, 20000), GAMMA), QUICK)
+    wide = Board(chip.port, (AxisLimits(500, 2500, 1500, 20000), GAMMA), QUICK)
     with pytest.raises(
         RigError, match="got limits 500 to 2500 us, 20000 us/s for beta, the firmware allows 800 to 2200"
     ):

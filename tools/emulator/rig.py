@@ -15,9 +15,8 @@ from emulator.settings import EmulatedSettings
 from emulator.table import EmulatedTable
 from mazeplan.core.errors import MazeplanError, RigError
 from mazeplan.rigs.camera.source import FrameSource
-from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.rig import HardwareRig
-from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.board import Board, open_board
 
 SEEDS = 2**31
 GRACE_S = 0.2  # s to wait for the last message of a world that ends
@@ -33,7 +32,7 @@ class EmulatedRig(HardwareRig):
 
     def _open_board(self) -> Board:
         self.table = EmulatedTable(self.maze, self.settings.world)
-        return open_board(self.settings, self.table.port)
+        return open_board(self.table.port, self.settings.servo.limits())
 
     def _open_camera(self) -> FrameSource:
         assert self.table is not None

@@ -165,7 +165,7 @@ class EmulatedWorld:
         chip.set_volts(*self.truth.diode.volts(*machine.tilt))
         if self._trace is not None:
             target = self.truth.servos.tilt(beta_us, gamma_us)
-            x, y = machine.position
+            x, y = machine.scenes()[0][:2]
             row = (now, beta_us, gamma_us, *target, *machine.tilt, x, y)
             self._trace.write(",".join(f"{value:.6f}" for value in row) + "\n")
 

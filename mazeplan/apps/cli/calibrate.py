@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +22,7 @@ from mazeplan.core.errors import InputError, SettingsError
 if TYPE_CHECKING:
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.rigs.camera.calibration import LensCalibration
-    from mazeplan.rigs.hardware.files import RigFile
+    from mazeplan.rigs.hardware.rigfile import RigFile
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
 
 PLATES, BOARDS = 20, 40  # frames of the empty plate and of the chessboard, from a camera or video
@@ -80,31 +81,25 @@ def camera(
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_plate
     from mazeplan.rigs.camera.markers import corner_markers
-    from mazeplan.rigs.camera.section import check_begun, mapping, marker_section, save_background
+    from mazeplan.rigs.camera.section import mapping
     from mazeplan.rigs.camera.source import pictures
-    from mazeplan.rigs.hardware.files import background_of, hardware_file
+    from mazeplan.rigs.hardware.rigfile import hardware_file
 
     maze, file = load_map(map_), hardware_file(rig)
-    file.check_writable()
-    given = dict(file.settings.camera or {})
-    check_begun(given, file.data)
-    markers = corner_markers(maze)
-    if given.get("markers") is not None:
-        markers = marker_section(given["markers"], file.data).markers()
-    pivot = np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
+    given = file.settings.camera
+    markers = corner_markers(maze) if given.markers is None else given.markers.markers()
     # the rig asks for this size later; a file without size and lens leaves the choice to the device
-    size = file.settings.picture if {"size", "focal_px"} & given.keys() else None
+    size = given.size if {"size", "focal_px"} & given.model_fields_set else None
     with ProgressBar("calibrating", compiles=False) as bar:
-        lens = _lens(given, file) if boards is None else _lens_of(boards, size, (corners, square_mm / 1000.0), bar)
-        seen = list(_shown(pictures(plate or str(given.get("source", 0)), PLATES, size), bar))
+        lens = _lens(file) if boards is None else _lens_of(boards, size, (corners, square_mm / 1000.0), bar)
+        seen = list(_shown(pictures(plate or str(given.source), PLATES, size), bar))
         bar.show("place of the camera")
-        done = calibrate_plate(lens, seen, maze, markers, pivot)
+        done = calibrate_plate(lens, seen, maze, markers, np.array(given.pivot_mm) / 1000.0)
     section = mapping(
-        done.camera, markers, source=given.get("source", 0), ball_hue_deg=given.get("ball_hue_deg"),
-        background=background_of(file.target), date=date.today().isoformat(), error_px=round(done.error_px, 3),
-        error_mm=round(done.error_mm, 3),
+        done.camera, markers, source=given.source, background=f"{file.target.stem}-background.png",
+        date=date.today().isoformat(), error_px=round(done.error_px, 3), error_mm=round(done.error_mm, 3),
     )  # fmt: skip
-    save_background(done.background, file.target.parent / section["background"])
+    done.background.write(file.target.parent / section["background"])
     written = str(file.write({"camera": section}))
     if as_json:
         out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
@@ -119,15 +114,14 @@ def camera(
     print(f"written       {written}")
 
 
-def _lens(given: dict[str, Any], file: RigFile) -> LensCalibration:
+def _lens(file: RigFile) -> LensCalibration:
     """The lens in the rig's file. Raises SettingsError without one."""
     from mazeplan.rigs.camera.calibration import LensCalibration
-    from mazeplan.rigs.camera.section import camera_section
 
-    if "focal_px" not in given:
+    if not file.settings.camera.calibrated:
         problem = "has no lens yet: give pictures of a chessboard with --boards"
         raise SettingsError(problem, file=file.path, key="camera")
-    model = camera_section(given, file.data).model()
+    model = file.settings.camera.model()
     return LensCalibration(model.matrix, model.distortion, model.size, 0.0, 0)
 
 
@@ -166,11 +160,10 @@ def tilt(
 
     Exit status 1: the error exceeds 0.1 degrees, and the rig's file stays as it is."""
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.hardware.files import hardware_file
+    from mazeplan.rigs.hardware.rigfile import hardware_file
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
-    file.check_writable()
     if readings is None:
         place = free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
         taken = _ask_at_board(file, limit, grid, place)
@@ -180,41 +173,32 @@ def tilt(
         fit = fit_tilt(taken)
     except InputError as problem:
         raise InputError(problem.problem, file=place if place.exists() else None, key=problem.key) from None
-    servos = {}
-    if fit.level_us is not None and fit.us_per_deg is not None:  # readings with pulses
-        fitted = zip(("beta", "gamma"), fit.level_us, fit.us_per_deg, strict=True)
-        servos = {axis: {"level_us": level, "us_per_deg": gain} for axis, level, gain in fitted}
     good, written = fit.error_deg <= LARGEST_ERROR_DEG, None
     try:
-        written = str(file.write(_tilt_sections(fit, servos, file.data.get("servo")))) if good else None
+        written = str(file.write(_tilt_sections(fit, file.data.get("servo")))) if good else None
     finally:
-        _report(fit, servos, readings, as_json, written)
+        _report(fit, readings, as_json, written)
     sys.exit(0 if good else 1)
 
 
-def _tilt_sections(fit: TiltFit, servos: dict[str, dict[str, float]], given: Any) -> dict[str, Any]:
+def _tilt_sections(fit: TiltFit, given: Any) -> dict[str, Any]:
     """The sections `tilt`, and `servo` with the fitted level pulses and gains. given: the section `servo` so far"""
-    sections: dict[str, Any] = {"tilt": fit.section(date.today().isoformat())}
+    sections: dict[str, Any] = {"tilt": {**fit.sensor.model_dump(mode="json"), "date": date.today().isoformat()}}
     servo = dict(given) if isinstance(given, dict) else {}
-    for axis, found in servos.items():
+    for axis, found in fit.servos.items():
         rounded = {"level_us": round(found["level_us"], 1), "us_per_deg": round(found["us_per_deg"], 3)}
         servo[axis] = {**dict(servo.get(axis) or {}), **rounded}
-    return {**sections, "servo": servo} if servos else sections
+    return {**sections, "servo": servo} if fit.servos else sections
 
 
 def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> list[Reading]:
     """Move the plate from tilt to tilt and ask for the readings. Each answer is written to the file `keep` at once."""
-    from mazeplan.rigs.files import placed
-    from mazeplan.rigs.hardware.parts import open_board
-    from mazeplan.rigs.hardware.tiltcalibration import write_readings
-    from mazeplan.rigs.hardware.tiltreadings import grid, take_readings
+    from mazeplan.rigs.hardware.tiltcalibration import grid, take_readings, write_readings
+    from mazeplan.rigs.link.board import open_board
 
-    try:
-        file.settings.check_limits()
-    except SettingsError as problem:
-        raise placed(problem, file.data) from None
+    file.settings.check_limits(file.data)
     pulses = grid(file.settings.servo, limit_deg, tilts)
-    board = open_board(file.settings)
+    board = open_board(file.settings.port, file.settings.servo.limits())
     say(f"{len(pulses)} tilts; type the clinometer's beta and gamma in degrees, or nothing to skip a tilt")
     say(f"Ctrl-D ends the readings; they are kept in {keep}")
 
@@ -228,16 +212,14 @@ def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> li
 
 
 def _ask(question: str) -> tuple[float, float] | None:
-    """The typed beta and gamma, degrees; None for an empty line. Raises StopReadings at Ctrl-D."""
-    from mazeplan.rigs.hardware.tiltreadings import StopReadings
-
+    """The typed beta and gamma, degrees; None for an empty line. Raises EOFError at Ctrl-D."""
     while True:
         try:
             answer = typer.prompt(question, default="", show_default=False, err=True)
         except typer.Abort as end:  # typer raises it for Ctrl-D as well as for Ctrl-C
             if isinstance(end.__context__, EOFError):
                 say("")
-                raise StopReadings from None
+                raise EOFError from None
             raise
         words = answer.replace(",", " ").split()
         if not words:
@@ -251,22 +233,16 @@ def _ask(question: str) -> tuple[float, float] | None:
         say("expected two finite numbers, such as: -2.3 0.4")
 
 
-def _report(
-    fit: TiltFit, servos: dict[str, dict[str, float]], readings: Path | None, as_json: bool, written: str | None
-) -> None:
+def _report(fit: TiltFit, readings: Path | None, as_json: bool, written: str | None) -> None:
     """Print the fit. written: the rig's file, if it was written"""
-    axes = {"beta": fit.beta, "gamma": fit.gamma}
+    axes, servos = {"beta": fit.beta, "gamma": fit.gamma}, fit.servos
     if as_json:
-        found = {
-            axis: {"terms": f.terms, "rms_deg": f.rms, "worst_deg": f.worst, "left_out_deg": f.left_out, "used": f.used}
-            for axis, f in axes.items()
-        }
-        out = [{"line": o.line, "axis": o.axis, "got": o.got, "expected": o.expected} for o in fit.outliers]
-        document = {"readings": fit.readings, "error_deg": fit.error_deg, "tilt": found, "servo": servos or None}
+        found, out = {axis: asdict(f) for axis, f in axes.items()}, [asdict(o) for o in fit.outliers]
+        document = {"readings": fit.sensor.readings, "error_deg": fit.error_deg, "tilt": found, "servo": servos or None}
         print_json({**document, "outliers": out, "rig": written})
         return
     for axis, f in axes.items():
-        errors = f"rms {f.rms:.3f} deg, worst {f.worst:.3f}, at held-out readings {f.left_out:.3f}"
+        errors = f"rms {f.rms_deg:.3f} deg, worst {f.worst_deg:.3f}, at held-out readings {f.left_out_deg:.3f}"
         print(f"{axis:6s} {errors}; terms {' '.join(f.terms)}")
     for axis, servo in servos.items():
         print(f"servo  {axis}: level at {servo['level_us']:.1f} us, {servo['us_per_deg']:.2f} us per degree")

@@ -16,7 +16,7 @@ from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.files import validated
-from mazeplan.rigs.interface import check_ready
+from mazeplan.rigs.interface import traits
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 
@@ -38,7 +38,7 @@ class CircularMazeEnv(gymnasium.Env):
             raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
         self._potential = Potential(self.task, self.maze)
         self.rig = watched(make_rig(self.task.rig, self.maze))
-        check_ready(self.rig)  # the loop is another program's code
+        traits(self.rig).ready()  # the loop is another program's code
         self._closed = False
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)

@@ -30,35 +30,24 @@ NamedPicture = tuple[str, np.ndarray]
 
 @dataclass(frozen=True)
 class LensCalibration:
-    """Result for the lens.
-
-    matrix (3, 3), distortion (5,): see `CameraModel`.
-    size: width and height of a picture, px.
-    error_px: rms error of the corners, px.
-    used: number of used pictures.
-    left_out: names of the other pictures, each with the reason."""
+    """Result for the lens. matrix (3, 3), distortion (5,), size: see `CameraModel`."""
 
     matrix: Array
     distortion: Array
     size: tuple[int, int]
-    error_px: float
-    used: int
-    left_out: tuple[str, ...] = ()
+    error_px: float  # rms error of the corners
+    used: int  # number of used pictures
+    left_out: tuple[str, ...] = ()  # names of the other pictures, each with the reason
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a calibration.
-
-    camera: the calibrated camera.
-    background: picture of the empty floor.
-    error_px: rms error of the markers, px.
-    error_mm: the same error on the floor, mm."""
+    """Result of a calibration."""
 
     camera: CameraModel
     background: Background
-    error_px: float
-    error_mm: float
+    error_px: float  # rms error of the markers
+    error_mm: float  # the same error on the floor
 
 
 def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> LensCalibration:
@@ -68,30 +57,22 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
     square: side of a square of the chessboard, m."""
     board = np.zeros((corners[0] * corners[1], 3), np.float32)
     board[:, :2] = np.mgrid[0 : corners[0], 0 : corners[1]].T.reshape(-1, 2) * square
+    what = f"board of {corners[0]} x {corners[1]} inner corners"
     size: tuple[int, int] | None = None
     found: list[tuple[str, np.ndarray]] = []
     without: list[str] = []
     for name, image in pictures:
-        here = (image.shape[1], image.shape[0])
-        if size is not None and here != size:
-            raise InputError(
-                f"got a picture of {here[0]} x {here[1]}, expected {size[0]} x {size[1]} as before", file=name
-            )
-        size = here
-        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        done, at = cv2.findChessboardCorners(
-            gray, corners, flags=cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_FAST_CHECK
-        )
-        if not done:
-            without.append(f"{name}: no chessboard of {corners[0]} x {corners[1]} inner corners")
-            continue
-        term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-3)
-        found.append((name, cv2.cornerSubPix(gray, at, (4, 4), (-1, -1), term)))
+        size = size or (image.shape[1], image.shape[0])
+        _check_size(name, image, size)
+        at = _chessboard(image, corners)
+        if at is None:
+            without.append(f"{name}: no {what}")
+        else:
+            found.append((name, at))
     if size is None or len(found) < LEAST_BOARDS:
-        looked = len(found) + len(without)
         raise InputError(
-            f"chessboard: got {len(found)} pictures with a whole board of {corners[0]} x {corners[1]} inner corners "
-            f"among {looked}, expected at least {LEAST_BOARDS}; take more, or count the inner corners for --corners"
+            f"chessboard: got {len(found)} pictures with a whole {what} among {len(found) + len(without)}, expected at "
+            f"least {LEAST_BOARDS}; take more, or count the inner corners for --corners"
         )
     lens = _zhang(board, [at for _, at in found], size)
     while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:
@@ -100,15 +81,28 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         worst = min(range(len(found)), key=lambda i: fewer[i].error_px)
         if fewer[worst].error_px > BETTER * lens.error_px:
             break
-        without.append(
-            f"{found[worst][0]}: without it the error falls from {lens.error_px:.2f} px to "
-            f"{fewer[worst].error_px:.2f} px"
-        )
+        fall = f"the error falls from {lens.error_px:.2f} px to {fewer[worst].error_px:.2f} px"
+        without.append(f"{found[worst][0]}: without it {fall}")
         lens = fewer[worst]
         found.pop(worst)
     if lens.error_px > MOST_PX:
         raise InputError(f"chessboard: the corners are still {lens.error_px:.1f} px off, expected below {MOST_PX:g} px")
     return replace(lens, left_out=tuple(without))
+
+
+def _check_size(name: str, image: np.ndarray, size: tuple[int, int]) -> None:
+    if image.shape[1::-1] != size:
+        got = f"{image.shape[1]} x {image.shape[0]}"
+        raise InputError(f"got a picture of {got}, expected {size[0]} x {size[1]} as before", file=name)
+
+
+def _chessboard(image: np.ndarray, corners: tuple[int, int]) -> np.ndarray | None:
+    """Corners of a chessboard in a picture, px; None if it is not seen whole."""
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_FAST_CHECK
+    done, at = cv2.findChessboardCorners(gray, corners, flags=flags)
+    term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-3)
+    return cv2.cornerSubPix(gray, at, (4, 4), (-1, -1), term) if done else None
 
 
 def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> LensCalibration:
@@ -122,23 +116,17 @@ def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]
 
 
 def calibrate_plate(
-    lens: LensCalibration,
-    pictures: Sequence[NamedPicture],
-    maze: Maze,
-    markers: Markers,
-    pivot: Array | None = None,
+    lens: LensCalibration, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers, pivot: Array | None = None
 ) -> Calibration:
     """Pose and background from pictures of the empty, level plate. Raises InputError if the pictures do not suffice.
 
     pivot (3,): fixed point of the tilt in the plate frame, m; by default the origin."""
     for name, image in pictures:
-        if image.shape[1::-1] != lens.size:
-            got = f"{image.shape[1]} x {image.shape[0]}"
-            raise InputError(f"got a picture of {got}, expected {lens.size[0]} x {lens.size[1]}", file=name)
+        _check_size(name, image, lens.size)
     if not pictures:
         raise InputError("plate: got no picture of the empty plate")
     pivot = np.zeros(3) if pivot is None else pivot
-    rotation, translation, error = pose_by_markers(lens, pictures, markers)
+    rotation, translation, error = _pose_by_markers(lens, pictures, markers)
     if error > MOST_PX:
         raise InputError(f"plate: markers are {error:.1f} px off, expected below {MOST_PX:g} px")
     camera = CameraModel(lens.matrix, lens.distortion, rotation, translation, lens.size, pivot)
@@ -146,12 +134,11 @@ def calibrate_plate(
     return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm)
 
 
-def pose_by_markers(
+def _pose_by_markers(
     lens: LensCalibration, pictures: Sequence[NamedPicture], markers: Markers
 ) -> tuple[Array, Array, float]:
-    """(rotation, translation, rms error in px) from the level plate frame to the camera frame.
-
-    Uses the median of each marker's corners over all pictures."""
+    """(rotation, translation, rms error in px) from the level plate frame to the camera frame, by the median of each
+    marker's corners over all pictures."""
     finder = detector()
     seen: dict[int, list[Array]] = {}
     for _, image in pictures:
@@ -159,10 +146,8 @@ def pose_by_markers(
             seen.setdefault(number, []).append(four)
     often = {number: fours for number, fours in seen.items() if 2 * len(fours) >= len(pictures)}
     if len(often) < 2:
-        raise InputError(
-            f"{pictures[0][0]}: got markers {sorted(often)} in most pictures, expected at least two of "
-            f"{sorted(markers.places)}"
-        )
+        got = f"{pictures[0][0]}: got markers {sorted(often)} in most pictures"
+        raise InputError(f"{got}, expected at least two of {sorted(markers.places)}")
     points = np.vstack([markers.corners(number) for number in often])
     pixels = np.vstack([np.median(fours, axis=0) for fours in often.values()])
     done, turn, shift = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
@@ -170,11 +155,8 @@ def pose_by_markers(
         raise InputError(f"{pictures[0][0]}: the markers give no pose; do they lie where the rig's file says?")
     turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, shift)
     off = cv2.projectPoints(points, turn, shift, lens.matrix, lens.distortion)[0].reshape(-1, 2) - pixels
-    return (
-        rotation(turn.ravel().tolist()),
-        np.array(shift, dtype=float).ravel(),
-        float(np.sqrt((off**2).sum(axis=1).mean())),
-    )
+    error = float(np.sqrt((off**2).sum(axis=1).mean()))
+    return rotation(turn.ravel().tolist()), np.array(shift, dtype=float).ravel(), error
 
 
 def calibrate_background(

@@ -14,13 +14,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.floor import PX, Floor
+from mazeplan.rigs.camera.floor import PX, Floor, floor_side
 from mazeplan.rigs.camera.markers import Markers, TiltFinder
 from mazeplan.rigs.camera.outline import Outline, OutlineFit
 from mazeplan.rigs.camera.pinhole import CameraModel
@@ -28,6 +31,18 @@ from mazeplan.rigs.camera.pinhole import CameraModel
 HALF = 2  # the search for discs uses a picture this many times smaller
 LIGHT = 100.0  # a floor with a median above this, 0 to 255, is brighter than the ball
 SLOW = 8  # the light is compared in a picture this many times smaller
+BLACK = 12.0  # median of a picture without light, 0 to 255
+CONTRAST = 14.0  # minimum difference between ball and floor, grey levels
+DARKEST = 0.2  # minimum light, as a share of the background's light
+MOVED_PX = 2.5  # px, largest rms error of the markers
+CLEAR, AGREE = 0.3, 0.66  # minimum shares of the outline that agree with the circle: of all rays, of the visible rays
+ERROR_M = 0.00012  # m, largest standard deviation of the centre
+WIDER_M = 0.0005  # m, largest difference between the radius of the edge and that of the ball
+TOLERANCE_M = 0.001  # m, allowed error of the places of walls and ball
+RIVAL = 0.5  # an outline with more than this share of the best one's strength x agreement may be a second ball
+EDGE = 0.06  # minimum step of light at the outline, as a share of the floor's light
+FILLED = 0.05  # minimum score of a candidate, divided by the area of its disc
+CANDIDATES, RIVAL_SCORE = 4, 0.2  # largest number of candidates; minimum score, as a share of the best one's
 
 
 class DetectionOutcome(StrEnum):
@@ -44,92 +59,59 @@ class DetectionOutcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """What the detector found in a picture.
+    """What the detector found in a picture."""
 
-    x, y: centre of the ball in the plate frame, m; None without a ball.
-    confidence: 0 to 1.
-    why: result of the search.
-    beta, gamma: tilt of the plate by its markers, rad; None without markers.
-    error: standard deviation of x and y together, from the scatter of the outline, m."""
-
-    x: float | None
+    x: float | None  # centre of the ball in the plate frame, m; None without a ball
     y: float | None
-    confidence: float
+    confidence: float  # 0 to 1
     why: DetectionOutcome
-    beta: float | None = None
+    beta: float | None = None  # tilt of the plate by its markers, rad; None without markers
     gamma: float | None = None
-    error: float | None = None
 
 
 @dataclass(frozen=True)
 class Background:
-    """The floor without a ball, on a level plate.
+    """The floor without a ball, on a level plate."""
 
-    picture: (side, side, 3).
-    known: 255 where the floor was seen."""
+    picture: np.ndarray  # (side, side, 3)
+    known: np.ndarray  # (side, side), 255 where the floor was seen
 
-    picture: np.ndarray
-    known: np.ndarray
+    def write(self, path: Path) -> None:
+        """Write a PNG with `known` as its fourth channel. Raises SettingsError if that fails."""
+        done, data = cv2.imencode(".png", np.dstack([self.picture, self.known]))
+        try:
+            with whole_file(path) as beside:
+                beside.write_bytes(data.tobytes() if done else b"")
+        except OSError as problem:
+            raise SettingsError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 
-
-@dataclass(frozen=True)
-class DetectorSettings:
-    """Limits of the detector.
-
-    hue_deg: range of the ball's hue (0 red, 120 green, 240 blue); None for steel.
-    saturation: minimum saturation of a coloured ball, of 255.
-    contrast: minimum difference between ball and floor, grey levels.
-    darkest: minimum light, as a share of the background's light.
-    moved_px: largest rms error of the markers, px.
-    clear: minimum share of the outline that is visible and on the circle.
-    agree: minimum share of the visible outline that is on the circle.
-    error_m: largest standard deviation of the centre, m.
-    wider_m: largest difference between the radius of the edge and that of the ball, m.
-    tolerance_m: allowed error of the places of walls and ball, m.
-    rival: an outline with more than this share of the best outline's strength x agreement may be a second ball.
-    edge: minimum step of light at the outline, as a share of the floor's light.
-    filled: minimum score of a candidate, divided by the area of its disc.
-    candidates: largest number of candidates.
-    rival_score: minimum score of a candidate, as a share of the best score."""
-
-    hue_deg: tuple[float, float] | None = None
-    saturation: int = 90
-    contrast: float = 14.0
-    darkest: float = 0.2
-    moved_px: float = 2.5
-    clear: float = 0.3
-    agree: float = 0.66
-    error_m: float = 0.00012
-    wider_m: float = 0.0005
-    tolerance_m: float = 0.001
-    rival: float = 0.5
-    edge: float = 0.06
-    filled: float = 0.05
-    candidates: int = 4
-    rival_score: float = 0.2
+    @staticmethod
+    def read(path: Path, maze: Maze) -> Background:
+        """Read what `write` wrote. Raises SettingsError if it is no background of this maze."""
+        try:
+            data = np.frombuffer(path.read_bytes(), np.uint8)
+        except OSError as problem:
+            raise SettingsError(f"background cannot be read: {problem.strerror or problem}", file=path) from None
+        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        side = floor_side(maze)
+        if picture is None or picture.shape != (side, side, 4):
+            got = "no picture" if picture is None else f"a picture of shape {picture.shape}"
+            raise SettingsError(f"got {got}, expected {(side, side, 4)}: a background of map {maze.name}", file=path)
+        return Background(np.ascontiguousarray(picture[..., :3]), np.ascontiguousarray(picture[..., 3]))
 
 
 class BallDetector:
     """Finds the ball in pictures of one calibrated camera."""
 
-    def __init__(
-        self,
-        maze: Maze,
-        camera: CameraModel,
-        background: Background,
-        markers: Markers | None,
-        settings: DetectorSettings | None = None,
-    ) -> None:
-        self.maze, self.camera, self.settings = maze, camera, settings or DetectorSettings()
-        self.floor = Floor(maze)
-        self.background = background
+    def __init__(self, maze: Maze, camera: CameraModel, background: Background, markers: Markers | None) -> None:
+        self.maze, self.camera, self.background, self.floor = maze, camera, background, Floor(maze)
         self._tilt = None if markers is None else TiltFinder(camera, markers)
         floor = np.median(background.picture[background.known > 0], axis=0)
         self._light = float(floor.sum())
         self._outline = Outline(maze.ball.radius, self.floor, darker=float(floor.mean()) > LIGHT)
-        room = cv2.distanceTransform(255 - self.floor.solid, cv2.DIST_L2, 5) / PX
-        allowed = (room >= maze.ball.radius - self.settings.tolerance_m).astype(np.uint8) * 255
-        self._room, self._allowed = room, cv2.resize(allowed, None, fx=1 / HALF, fy=1 / HALF)
+        self._room = cv2.distanceTransform(255 - self.floor.solid, cv2.DIST_L2, 5) / PX
+        allowed = (self._room >= maze.ball.radius - TOLERANCE_M).astype(np.uint8) * 255
+        self._allowed = cv2.resize(allowed, None, fx=1 / HALF, fy=1 / HALF)
         self._disc, self._ring = _kernels(maze.ball.radius * PX / HALF)
 
     def locate(self, image: np.ndarray, tilt: tuple[float, float] | None = None) -> Sighting:
@@ -138,97 +120,51 @@ class BallDetector:
         tilt: beta, gamma, rad; used if the picture shows no markers.
 
         Raises ValueError for a picture of another size than the camera's."""
-        why, tilted = self._tilted(image, tilt)
-        if tilted is None:
-            return Sighting(None, None, 0.0, why)
-        used, (beta, gamma) = tilted
-        why, fit = self._look(image, *used)
-        if fit is None:
-            return Sighting(None, None, 0.0, why, beta, gamma)
-        return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
-
-    def _tilted(
-        self, image: np.ndarray, tilt: tuple[float, float] | None
-    ) -> tuple[DetectionOutcome, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:
-        """(reason, (tilt to use, tilt by the markers)). The tilt by the markers is (None, None) without markers.
-
-        If there is no tilt to use, (reason, None)."""
         if image.shape != (self.camera.size[1], self.camera.size[0], 3):
             raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
-        by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        if by_markers is not None and by_markers[2] > self.settings.moved_px:
-            return DetectionOutcome.MOVED, None
-        used = tilt if by_markers is None else by_markers[:2]
+        found = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        if found is not None and found[2] > MOVED_PX:
+            return Sighting(None, None, 0.0, DetectionOutcome.MOVED)
+        used = tilt if found is None else found[:2]
         if used is None:
-            dark = float(np.median(image[::8, ::8])) < 12.0
-            return (DetectionOutcome.DARK if dark else DetectionOutcome.NO_MARKERS), None
-        return DetectionOutcome.FOUND, (used, (None, None) if by_markers is None else by_markers[:2])
+            dark = float(np.median(image[::8, ::8])) < BLACK
+            return Sighting(None, None, 0.0, DetectionOutcome.DARK if dark else DetectionOutcome.NO_MARKERS)
+        by_markers = (None, None) if found is None else found[:2]
+        why, fit = self._look(image, *used)
+        if fit is None:
+            return Sighting(None, None, 0.0, why, *by_markers)
+        return Sighting(fit.x, fit.y, fit.confidence, why, *by_markers)
 
-    def _fits(self, image: np.ndarray, beta: float, gamma: float) -> tuple[DetectionOutcome, list[OutlineFit]]:
-        """Fitted outlines of spheres at places where a ball has room, and a reason in case none of them is good."""
-        settings, eye = self.settings, self.camera.centre(beta, gamma)
+    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[DetectionOutcome, OutlineFit | None]:
+        """Fit outlines of spheres at places where a ball has room, and choose the only good one."""
+        eye = self.camera.centre(beta, gamma)
         seen = self.floor.straighten(image, self.camera, beta, gamma)
         clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
         empty, light = _relit(self.background.picture, seen, clear)
-        if light < settings.darkest:
-            return DetectionOutcome.DARK, []
-        differs = self._differs(seen, empty, clear)
+        if light < DARKEST:
+            return DetectionOutcome.DARK, None
         fits = []
-        least = settings.edge * self._light * light
-        for x, y in self._candidates(differs, clear, eye):
+        for x, y in self._candidates(_differs(seen, empty, clear), eye):
             fit = self._outline.fit(seen, empty, clear, eye, np.array([x, y]))
-            if fit is not None and fit.strength >= least and self._possible(fit):
+            if fit is not None and fit.strength >= EDGE * self._light * light and self._possible(fit):
                 fits.append(fit)
-        return DetectionOutcome.NO_BALL, fits
-
-    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[DetectionOutcome, OutlineFit | None]:
-        why, fits = self._fits(image, beta, gamma)
-        if why is DetectionOutcome.DARK:
-            return why, None
-        good = [fit for fit in fits if self._good(fit)]
+        good = [fit for fit in fits if _good(fit)]
         if not good:
             return (DetectionOutcome.UNSURE if fits else DetectionOutcome.NO_BALL), None
         best = max(good, key=lambda fit: fit.strength * fit.confidence)
-        rivals = [fit for fit in fits if self._rivals(fit, best)]
+        # a second ball is at another place, and nearly as clear; a shadow has a soft edge
+        least, radius = RIVAL * best.strength * best.agree, self.maze.ball.radius
+        others = [fit for fit in fits if np.hypot(fit.x - best.x, fit.y - best.y) > radius]
+        rivals = [fit for fit in others if fit.strength * fit.agree > least]
         if rivals:
-            return (DetectionOutcome.TWO if any(self._good(fit) for fit in rivals) else DetectionOutcome.UNSURE), None
+            return (DetectionOutcome.TWO if any(_good(fit) for fit in rivals) else DetectionOutcome.UNSURE), None
         return DetectionOutcome.FOUND, best
 
-    def _rivals(self, fit: OutlineFit, best: OutlineFit) -> bool:
-        """Whether a fit may be a second ball: at another place, and nearly as clear. A shadow has a soft edge."""
-        apart = np.hypot(fit.x - best.x, fit.y - best.y)
-        return bool(
-            apart > self.maze.ball.radius
-            and fit.strength * fit.agree > self.settings.rival * best.strength * best.agree
-        )
-
-    def _differs(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray) -> np.ndarray:
-        """Difference between the floor and the empty floor, 0 to 255; 0 where it is within the noise.
-
-        For a coloured ball: 255 where the floor has the ball's colour, else 0."""
-        if self.settings.hue_deg is not None:
-            low, high = (round(value / 2.0) for value in self.settings.hue_deg)
-            hsv = cv2.cvtColor(seen, cv2.COLOR_BGR2HSV)
-            own = cv2.inRange(hsv, (min(low, high), self.settings.saturation, 30), (max(low, high), 255, 255))
-            if low > high:  # red: past 360
-                own = cv2.bitwise_or(
-                    cv2.inRange(hsv, (low, self.settings.saturation, 30), (180, 255, 255)),
-                    cv2.inRange(hsv, (0, self.settings.saturation, 30), (high, 255, 255)),
-                )
-            return cv2.bitwise_and(own, clear)
-        blue, green, red = cv2.split(cv2.absdiff(seen, empty))
-        most = cv2.max(cv2.max(blue, green), red)
-        sample = most[2::5, 2::5][clear[2::5, 2::5] > 0]
-        noise = 1.5 * float(np.median(sample)) if sample.size else 0.0
-        least = max(self.settings.contrast, 3.0 * noise)
-        most = cv2.threshold(most, least, 0, cv2.THRESH_TOZERO)[1]
-        return cv2.bitwise_and(most, clear)
-
-    def _candidates(self, differs: np.ndarray, clear: np.ndarray, eye: Array) -> list[tuple[float, float]]:
+    def _candidates(self, differs: np.ndarray, eye: Array) -> list[tuple[float, float]]:
         """Places (x, y), m, where the ball's centre may be, best first.
 
         The score of a place is the difference inside a disc minus the difference in a ring around it."""
-        settings, ball, floor = self.settings, self.maze.ball.radius, self.floor
+        ball, floor = self.maze.ball.radius, self.floor
         small = cv2.resize(differs, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA).astype(np.float32)
         score = cv2.filter2D(small, cv2.CV_32F, (self._disc - self._ring) / 255.0, borderType=cv2.BORDER_CONSTANT)
         # allowed centres, projected to the floor behind them
@@ -236,9 +172,9 @@ class BallDetector:
         warp = np.array([[1.0 - k, 0.0, k * foot[0]], [0.0, 1.0 - k, k * foot[1]]])
         allowed = cv2.warpAffine(self._allowed, warp, score.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
         found, first = [], 0.0
-        for _ in range(settings.candidates):
+        for _ in range(CANDIDATES):
             _, best, _, at = cv2.minMaxLoc(score, allowed)
-            if best < max(settings.filled * self._disc.sum(), settings.rival_score * first):
+            if best < max(FILLED * self._disc.sum(), RIVAL_SCORE * first):
                 break
             first = max(first, best)
             q = floor.metres(np.array([at]) * HALF + 0.5 * (HALF - 1))[0]
@@ -251,16 +187,21 @@ class BallDetector:
         column, row = np.round(self.floor.pixels(np.array([[fit.x, fit.y]]))[0]).astype(int)
         side = self.floor.side
         inside = 0 <= column < side and 0 <= row < side
-        return bool(inside and self._room[row, column] >= self.maze.ball.radius - self.settings.tolerance_m)
+        return bool(inside and self._room[row, column] >= self.maze.ball.radius - TOLERANCE_M)
 
-    def _good(self, fit: OutlineFit) -> bool:
-        settings = self.settings
-        return (
-            fit.clear * fit.agree >= settings.clear
-            and fit.agree >= settings.agree
-            and fit.error <= settings.error_m
-            and abs(fit.wider) <= settings.wider_m
-        )
+
+def _good(fit: OutlineFit) -> bool:
+    return fit.clear * fit.agree >= CLEAR and fit.agree >= AGREE and fit.error <= ERROR_M and abs(fit.wider) <= WIDER_M
+
+
+def _differs(seen: np.ndarray, empty: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """Difference between the floor and the empty floor, 0 to 255; 0 where it is within the noise."""
+    blue, green, red = cv2.split(cv2.absdiff(seen, empty))
+    most = cv2.max(cv2.max(blue, green), red)
+    sample = most[2::5, 2::5][clear[2::5, 2::5] > 0]
+    noise = 1.5 * float(np.median(sample)) if sample.size else 0.0
+    most = cv2.threshold(most, max(CONTRAST, 3.0 * noise), 0, cv2.THRESH_TOZERO)[1]
+    return cv2.bitwise_and(most, clear)
 
 
 def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -268,9 +209,8 @@ def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
     reach = int(1.6 * radius) + 1
     rho = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
     disc = np.clip(radius - rho + 0.5, 0.0, 1.0)
-    return disc.astype(np.float32), (0.7 * np.clip(1.5 * radius - rho + 0.5, 0.0, 1.0) * (1.0 - disc)).astype(
-        np.float32
-    )
+    ring = 0.7 * np.clip(1.5 * radius - rho + 0.5, 0.0, 1.0) * (1.0 - disc)
+    return disc.astype(np.float32), ring.astype(np.float32)
 
 
 def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, float]:

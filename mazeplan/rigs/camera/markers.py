@@ -21,13 +21,10 @@ STEPS, SMALL = 6, 1e-6  # end of the fit of a tilt: number of iterations at most
 
 @dataclass(frozen=True)
 class Markers:
-    """Markers on the plate. The upper edge of each marker is towards +y.
+    """Markers on the plate. The upper edge of each marker is towards +y."""
 
-    places: {id: middle (x, y, z) in the plate frame, m}.
-    size: side of a marker, m."""
-
-    places: dict[int, tuple[float, float, float]]
-    size: float = SIZE
+    places: dict[int, tuple[float, float, float]]  # {id: middle (x, y, z) in the plate frame, m}
+    size: float = SIZE  # side of a marker, m
 
     def corners(self, number: int) -> Array:
         """Corners (4, 3) of a marker in the detector's order: clockwise from the upper left."""
@@ -55,13 +52,9 @@ def detector() -> cv2.aruco.ArucoDetector:
 def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> dict[int, Array]:
     """{id: corners (4, 2), px} of the known markers in a grey picture, without markers that appear twice."""
     corners, ids, _ = finder.detectMarkers(gray)
-    found: dict[int, Array] = {}
-    twice: set[int] = set()
-    for number, four in zip(() if ids is None else (int(i) for i in ids.ravel()), corners, strict=True):
-        twice |= {number} & found.keys()
-        if number in known.places:
-            found[number] = four.reshape(4, 2).astype(float)
-    return {number: four for number, four in found.items() if number not in twice}
+    numbers: list[int] = [] if ids is None else ids.astype(int).ravel().tolist()
+    found = {number: four.reshape(4, 2).astype(float) for number, four in zip(numbers, corners, strict=True)}
+    return {n: four for n, four in found.items() if n in known.places and numbers.count(n) == 1}
 
 
 class TiltFinder:
@@ -74,10 +67,8 @@ class TiltFinder:
 
     def _window(self, corners: Array) -> tuple[int, int, int, int]:
         pixels = self.camera.project(corners)
-        low, high = pixels.min(axis=0) - ROOM, pixels.max(axis=0) + ROOM
-        width, height = self.camera.size
-        left, right = (int(np.clip(value, 0, width)) for value in (low[0], high[0] + 1))
-        top, bottom = (int(np.clip(value, 0, height)) for value in (low[1], high[1] + 1))
+        left, top = np.clip(pixels.min(axis=0) - ROOM, 0, self.camera.size).astype(int).tolist()
+        right, bottom = np.clip(pixels.max(axis=0) + ROOM + 1, 0, self.camera.size).astype(int).tolist()
         return left, top, right, bottom
 
     def seen(self, gray: np.ndarray) -> dict[int, Array]:
@@ -109,12 +100,8 @@ def fit_tilt(camera: CameraModel, points: Array, pixels: Array) -> tuple[float, 
     tilt, step = np.zeros(2), 1e-4
     for _ in range(STEPS):
         off = (pixels - camera.project(points, *tilt)).ravel()
-        slope = np.column_stack(
-            [
-                (camera.project(points, *(tilt + step * e)) - camera.project(points, *(tilt - step * e))).ravel()
-                for e in np.eye(2)
-            ]
-        ) / (2.0 * step)
+        moved = [camera.project(points, *(tilt + e)) - camera.project(points, *(tilt - e)) for e in step * np.eye(2)]
+        slope = np.column_stack([one.ravel() for one in moved]) / (2.0 * step)
         change = np.linalg.lstsq(slope, off, rcond=None)[0]
         tilt = np.clip(tilt + change, -0.5, 0.5)
         if np.abs(change).max() < SMALL:

@@ -31,22 +31,15 @@ WEAK = 8.0  # grey levels, sum of the colours over the edge's width; a weaker ch
 
 @dataclass(frozen=True, slots=True)
 class OutlineFit:
-    """A fitted outline.
+    """A fitted outline."""
 
-    x, y: centre of the sphere, m.
-    clear: share of visible rays.
-    agree: share of the visible rays that have an edge on the circle.
-    error: standard deviation of x and y together, m.
-    wider: radius of the edge minus radius of the sphere, m.
-    strength: strength of the edge, grey levels, sum of the colours."""
-
-    x: float
+    x: float  # centre of the sphere, m
     y: float
-    clear: float
-    agree: float
-    error: float
-    wider: float
-    strength: float
+    clear: float  # share of visible rays
+    agree: float  # share of the visible rays that have an edge on the circle
+    error: float  # standard deviation of x and y together, m
+    wider: float  # radius of the edge minus radius of the sphere, m
+    strength: float  # of the edge, grey levels, sum of the colours
 
     @property
     def confidence(self) -> float:
@@ -70,11 +63,8 @@ class Outline:
     ) -> OutlineFit | None:
         """Fit an outline near a place; None if there is none.
 
-        seen (side, side, 3): the floor now.
-        empty (side, side, 3): the floor without a ball.
-        clear (side, side): 255 where the floor is visible.
-        eye (3,): place of the camera in the plate frame, m.
-        place (2,): first guess of the centre, m."""
+        seen, empty (side, side, 3): the floor now, and without a ball. clear (side, side): 255 where it is visible.
+        eye (3,), place (2,): the camera, and a first guess of the centre, in the plate frame, m."""
         start = place.copy()
         result = None
         for window, tukey in zip(WINDOWS, TUKEY, strict=True):
@@ -92,9 +82,8 @@ class Outline:
             scatter = math.sqrt(float((weight * off**2).sum()) / max(1.0, float(weight.sum()) - 3.0))
             error = scatter * math.sqrt(float(np.trace(spread[:2, :2])))
             agree, clearest = float(on.sum() / max(1, ok.sum())), float(np.median(strength[on])) if on.any() else 0.0
-            result = OutlineFit(
-                float(place[0]), float(place[1]), float(ok.mean()), agree, error, float(move[2]), clearest
-            )
+            x, y = place.tolist()
+            result = OutlineFit(x, y, float(ok.mean()), agree, error, float(move[2]), clearest)
         return result
 
     def _edges(

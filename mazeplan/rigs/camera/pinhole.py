@@ -43,20 +43,14 @@ def sampled(image: np.ndarray, where: np.ndarray, border: int = cv2.BORDER_CONST
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A camera over the plate.
+    """A camera over the plate."""
 
-    matrix (3, 3): focal lengths and centre, px.
-    distortion (5,): k1, k2, p1, p2, k3 of the lens.
-    rotation (3, 3), translation (3,): from the level plate frame to the camera frame.
-    size: width and height of a picture, px.
-    pivot (3,): fixed point of the tilt in the plate frame, m."""
-
-    matrix: Array
-    distortion: Array
-    rotation: Array
-    translation: Array
-    size: tuple[int, int] = (640, 480)
-    pivot: Array = field(default_factory=lambda: np.zeros(3))
+    matrix: Array  # (3, 3), focal lengths and centre, px
+    distortion: Array  # (5,), k1, k2, p1, p2, k3 of the lens
+    rotation: Array  # (3, 3), with translation: from the level plate frame to the camera frame
+    translation: Array  # (3,), m
+    size: tuple[int, int] = (640, 480)  # width and height of a picture, px
+    pivot: Array = field(default_factory=lambda: np.zeros(3))  # fixed point of the tilt in the plate frame, m
 
     def __post_init__(self) -> None:
         for name, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rotation", (3, 3)), ("translation", (3,))):

@@ -18,18 +18,16 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError
 from mazeplan.maze.yamltree import shown
 
+ADVICE = "is it plugged in or its address right, and is it used by nothing else?"
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFrame:
-    """A picture.
+    """A picture."""
 
-    image: (height, width, 3), uint8, BGR.
-    t: when the picture arrived, monotonic clock, s."""
-
-    image: np.ndarray
-    t: float
+    image: np.ndarray  # (height, width, 3), uint8, BGR
+    t: float  # when it arrived, monotonic clock, s
 
 
 class FrameSource(Protocol):
@@ -37,15 +35,13 @@ class FrameSource(Protocol):
 
     def read(self) -> CameraFrame | None:
         """Block until the next picture; None at the end."""
-        ...
 
     def close(self) -> None:
         """Release the camera. A second call does nothing."""
-        ...
 
 
 class VideoSource:
-    """All pictures of a camera, a stream or a video file, in order.
+    """All pictures of a camera, a stream or a video file, in order. count: their number; 0: unknown.
 
     Raises InputError for a file that is no video, RigError for a camera that cannot be opened or stops sending."""
 
@@ -61,7 +57,8 @@ class VideoSource:
         if not self._video.isOpened():
             if self._file:
                 raise InputError(file_kinds.refused(str(source), "a video that OpenCV can read"), file=str(source))
-            raise RigError(f"camera {shown(source)} cannot be opened; {_advice(source)}")
+            raise RigError(f"camera {shown(source)} cannot be opened; {ADVICE}")
+        self.count = int(self._video.get(cv2.CAP_PROP_FRAME_COUNT)) if self._file else 0
         if size is not None and not self._file:
             self._video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
             self._video.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
@@ -75,7 +72,7 @@ class VideoSource:
             self._video.release()
             return None
         if not got and not self._file:
-            raise RigError(f"camera {shown(self.source)} stopped sending pictures; {_advice(self.source)}")
+            raise RigError(f"camera {shown(self.source)} stopped sending pictures; {ADVICE}")
         # wall clock: a camera has no other, and the rig's clock begins from it
         return None if image is None or not got else CameraFrame(image, time.monotonic())
 
@@ -146,33 +143,28 @@ class NewestPicture:
         self._thread.join(timeout=1.0)
 
 
-def _advice(source: int | str) -> str:
-    """Advice for a camera that does not open."""
-    if isinstance(source, str) and "://" in source:
-        return "does that address show pictures in a browser or player on this machine, and is it one stream of video?"
-    return "is it plugged in, and used by nothing else?"
-
-
 def pictures(source: str, most: int, size: tuple[int, int] | None = None) -> Iterator[tuple[str, np.ndarray]]:
     """(name, picture) for each picture of a source. Raises InputError or RigError.
 
     source: a folder, a pattern such as boards/*.png, a picture file, a video, a URL or the number of a device.
     most: largest number of pictures; a video gives pictures at even distances.
     size: width and height to request from a device, px; None: the device's own."""
-    names = _files(source)
-    if names is not None:
-        for name in names[:most]:
-            image = cv2.imdecode(np.frombuffer(Path(name).read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-            if image is None:
-                raise InputError(file_kinds.refused(name, "a picture that OpenCV can read"), file=name)
-            yield name, image
+    device = source.isdigit() or "://" in source  # the address of a camera may end in .jpg or contain "?"
+    path = Path(source)
+    names = [] if device else sorted(path.iterdir() if path.is_dir() else map(Path, glob.glob(source) or [source]))
+    names = [name for name in names if name.suffix.lower() in SUFFIXES]
+    for name in names[:most]:
+        image = cv2.imread(str(name)) if name.is_file() else None
+        if image is None:
+            raise InputError(file_kinds.refused(name, "a picture that OpenCV can read"), file=name)
+        yield str(name), image
+    if names:
         return
-    if not (source.isdigit() or "://" in source or Path(source).exists()):
-        raise InputError("no such file, expected a folder of pictures, a picture or a video", file=source)
+    if path.is_dir():
+        raise InputError(f"got a folder without pictures, expected some ({', '.join(SUFFIXES)})", file=source)
     video = VideoSource(int(source) if source.isdigit() else source, size)
     try:
-        count = int(video._video.get(cv2.CAP_PROP_FRAME_COUNT)) if video._file else 0
-        apart = max(1, count // most)
+        apart = max(1, video.count // most)
         given = index = 0
         while given < most and (frame := video.read()) is not None:
             if index % apart == 0:
@@ -181,25 +173,3 @@ def pictures(source: str, most: int, size: tuple[int, int] | None = None) -> Ite
             index += 1
     finally:
         video.close()
-
-
-def _files(source: str) -> list[str] | None:
-    """Picture files that a source names, or None for a video or a camera. Raises InputError if none exist."""
-    if "://" in source:  # the address of a camera may end in .jpg or contain "?"
-        return None
-    path = Path(source)
-    if path.is_dir():
-        names = sorted(str(p) for p in path.iterdir() if p.suffix.lower() in SUFFIXES)
-        if not names:
-            raise InputError(f"got a folder without pictures, expected some ({', '.join(SUFFIXES)})", file=source)
-        return names
-    if any(sign in source for sign in "*?["):
-        names = sorted(glob.glob(source))
-        if not names:
-            raise InputError("no such files, expected pictures", file=source)
-        return names
-    if path.suffix.lower() in SUFFIXES:
-        if not path.is_file():
-            raise InputError("no such file, expected a picture", file=source)
-        return [source]
-    return None

@@ -19,14 +19,12 @@ import numpy as np
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Observation
-from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.rigs.faults.kinds import KINDS, Drawn, FaultContext, sample_at
-from mazeplan.rigs.interface import Rig, RigWrapper, traits
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.faults.kinds import AGE_S, KINDS, Drawn, FaultContext, sample_at
+from mazeplan.rigs.interface import TOLERANCE, Rig, RigWrapper, traits
 from mazeplan.rigs.sim.settings import Fault
 
 HISTORY = 120  # samples of the rig that are kept at least: any of the last 60 may come out of order
-LATE = "frames_late"  # kind of faults that show older samples
-TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 LASTING_S = 1e6  # s, duration of a fault for good
 
 
@@ -47,12 +45,6 @@ class DriverHooks:
 class FaultyRig(RigWrapper):
     """Makes the rig inside fail by a schedule. See `interface.Rig`.
 
-    begun: faults that have begun.
-    beyond: commands (beta, gamma), rad, that were NaN or beyond the tilt limit.
-    levelled: whether `level` was called after the last command.
-    hangs_since: when a call began to hang, monotonic clock, s.
-    idle_s: longest wall time from the end of `observe` to the next `observe` or `level`, s.
-
     Raises SettingsError for a fault of the machine that the rig inside cannot have."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: DriverHooks | None = None) -> None:
@@ -68,33 +60,23 @@ class FaultyRig(RigWrapper):
         self._closed = threading.Event()
         self._clear()
 
-    @property
-    def now(self) -> float:
-        """Time of the last sample by the clock of the rig inside, s, without faults."""
-        return self._now
-
     def add(self, fault: Drawn) -> None:
         """Add a fault, also during a run. Call it in the thread of the loop."""
         self._chance[id(fault)] = np.random.default_rng(fault.seed)
         self._faults = (*self._faults, fault)
-        self._past = deque(self._past, maxlen=self._history())
-
-    def _history(self) -> int:
-        """Number of samples to keep: up to the oldest picture of all faults."""
-        latest = max((fault.size for fault in self._faults if fault.kind.name == LATE), default=0.0)
-        return max(HISTORY, math.ceil(latest * self.rate_hz) + 2)
 
     def _clear(self) -> None:
-        self._past: deque[Observation] = deque(maxlen=self._history())
+        self._past: deque[Observation] = deque(maxlen=max(HISTORY, math.ceil(AGE_S[1] * self.rate_hz) + 2))
         self._starts: dict[int, Observation] = {}  # by fault, the sample at its start
         self._queue: deque[tuple[float, float, float]] = deque()
-        self._now = 0.0
+        self.now = 0.0  # time of the last sample by the clock of the rig inside, s, without faults
         self.begun: list[Drawn] = []
-        self.beyond: list[tuple[float, float]] = []
-        self.levelled = True
-        self.hangs_since: float | None = None
-        self.idle_s, self._returned = 0.0, math.inf
-        self._true: dict[float, float] = {}
+        self.beyond: list[tuple[float, float]] = []  # commands, rad, that were NaN or beyond the tilt limit
+        self.levelled = True  # `level` was called after the last command
+        self.hangs_since: float | None = None  # when a call began to hang, monotonic clock, s
+        self.idle_s = 0.0  # longest wall time from the end of `observe` to the next `observe` or `level`
+        self._returned = math.inf
+        self._true: dict[float, float] = {}  # by the time of a sample, the time without faults
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Reset the rig inside, and start the schedule again."""
@@ -104,21 +86,18 @@ class FaultyRig(RigWrapper):
 
     def observe(self) -> Observation:
         """The next sample, changed by the faults that act. Raises RigError for the fault `observe_raises`."""
-        self._called()
+        self.idle_s = max(self.idle_s, monotonic() - self._returned)
         sample = self._faulty(self.inside.observe())
         self._returned = monotonic()
         return sample
 
-    def _called(self) -> None:
-        self.idle_s = max(self.idle_s, monotonic() - self._returned)
-
     def _faulty(self, sample: Observation) -> Observation:
-        self._now = sample.t
+        self.now = sample.t
         self._past.append(sample)
-        while self._queue and self._queue[0][0] <= self._now + 1e-9:
+        while self._queue and self._queue[0][0] <= self.now + 1e-9:
             self.inside.command(*self._queue.popleft()[1:])
         for fault in self._faults:
-            if self._now >= fault.at_s and fault not in self.begun:
+            if self.now >= fault.at_s and fault not in self.begun:
                 self.begun.append(fault)
                 self._begin(fault, sample)
         for fault in self._acting():
@@ -127,10 +106,9 @@ class FaultyRig(RigWrapper):
             if fault.kind.change is not None:
                 if id(fault) not in self._starts:  # kept, because a fault may last longer than the samples
                     self._starts[id(fault)] = sample_at(self._past, fault.at_s)
-                start = self._starts[id(fault)]
-                passage = FaultContext(fault, self._past, sample, self._chance[id(fault)], self._maze, start)
-                sample = fault.kind.change(passage)
-        self._true.setdefault(sample.t, self._now)
+                chance, start = self._chance[id(fault)], self._starts[id(fault)]
+                sample = fault.kind.change(FaultContext(fault, self._past, sample, chance, self._maze, start))
+        self._true.setdefault(sample.t, self.now)
         return sample
 
     def true_time(self, t: float) -> float:
@@ -147,14 +125,14 @@ class FaultyRig(RigWrapper):
         if "commands_lost" in acting:
             return
         if "commands_late" in acting:
-            self._queue.append((self._now + acting["commands_late"].size, u_beta, u_gamma))
+            self._queue.append((self.now + acting["commands_late"].size, u_beta, u_gamma))
             return
         self._queue.clear()  # this command replaces the delayed ones, which are older
         self.inside.command(u_beta, u_gamma)
 
     def level(self) -> None:
         """Level the plate now. No fault stops this call."""
-        self._called()
+        self.idle_s = max(self.idle_s, monotonic() - self._returned)
         self._queue.clear()
         self.inside.level()
         self.levelled = True
@@ -169,18 +147,16 @@ class FaultyRig(RigWrapper):
 
         The tilt comes from the rig inside, without faults of the sensor. A simulation gives its true tilt."""
         self._closed.set()
-        until = max([self._now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
+        until = max([self.now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
         tilts: deque[tuple[float, float]] = deque(maxlen=5)
         truth = traits(self.inside).truth
-        for _ in range(math.ceil((until - self._now) * self.rate_hz)):
+        for _ in range(math.ceil((until - self.now) * self.rate_hz)):
             sample = self.inside.observe()
             tilts.append((sample.beta, sample.gamma) if truth is None else tuple(truth()[5:7]))
         return float(np.max(np.abs(np.mean(tilts, axis=0))))
 
     def _acting(self) -> list[Drawn]:
-        return [fault for fault in self._faults if fault.acts(self._now)]
-
-    # -- faults that begin at one moment ----------------------------------------------------------------------------
+        return [fault for fault in self._faults if fault.acts(self.now)]
 
     def _begin(self, fault: Drawn, sample: Observation) -> None:
         if fault.kind.name == "observe_hangs":
@@ -200,8 +176,8 @@ class FaultyRig(RigWrapper):
         side = -1.0 if kind == "offset_axis" and fault.seed % 2 else 1.0
         values: dict[str, Any] = {
             "kind": kind,
-            "at_s": self._now,
-            "duration_s": 0.0 if kind in ("push", "teleport") else min(fault.until_s - self._now, LASTING_S),
+            "at_s": self.now,
+            "duration_s": 0.0 if kind in ("push", "teleport") else min(fault.until_s - self.now, LASTING_S),
             "axis": "both" if len(fault.axes) == 2 or kind == "brown_out" else ("beta", "gamma")[fault.axes[0]],
             "direction_deg": float(rng.uniform(-180.0, 180.0)),
             "ring": int(rng.choice(rings)),
@@ -221,20 +197,13 @@ class FaultyRig(RigWrapper):
 
         If `orders` names no next opening, take the nearest one in the wall inside the ball's ring. For a ball in the
         centre, this is the wall around the centre."""
-        maze, ring = self._maze, self._ring(sample)
-        aimed_at = self.orders.aimed_at()
-        wall = [o for o in maze.openings if o.outer == min(ring, len(maze.rings) - 1)]
-        if aimed_at is not None:
+        maze, aimed_at = self._maze, self.orders.aimed_at()
+        if aimed_at is None:
+            wall = [o for o in maze.openings if o.outer == min(self._ring(sample), len(maze.rings) - 1)]
+            theta = None if sample.x is None or sample.y is None else math.atan2(sample.y, sample.x)
+            opening = min(wall, key=lambda o: 0.0 if theta is None else abs(difference(o.angle, theta)))
+        else:
             opening = maze.opening(aimed_at)
             wall = [o for o in maze.openings if o.outer == opening.outer]
-        else:
-            opening = min(wall, key=lambda o: _apart(o, sample))
         one = fault.kind.name in ("gate_blocked", "opening_closed")
         return [opening.name] if one else [o.name for o in wall]
-
-
-def _apart(opening: Opening, sample: Observation) -> float:
-    """Angle between an opening and the ball, rad; 0 if the sample has no ball."""
-    if sample.x is None or sample.y is None:
-        return 0.0
-    return abs(difference(opening.angle, math.atan2(sample.y, sample.x)))

@@ -31,31 +31,20 @@ SPIKES = 0.3  # share of the samples with a spike
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One kind of fault.
-
-    place: where it acts: camera, tilt, clock, commands, rig, machine or orders.
-    what: description.
-    duration_s: range of the duration, s; inf: for good, 0: at one moment.
-    size: default range of the size, in `unit`; None: the kind has no size.
-    allowed: range of sizes that a schedule may use.
-    because: why a run cannot recover from the fault; empty if it can.
-    ends: reasons with which a run may end if it does not reach its goal.
-    change: changes a sample.
-    machine: kind of `sim.settings.Fault`; empty for a fault that does not act in the machine.
-    machine_size: key of `sim.settings.Fault` that takes the size."""
+    """One kind of fault."""
 
     name: str
-    place: str
+    place: str  # where it acts: camera, tilt, clock, commands, rig, machine or orders
     what: str
-    duration_s: Range
-    size: Range | None = None
+    duration_s: Range  # inf: for good, 0: at one moment
+    size: Range | None = None  # default range of the size, in `unit`; None: the kind has no size
     unit: str = ""
-    allowed: Range = (0.0, 1e3)
-    because: str = ""
-    ends: tuple[str, ...] = GAVE_UP
-    change: Callable[[FaultContext], Observation] | None = None
-    machine: str = ""
-    machine_size: str = ""
+    allowed: Range = (0.0, 1e3)  # of the sizes in a schedule
+    because: str = ""  # why a run cannot recover from the fault; empty if it can
+    ends: tuple[str, ...] = GAVE_UP  # reasons with which a run may end if it does not reach its goal
+    change: Callable[[FaultContext], Observation] | None = None  # of a sample
+    machine: str = ""  # kind of `sim.settings.Fault`; empty for a fault that does not act in the machine
+    machine_size: str = ""  # key of `sim.settings.Fault` that takes the size
 
     @property
     def survivable(self) -> bool:
@@ -69,19 +58,14 @@ class FaultKind:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One fault of one run.
-
-    at_s, until_s: the fault acts at at_s <= t < until_s.
-    size: in the unit of the kind.
-    axes: axes on which it acts, 0 (beta) and 1 (gamma).
-    seed: seed of its random numbers."""
+    """One fault of one run. It acts at at_s <= t < until_s."""
 
     kind: FaultKind
     at_s: float
     until_s: float
-    size: float
-    axes: tuple[int, ...]
-    seed: int
+    size: float  # in the unit of the kind
+    axes: tuple[int, ...]  # on which it acts, 0 (beta) and 1 (gamma)
+    seed: int  # of its random numbers
 
     def acts(self, t: float) -> bool:
         """Whether the fault acts at time t."""
@@ -105,27 +89,18 @@ def sample_at(past: Sequence[Observation], t: float) -> Observation:
 
 @dataclass(frozen=True)
 class FaultContext:
-    """A sample on its way from the rig to the program, for a fault to change.
-
-    past: unchanged samples of the rig until now, as many as the latest picture needs.
-    sample: the newest sample, with the changes of earlier faults.
-    rng: random numbers of the fault.
-    start: unchanged sample of the rig at the start of the fault."""
+    """A sample on its way from the rig to the program, for a fault to change."""
 
     fault: Drawn
-    past: Sequence[Observation]
-    sample: Observation
-    rng: np.random.Generator
+    past: Sequence[Observation]  # unchanged samples of the rig until now, as many as the latest picture needs
+    sample: Observation  # the newest sample, with the changes of earlier faults
+    rng: np.random.Generator  # random numbers of the fault
     maze: Maze
-    start: Observation
+    start: Observation  # unchanged sample of the rig at the start of the fault
 
     def with_ball(self, x: float | None, y: float | None) -> Observation:
         """The sample with the ball at x, y, m; None: without a ball."""
         return replace(self.sample, x=x, y=y)
-
-    def with_ball_of(self, then: Observation) -> Observation:
-        """The sample with the ball of another sample."""
-        return self.with_ball(then.x, then.y)
 
     def with_tilt(self, change: Callable[[float], float]) -> Observation:
         """The sample with `change` applied to the tilt of the fault's axes."""
@@ -136,6 +111,11 @@ class FaultContext:
 
 def _lost(p: FaultContext) -> Observation:
     return p.with_ball(None, None)
+
+
+def _late(p: FaultContext) -> Observation:
+    then = sample_at(p.past, p.sample.t - p.fault.size)
+    return p.with_ball(then.x, then.y)
 
 
 def _false_ball(p: FaultContext) -> Observation:
@@ -181,11 +161,11 @@ _ALL = (
     ),
     FaultKind(
         "frames_frozen", "camera", "the same picture again and again", (0.3, 1.0),
-        change=lambda p: p.with_ball_of(p.start),
+        change=lambda p: p.with_ball(p.start.x, p.start.y),
     ),
     FaultKind(
         "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s", AGE_S,
-        change=lambda p: p.with_ball_of(sample_at(p.past, p.sample.t - p.fault.size)),
+        change=_late,
     ),
     FaultKind(
         "frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share",

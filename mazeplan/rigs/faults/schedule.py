@@ -11,46 +11,38 @@ Each entry is a trial. Entries with the same `name` are one trial: their faults 
 
 from __future__ import annotations
 
-import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.name_hints import one_of
-from mazeplan.maze.sections import Section
-from mazeplan.maze.yamltree import check_format, read_yaml, shown
+from mazeplan.maze.sections import Section, as_tuples, read_section
+from mazeplan.maze.yamltree import Tree, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
-from mazeplan.rigs.files import FileSettings, validated
 
-FORMAT = 1  # also the format of a file without the key `format`
 MOST = 1e3  # s, maximum of any time in a schedule
 
 
-def _range(most: float) -> Callable[[Any], Any]:
-    expected = "a number >= 0" if math.isinf(most) else f"a number of 0 to {most:g}"
-
-    def checked(value: Any) -> Any:
-        pair = value if isinstance(value, list | tuple) else (value, value)
-        numbers = [v for v in pair if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= most]
-        if len(numbers) != 2 or len(pair) != 2:
-            raise PydanticCustomError("range", "{expected}, or [least, most] of such", {"expected": expected})
-        if numbers[0] > numbers[1]:
-            got = ", ".join(map(shown, numbers))
-            raise ValueError(f"got [{got}], expected [least, most], the smaller number first")
-        return float(numbers[0]), float(numbers[1])
-
-    return checked
+def _pair(value: Any) -> Any:
+    """A single number as its own least and most."""
+    return tuple(value) if isinstance(value, list | tuple) else (value, value)
 
 
-Numbers = Annotated[Range, BeforeValidator(_range(MOST))]
-Sizes = Annotated[Range, BeforeValidator(_range(math.inf))]  # `FaultKind.allowed` has the limits of each kind
+def _ordered(pair: Range) -> Range:
+    if pair[0] > pair[1]:
+        raise ValueError(f"got [{pair[0]:g}, {pair[1]:g}], expected [least, most], the smaller number first")
+    return pair
+
+
+Time = Annotated[float, Field(ge=0.0, le=MOST)]
+Times = Annotated[tuple[Time, Time], BeforeValidator(_pair), AfterValidator(_ordered)]
+Sizes = Annotated[Range, BeforeValidator(_pair), AfterValidator(_ordered)]  # `FaultKind.allowed` has their limits
 
 
 class Entry(Section):
@@ -58,8 +50,8 @@ class Entry(Section):
 
     kind: str
     name: str | None = Field(default=None, min_length=1, max_length=60)
-    at_s: Numbers = AT_S
-    duration_s: Numbers | None = None
+    at_s: Times = AT_S
+    duration_s: Times | None = None
     size: Sizes | None = None
     axis: Literal["beta", "gamma", "both"] | None = None
 
@@ -88,14 +80,7 @@ class Entry(Section):
 class Schedule(Section):
     """All entries of a schedule's file."""
 
-    faults: tuple[Entry, ...]
-
-    @field_validator("faults")
-    @classmethod
-    def _any(cls, faults: tuple[Entry, ...]) -> tuple[Entry, ...]:
-        if not faults:
-            raise ValueError("got nothing, expected at least one fault")
-        return faults
+    faults: tuple[Entry, ...] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -148,13 +133,8 @@ def _drawn(entry: Entry, seed: int, number: int) -> Drawn:
 
 def load_schedule(path: str | Path) -> tuple[FaultTrial, ...]:
     """The trials of a file, in its order. Raises SettingsError with file, line and key."""
-    file = Path(path)
-    tree = read_yaml(file, error=SettingsError, what="a schedule of faults (YAML)")
-    if not isinstance(tree.data, dict):
-        raise SettingsError(f"got {shown(tree.data)}, expected `faults:` and a list", file=file, line=1)
-    check_format(tree, FORMAT, file=file, error=SettingsError)
-    data = {key: value for key, value in tree.data.items() if key != "format"}
-    return _trials(validated(Schedule, FileSettings(data, file, tree)).faults)
+    tree = read_yaml(Path(path), error=SettingsError, what="a schedule of faults (YAML)")
+    return _trials(read_section(Schedule, Tree(as_tuples(tree.data), tree.lines), path, SettingsError).faults)
 
 
 def _trials(entries: Sequence[Entry]) -> tuple[FaultTrial, ...]:
@@ -162,8 +142,7 @@ def _trials(entries: Sequence[Entry]) -> tuple[FaultTrial, ...]:
     for entry in entries:
         name = entry.name or entry.kind
         if entry.name is None:  # two entries of a kind without names are two trials
-            name = next(
-                n for n in (name, *(f"{name} {k}" for k in range(2, 1 + 2 * len(entries)))) if n not in together
-            )
+            names = (name, *(f"{name} {k}" for k in range(2, 1 + 2 * len(entries))))
+            name = next(n for n in names if n not in together)
         together.setdefault(name, []).append(entry)
     return tuple(FaultTrial(name, tuple(members)) for name, members in together.items())

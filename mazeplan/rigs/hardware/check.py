@@ -14,9 +14,10 @@ from time import monotonic, sleep
 import numpy as np
 
 from mazeplan.core.errors import MazeplanError
-from mazeplan.rigs.conformance import CheckResult
+from mazeplan.core.records import Array
+from mazeplan.rigs.conformance import CheckResult, UnfitError
 from mazeplan.rigs.hardware.rig import HardwareRig, NotSeen
-from mazeplan.rigs.hardware.tiltreadings import hold_pulses, mean_volts
+from mazeplan.rigs.hardware.tiltcalibration import PulseHolder
 from mazeplan.rigs.link.port import ports_found
 
 LOOK_S, SETTLE_S = 1.5, 1.0
@@ -32,43 +33,34 @@ SIDES = {"beta": "the +x side (right in the maze's drawing) lower", "gamma": "th
 Ask = Callable[[str], bool]  # asks a person a question: yes or no
 
 
-class _Problem(Exception):  # noqa: N818
-    """A step failed; the message is its result."""
-
-
 class HardwareCheck:
     """One check of a rig. `steps` yields a result for each step. ask: asks a person."""
 
     def __init__(self, rig: HardwareRig, ask: Ask) -> None:
         self.rig, self.ask = rig, ask
+        self._pictures = round(LOOK_S * rig.rate_hz)
 
     def steps(self) -> Iterator[CheckResult]:
         """Run the steps, and yield their results. The rig stays open, with the plate level.
 
-        After the result of a step that ended with an error, raises this error: RigError for a lost part, SettingsError
-        for a mistake in the rig's file."""
+        After the result of a step that ended with an error, raises this error: RigError or SettingsError."""
         for name, step in (
             ("port", self._port), ("firmware", self._firmware), ("beta servo", lambda: self._servo("beta")),
             ("gamma servo", lambda: self._servo("gamma")), ("calibrations", self._calibrated),
             ("tilt sensor", self._tilt_sensor), ("camera", self._camera), ("markers", self._markers),
             ("ball", self._ball),
         ):  # fmt: skip
-            error: MazeplanError | None = None
             try:
-                result = CheckResult(name, True, step())
-            except (_Problem, NotSeen) as problem:
-                result = CheckResult(name, False, str(problem))
+                yield CheckResult(name, True, step())
+            except (UnfitError, NotSeen) as problem:
+                yield CheckResult(name, False, str(problem))
+                if name in NEEDED:
+                    return
             except MazeplanError as problem:
                 error = self.rig.cause(problem)
-                result = CheckResult(name, False, str(error))
-            yield result
-            if error is not None:
-                raise error
-            if not result.passed and name in NEEDED:
-                return
+                yield CheckResult(name, False, str(error))
+                raise error from None
         self.rig.level()
-
-    # -- the board ----------------------------------------------------------------------------------------------------
 
     def _port(self) -> str:
         found = ", ".join(ports_found()) or "none"
@@ -77,10 +69,9 @@ class HardwareCheck:
     def _firmware(self) -> str:
         identity = self.rig.board.identity
         assert identity is not None
-        return (
-            f"{identity.name} {identity.version}, protocol {identity.protocol}; pulses {identity.min_us:g} to "
-            f"{identity.max_us:g} us at most, level after {1e3 * identity.watchdog_s:g} ms of silence"
-        )
+        limits = f"pulses {identity.min_us:g} to {identity.max_us:g} us at most"
+        level = f"level after {1e3 * identity.watchdog_s:g} ms of silence"
+        return f"{identity.name} {identity.version}, protocol {identity.protocol}; {limits}, {level}"
 
     def _servo(self, axis: str) -> str:
         """Move one servo, and compare the voltages of the tilt channels before and after. Needs no calibration."""
@@ -88,48 +79,39 @@ class HardwareCheck:
         one = servo.beta if axis == "beta" else servo.gamma
         level = (servo.beta.level_us, servo.gamma.level_us)
         pulse = one.pulse(math.radians(TILT_DEG))
-        with hold_pulses(board, level):
+        with PulseHolder(board, level) as holder:
             sleep(SETTLE_S)
-            before = self._volts()
-        with hold_pulses(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
+            before = holder.volts(AVERAGE_S)
+        with PulseHolder(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)) as holder:
             sleep(SETTLE_S)
-            change = np.round(self._volts() - before, 2) + 0.0  # no -0.00
+            change = np.round(holder.volts(AVERAGE_S) - before, 2) + 0.0  # no -0.00
             text = f"{one.level_us:.0f} to {pulse:.0f} us: channel 0 {change[0]:+.2f} V, channel 1 {change[1]:+.2f} V"
             if np.abs(change).max() < MOVED_V:
                 what = f"is the servo at pin {PINS[axis]}, has it current, and is the laser's spot on the diode?"
-                raise _Problem(f"{text}: nothing moved; {what}")
+                raise UnfitError(f"{text}: nothing moved; {what}")
             right = self.ask(f"is {SIDES[axis]} than the middle?")
         if right:
             return text
         if self.rig.settings.tilt is None:
             return f"{text}; it turns the other way, which `mazeplan calibrate tilt` corrects"
-        raise _Problem(f"{text}, but to your eyes it is the other way: calibrate the tilt anew")
-
-    def _volts(self) -> np.ndarray:
-        """Mean of both channels over AVERAGE_S, V."""
-        return mean_volts(self.rig.board, AVERAGE_S)
+        raise UnfitError(f"{text}, but to your eyes it is the other way: calibrate the tilt anew")
 
     def _calibrated(self) -> str:
         self.rig.ready()
-        tilt, camera = self.rig.settings.tilt, self.rig.settings.camera or {}
-        dates = (f"tilt {tilt.date if tilt else ''}", f"camera {camera.get('date') or ''}")
-        return ", ".join(text.strip() for text in dates)
-
-    # -- parts --------------------------------------------------------------------------------------------------------
+        tilt, camera = self.rig.settings.tilt, self.rig.settings.camera
+        return f"tilt {tilt.date if tilt else ''}, camera {camera.date or ''}"
 
     def _tilt_sensor(self) -> str:
         self.rig.level()
         sleep(SETTLE_S)  # the servos moved just before
-        samples = self._watch(LOOK_S)
-        report = self.rig.parts.board.latest()
+        (beta, gamma), _ = self._watch()
+        report, sensor = self.rig.parts.board.latest(), self.rig.settings.tilt
         first, second = (math.nan, math.nan) if report is None else report.volts
         seen = f"{first:.2f} and {second:.2f} V"
-        sensor = self.rig.settings.tilt
-        if sensor is None or not sensor.sensor().reaches(first, second):
-            raise _Problem(f"{seen} is outside what was calibrated: is the laser's spot on the diode?")
-        beta, gamma = self._tilt(samples)
+        if sensor is None or not sensor.reaches(first, second):
+            raise UnfitError(f"{seen} is outside what was calibrated: is the laser's spot on the diode?")
         if max(abs(beta), abs(gamma)) > OFF_DEG:
-            raise _Problem(f"level is {beta:+.2f}, {gamma:+.2f} deg by {seen}: calibrate anew")
+            raise UnfitError(f"level is {beta:+.2f}, {gamma:+.2f} deg by {seen}: calibrate anew")
         return f"{seen}; level is {beta:+.2f}, {gamma:+.2f} deg"
 
     def _camera(self) -> str:
@@ -139,54 +121,42 @@ class HardwareCheck:
             clock.append(self.rig.sighting is not None)
         rate = sum(clock) / (monotonic() - began)
         if abs(rate / self.rig.rate_hz - 1.0) > RATE:
-            raise _Problem(f"{rate:.1f} pictures a second, expected {self.rig.rate_hz:g}")
+            raise UnfitError(f"{rate:.1f} pictures a second, expected {self.rig.rate_hz:g}")
         return f"{rate:.1f} pictures a second"
 
     def _markers(self) -> str:
-        samples = self._watch(LOOK_S)
-        seen = [s for _, _, s in samples if s is not None]
-        if not seen:
-            raise _Problem(
-                "no markers are seen: are they lit, and in the picture? without them the tilt in a picture is not known"
-            )
-        by_markers, (beta, gamma) = np.degrees(np.median(seen, axis=0)), self._tilt(samples)
-        off = max(abs(by_markers[0] - beta), abs(by_markers[1] - gamma))
-        text = f"in {len(seen)} of {len(samples)} pictures, tilt {by_markers[0]:+.2f}, {by_markers[1]:+.2f} deg"
-        if off > MARKERS_DEG:
-            raise _Problem(f"{text}, but {beta:+.2f}, {gamma:+.2f} by the sensor: calibrate the camera anew")
+        tilt, seen = self._watch()
+        if not len(seen):
+            raise UnfitError("no markers are seen: are they lit, and in the picture?")
+        found = np.median(seen, axis=0)
+        text = f"in {len(seen)} of {self._pictures} pictures, tilt {found[0]:+.2f}, {found[1]:+.2f} deg"
+        if np.abs(found - tilt).max() > MARKERS_DEG:
+            raise UnfitError(f"{text}, but {tilt[0]:+.2f}, {tilt[1]:+.2f} by the sensor: calibrate the camera anew")
         return text
 
     def _ball(self) -> str:
         self.rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
         pictures, seen = 0, []
-        for _ in range(round(LOOK_S * self.rig.rate_hz)):
+        for _ in range(self._pictures):
             o = self.rig.observe()
             pictures += self.rig.sighting is not None
             seen += [(o.x, o.y)] if o.seen else []
         if not seen or len(seen) < 0.9 * pictures:
             why = "" if self.rig.sighting is None else f" ({self.rig.sighting.why})"
-            raise _Problem(f"seen in {len(seen)} of {pictures} pictures{why}; more light, or calibrate the camera anew")
+            raise UnfitError(
+                f"seen in {len(seen)} of {pictures} pictures{why}; more light, or calibrate the camera anew"
+            )
         spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
         x, y = 1e3 * np.mean(seen, axis=0)
         return f"in {len(seen)} of {pictures} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
 
-    # -- small things -------------------------------------------------------------------------------------------------
-
-    def _watch(self, seconds: float, u: tuple[float, float] = (0.0, 0.0)) -> list[tuple[float, float, tuple | None]]:
-        """Samples under a constant command u, rad: (beta, gamma, (beta, gamma) by the markers or None), rad.
-
-        The first two are by the tilt sensor."""
-        out = []
-        for _ in range(round(seconds * self.rig.rate_hz)):
+    def _watch(self) -> tuple[Array, Array]:
+        """Mean tilt (2,) by the sensor of a level plate over LOOK_S, and tilts (N, 2) by the markers, deg."""
+        tilts, by_markers = [], []
+        for _ in range(self._pictures):
             o = self.rig.observe()
-            self.rig.command(*u)
+            self.rig.command(0.0, 0.0)
+            tilts.append((o.beta, o.gamma))
             s = self.rig.sighting
-            markers = None if s is None or s.beta is None or s.gamma is None else (s.beta, s.gamma)
-            out.append((o.beta, o.gamma, markers))
-        return out
-
-    @staticmethod
-    def _tilt(samples: list[tuple[float, float, tuple | None]]) -> tuple[float, float]:
-        """Mean of beta and gamma, deg."""
-        beta, gamma = np.degrees(np.mean([(b, g) for b, g, _ in samples], axis=0))
-        return float(beta), float(gamma)
+            by_markers += [] if s is None or s.beta is None else [(s.beta, s.gamma)]
+        return np.degrees(np.mean(tilts, axis=0)), np.degrees(np.array(by_markers, dtype=float))

@@ -9,14 +9,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
-from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
-from mazeplan.rigs.link.messages import TiltReport
+import numpy as np
+
+from mazeplan.rigs.hardware.settings import TiltSensor
+from mazeplan.rigs.link.protocol import TiltReport
 
 KEPT_S = 1.0  # s; older reports are dropped
 SILENT_S = 0.4  # s without a report of the tilt, after which the board counts as failed
 AHEAD_S = 0.03  # s, longest extrapolation of the tilt after the last report
 SLOPE_S = 0.02  # s before the last report over which the rate of the tilt is computed
 DRIFT = 6e-3  # s/s, largest drift between the clocks of host and board: the resonator of a Mega is accurate to 0.5 %
+RESTART_S = 1.0  # s; a larger change of the offset between the clocks: the board has restarted, or its counter wrapped
 # s, shortest time from the middle of a report's conversions to its reception, measured on the emulated chip: half the
 # conversions, 4 ms on the line, 2 ms in chip and host
 REPORT_AGE_S = 0.008
@@ -36,7 +39,7 @@ class HostClock:
     def host(self, stamp: float, received: float) -> float:
         """Time of a board's stamp by the host's clock, s. received: when the report arrived, host's clock, s."""
         offset = received - stamp
-        if self._offset is None or stamp < self._last:  # the board restarted
+        if self._offset is None or stamp < self._last or abs(offset - self._offset) > RESTART_S:
             self._offset = offset
         else:
             crept = self._offset + DRIFT * (stamp - self._last)
@@ -48,7 +51,7 @@ class HostClock:
 class TiltTrack:
     """The tilt of the last second, rad, by the host's clock."""
 
-    def __init__(self, sensor: DiodeSensor) -> None:
+    def __init__(self, sensor: TiltSensor) -> None:
         self._sensor, self._clock = sensor, HostClock()
         self._track: deque[tuple[float, float, float]] = deque()
         self._last: float | None = None
@@ -71,33 +74,16 @@ class TiltTrack:
         """Host's time of the last report, s."""
         return self._track[-1][0] if self._track else None
 
-    def since(self, t: float) -> list[tuple[float, float, float]]:
-        """(time, beta, gamma) of all reports after time t of the host's clock, s, rad."""
-        return [entry for entry in self._track if entry[0] > t]
-
     def at(self, t: float) -> tuple[float, float] | None:
         """beta, gamma, rad, at time t of the host's clock; extrapolates by AHEAD_S at most. None without a report."""
         if not self._track:
             return None
-        track = self._track
-        if t >= track[-1][0]:
-            return self._ahead(min(t - track[-1][0], AHEAD_S))
-        later = track[-1]
-        for i in range(len(track) - 2, -1, -1):
-            earlier = track[i]
-            if earlier[0] <= t:
-                part = (t - earlier[0]) / (later[0] - earlier[0])
-                return earlier[1] + part * (later[1] - earlier[1]), earlier[2] + part * (later[2] - earlier[2])
-            later = earlier
-        return later[1], later[2]
-
-    def _ahead(self, seconds: float) -> tuple[float, float]:
-        last = self._track[-1]
-        before = next((p for p in reversed(self._track) if p[0] <= last[0] - SLOPE_S), self._track[0])
-        if last[0] - before[0] < 1e-6:
-            return last[1], last[2]
-        rate = seconds / (last[0] - before[0])
-        return last[1] + rate * (last[1] - before[1]), last[2] + rate * (last[2] - before[2])
+        times, beta, gamma = np.array(self._track).T
+        ahead, last = min(t - times[-1], AHEAD_S), times[-1]
+        first = max(int(np.searchsorted(times, last - SLOPE_S, side="right")) - 1, 0)
+        part = ahead / (last - times[first]) if ahead > 0.0 and last > times[first] else 0.0
+        beta, gamma = (np.interp(t, times, tilt) + part * (tilt[-1] - tilt[first]) for tilt in (beta, gamma))
+        return float(beta), float(gamma)
 
 
 class FrameClock:

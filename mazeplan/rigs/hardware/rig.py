@@ -14,6 +14,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -23,16 +24,14 @@ import numpy as np
 from mazeplan.core.errors import MazeplanError, RigError, SettingsError
 from mazeplan.core.records import Latency, Observation
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.detector import Sighting
-from mazeplan.rigs.camera.section import camera_section, check_begun
-from mazeplan.rigs.camera.source import FrameSource, VideoSource
+from mazeplan.rigs.camera.detector import BallDetector, Sighting
+from mazeplan.rigs.camera.source import FrameSource, NewestPicture, VideoSource
 from mazeplan.rigs.files import placed, validated
-from mazeplan.rigs.hardware.clocks import SILENT_S, FrameClock
-from mazeplan.rigs.hardware.parts import Parts, assemble, open_board
+from mazeplan.rigs.hardware.clocks import SILENT_S, FrameClock, TiltTrack
 from mazeplan.rigs.hardware.settings import HardwareSettings
-from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.interface import check_command
+from mazeplan.rigs.link.board import Board, open_board
 
-TOLERANCE = 1e-9  # rad by which a command may exceed the tilt limit
 LATE = 0.5  # periods; a picture that is later counts as missing
 BLIND_S = 2.0  # s without any picture, after which the camera counts as failed
 START_S = 10.0  # s, longest wait for the first picture
@@ -46,28 +45,27 @@ class NotSeen(RigError):  # noqa: N818
     """The camera works, but does not show the ball or the markers."""
 
 
-class HardwareRig:
-    """See `interface.Rig`.
+@dataclass
+class Parts:
+    """Open parts of a rig."""
 
-    settings: the keys of hardware.yaml.
-    latency: measured delays, or None.
-    unseen_s: a run ends after so long without a sight of the ball, s.
-    settings_kind: validates the settings; a subclass with keys of its own replaces it."""
+    board: Board
+    pictures: NewestPicture
+    detector: BallDetector
+    track: TiltTrack
+
+
+class HardwareRig:
+    """See `interface.Rig`. settings: the keys of hardware.yaml."""
 
     realtime = True
-    settings_kind: type[HardwareSettings] = HardwareSettings
+    settings_kind: type[HardwareSettings] = HardwareSettings  # a subclass with keys of its own replaces it
 
     def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
         self.maze = maze
-        file: Path | None = getattr(settings, "file", None)
-        self.file, self.folder = file, Path() if file is None else file.parent
+        self.file: Path | None = getattr(settings, "file", None)
         self._given = settings
         self.settings = validated(self.settings_kind, settings)
-        camera = self.settings.camera or {}
-        if self.settings.calibrated_camera:
-            camera_section(camera, settings)
-        else:
-            check_begun(camera, settings)
         self.rate_hz = self.settings.rate_hz
         self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
         self.unseen_s = self.settings.unseen_s
@@ -79,67 +77,52 @@ class HardwareRig:
         self._next, self._first = 0, 0  # number of the next picture; number of the picture at time 0
         self._stopped = False
         self._closed = False  # a reset that goes on in another thread after `close` must open nothing again
-        self.sighting: Sighting | None = None  # result of the detector for the last sample; None: no picture came
+        self.sighting: Sighting | None = None  # of the last sample; None: no picture came
         self.due = 0.0  # when the last sample was due, host's clock, s
 
     def _open_board(self) -> Board:
-        return open_board(self.settings)
+        return open_board(self.settings.port, self.settings.servo.limits())
 
     def _open_camera(self) -> FrameSource:
-        return VideoSource(self.settings.source, self.settings.picture)
+        return VideoSource(self.settings.camera.source, self.settings.camera.size)
 
     @property
     def _camera_name(self) -> str:
-        return str(self.settings.source)
-
-    # -- life -------------------------------------------------------------------------------------------------------
+        return str(self.settings.camera.source)
 
     def ready(self) -> None:
         """Raises SettingsError if limits or calibrations are missing. Opens nothing."""
-        self._limited()
-        missing = self.settings.missing()
+        self.settings.check_limits(self._given)
+        known = {"tilt": self.settings.tilt is not None, "camera": self.settings.camera.calibrated}
+        missing = [f"mazeplan calibrate {what}" for what, there in known.items() if not there]
         if missing:
-            advice = f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)"
-            raise SettingsError(advice, file=self.file)
-
-    def _limited(self) -> None:
-        try:
-            self.settings.check_limits()
-        except SettingsError as problem:
-            raise placed(problem, self._given) from None
+            raise SettingsError(f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)", file=self.file)
 
     @property
     def board(self) -> Board:
-        """The board, opened on first use. Needs no calibration.
-
-        Raises RigError if the board does not answer, or after `close`; SettingsError for missing limits."""
-        self._check_open()
+        """The board, opened on first use, also without calibrations. Raises RigError, or SettingsError for limits."""
+        if self._closed:
+            raise RigError("the rig is closed; the next reset opens it again")
         if self._board is None:
-            self._limited()
+            self.settings.check_limits(self._given)
             self._board = self._open_board()
         return self._board
 
     @property
     def parts(self) -> Parts:
-        """Board, camera and detector, opened on first use.
-
-        Raises RigError if a part cannot be opened, or after `close`; SettingsError for missing limits or calibrations.
-        """
-        self._check_open()
+        """All parts, opened on first use. Raises RigError, also after `close`; SettingsError as `ready`."""
         if self._parts is None:
             self.ready()
+            assert self.settings.tilt is not None
             try:
-                self._parts = assemble(
-                    self.settings, self.maze, self.folder, self._open_camera, self._camera_name, lambda: self.board
-                )
+                detector = self.settings.camera.detector(self.maze, Path() if self.file is None else self.file.parent)
             except SettingsError as problem:
                 raise placed(problem, self._given) from None
+            board = self.board  # stays open if the camera fails
+            pictures = NewestPicture(self._open_camera, self._camera_name)
+            self._parts = Parts(board, pictures, detector, TiltTrack(self.settings.tilt))
             self._numbered, self._arrived = False, -math.inf
         return self._parts
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise RigError("the rig is closed; the next reset opens it again")
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Level the plate, ask a person to place the ball in a ring, and wait until the ball rests.
@@ -168,23 +151,20 @@ class HardwareRig:
         while monotonic() < until:
             seen = self.observe()
             due, found = due + 1, found + seen.seen
-            if not seen.seen:
+            if seen.x is None or seen.y is None:
                 without["did not come" if self.sighting is None else str(self.sighting.why)] += 1
-            at_rest = seen.seen and max(abs(seen.beta), abs(seen.gamma)) < math.radians(LEVEL_DEG)
-            if at_rest and seen.x is not None and seen.y is not None:
+                rested = []
+            elif max(abs(seen.beta), abs(seen.gamma)) < math.radians(LEVEL_DEG):
                 r = math.hypot(seen.x, seen.y)
                 inside = channel.inner_radius - 1e-3 * PLACED_MM < r < channel.outer_radius + 1e-3 * PLACED_MM
                 near = not rested or math.hypot(seen.x - rested[0][1], seen.y - rested[0][2]) < 1e-3 * REST_MM
                 rested = [*rested, (seen.t, seen.x, seen.y)] if inside and near else []
                 if rested and seen.t - rested[0][0] >= REST_S:
                     return
-            elif not seen.seen:
-                rested = []
         why = "".join(f", {number} {word}" for word, number in without.most_common(2))
-        raise NotSeen(
-            f"no ball rested in ring {ring} within {self.settings.place_s:g} s: of {due} pictures {found} showed one"
-            f"{why}; is it lit, and in the picture, and does this machine keep up?"
-        )
+        what = f"no ball rested in ring {ring} within {self.settings.place_s:g} s"
+        hint = "is it lit, and in the picture, and does this machine keep up?"
+        raise NotSeen(f"{what}: of {due} pictures {found} showed one{why}; {hint}")
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
         """The error that caused `problem`; here `problem` itself."""
@@ -195,12 +175,12 @@ class HardwareRig:
         self._closed = True
         parts, self._parts = self._parts, None
         board, self._board = self._board, None
-        if parts is not None:
-            parts.close()
-        elif board is not None:
-            board.close()
-
-    # -- the loop ---------------------------------------------------------------------------------------------------
+        try:
+            if board is not None:
+                board.close()
+        finally:
+            if parts is not None:
+                parts.pictures.close()
 
     def observe(self) -> Observation:
         """The next sample. Raises RigError if the camera or the board is lost."""
@@ -213,23 +193,21 @@ class HardwareRig:
         parts = self.parts
         number, image = self._picture(parts)
         due = self._clock.due(number)
-        parts.listen()
-        sighting = None if image is None else self._look(parts, image, due)
-        parts.listen()  # reports may have come since; the newer ones are nearer to the time of the picture
+        parts.track.take(parts.board.recent())
+        sighting = None
+        if image is not None:
+            try:
+                sighting = parts.detector.locate(image, parts.track.at(due))
+            except ValueError as problem:  # a picture of another size than the calibrated one
+                advice = "is it the camera that was calibrated? if so, calibrate it anew"
+                raise RigError(f"camera {self._camera_name}: {problem}; {advice}") from problem
+        parts.track.take(parts.board.recent())  # newer reports are nearer to the time of the picture
         newest, tilt = parts.track.newest, parts.track.at(due)
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
-            raise RigError(f"{parts.port}: no report of the tilt for {SILENT_S:g} s; is its cable in?")
+            raise RigError(f"{parts.board.port}: no report of the tilt for {SILENT_S:g} s; is its cable in?")
         x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
         self.sighting, self.due = sighting, due
         return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
-
-    def _look(self, parts: Parts, image: np.ndarray, due: float) -> Sighting:
-        """Find the ball. Raises RigError for a picture of another size than the calibrated one."""
-        try:
-            return parts.detector.locate(image, parts.track.at(due))
-        except ValueError as problem:
-            advice = "is it the camera that was calibrated? if so, calibrate it anew"
-            raise RigError(f"camera {parts.camera}: {problem}; {advice}") from problem
 
     def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:
         """Number and image of the next sample; None for a missing picture."""
@@ -237,7 +215,7 @@ class HardwareRig:
         if not self._numbered:
             frame = parts.pictures.wait(self._arrived, monotonic() + START_S)
             if frame is None:
-                raise RigError(f"camera {parts.camera}: no picture within {START_S:g} s")
+                raise RigError(f"camera {self._camera_name}: no picture within {START_S:g} s")
             clock.start(frame.t)
             self._numbered, self._arrived, self._next = True, frame.t, 1
             return 0, frame.image
@@ -246,7 +224,7 @@ class HardwareRig:
             frame = parts.pictures.wait(self._arrived, clock.due(number) + LATE / self.rate_hz)
             if frame is None:
                 if monotonic() - self._arrived > BLIND_S:
-                    raise RigError(f"camera {parts.camera}: no picture for {BLIND_S:g} s; is its cable in?")
+                    raise RigError(f"camera {self._camera_name}: no picture for {BLIND_S:g} s; is its cable in?")
                 self._next = number + 1
                 return number, None
             self._arrived = frame.t
@@ -257,10 +235,7 @@ class HardwareRig:
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Hold this tilt from now on. Raises RigError for NaN or a tilt beyond the limit, and if the board is lost."""
-        limit = self.maze.tilt_limit + TOLERANCE
-        for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
-            if not -limit <= value <= limit:  # also refuses NaN
-                raise RigError(f"{name}: got {value} rad, expected at most {self.maze.tilt_limit:.4f} rad either way")
+        check_command(self.maze, u_beta, u_gamma)
         parts, servo = self.parts, self.settings.servo
         if self._stopped:
             parts.board.level()
@@ -269,9 +244,8 @@ class HardwareRig:
 
     def level(self) -> None:
         """Level the plate now."""
-        board = self._board if self._parts is None else self._parts.board
-        if board is not None:
-            board.level()
+        if self._board is not None:
+            self._board.level()
 
     def stop(self) -> None:
         """Emergency stop: level the plate until the next reset, and ignore commands. Any thread may call."""

@@ -1,45 +1,75 @@
-"""Settings of a rig on a table. Calibrations write their sections into the rig's file and keep the rest of it.
-
-The packaged hardware.yaml explains every key.
-"""
+"""Settings of a rig on a table. The packaged hardware.yaml explains every key; calibrations write their sections."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Latency
-from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.sections import Section
-from mazeplan.maze.yamltree import parse_yaml, read_yaml
-from mazeplan.rigs.hardware.tiltsensor import TiltSection
-from mazeplan.rigs.hardware.yamlmerge import merged
-from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
+from mazeplan.rigs.camera.section import CameraSection
+from mazeplan.rigs.files import placed
+from mazeplan.rigs.link.protocol import HARD_SLEW, HARD_US, AxisLimits, ServoLimits
 
 SLOWEST = 100.0  # us/s, smallest slew rate
-LIMITS = ("min_us", "max_us")
+POWERS = {  # of a and b in each term of the tilt sensor's polynomials
+    "one": (0, 0), "a": (1, 0), "b": (0, 1), "ab": (1, 1), "aa": (2, 0), "bb": (0, 2),
+    "aaa": (3, 0), "aab": (2, 1), "abb": (1, 2), "bbb": (0, 3),
+}  # fmt: skip
+REACH = 1.3  # times the calibrated half range: farther out the polynomial is not valid
+Term = Literal["one", "a", "b", "ab", "aa", "bb", "aaa", "aab", "abb", "bbb"]
+Terms = Annotated[dict[Term, float], Field(min_length=1)]
+Volts = Annotated[float, Field(gt=0.0)]
+Pulse = Annotated[float, Field(ge=HARD_US[0], le=HARD_US[1])]  # us; the firmware sends nothing beyond
+
+
+class TiltSensor(Section):
+    """The section `tilt:`: converts the voltages of the tilt sensor's diode to the tilt of the plate.
+
+        beta = sum_k c_k a^i b^j,   a = (v0 - centre0) / scale0,   b = (v1 - centre1) / scale1,   gamma alike
+
+    The plate turns a laser. The laser's spot on the diode moves nearly in proportion to both tilts. Products and powers
+    correct for a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients.
+
+    centre_v, scale_v: of the two channels.
+    beta_deg, gamma_deg: coefficients by the name of their term.
+    error_deg, readings, date: of the calibration."""
+
+    centre_v: tuple[float, float]
+    scale_v: tuple[Volts, Volts]
+    beta_deg: Terms
+    gamma_deg: Terms
+    error_deg: float = Field(default=0.0, ge=0.0)
+    readings: int = Field(default=0, ge=0)
+    date: str = ""
+
+    def tilt(self, v0: float, v1: float) -> tuple[float, float]:
+        """beta, gamma, rad, at these voltages. Voltages beyond REACH are clamped."""
+        pairs = zip((v0, v1), self.centre_v, self.scale_v, strict=True)
+        a, b = (min(max((v - c) / s, -REACH), REACH) for v, c, s in pairs)
+        beta, gamma = (
+            sum(k * a ** POWERS[name][0] * b ** POWERS[name][1] for name, k in terms.items())
+            for terms in (self.beta_deg, self.gamma_deg)
+        )
+        return math.radians(beta), math.radians(gamma)
+
+    def reaches(self, v0: float, v1: float) -> bool:
+        """Whether the voltages are within REACH. If not, the laser's spot has left the diode."""
+        pairs = zip((v0, v1), self.centre_v, self.scale_v, strict=True)
+        return all(abs(v - c) <= REACH * s for v, c, s in pairs)
 
 
 class ServoAxis(Section):
     """One servo. us_per_deg is negative if a longer pulse tilts the plate in the negative direction."""
 
-    level_us: float = Field(default=1500.0, description="pulse of a level plate")
+    level_us: Pulse = Field(default=1500.0, description="pulse of a level plate")
     us_per_deg: float = Field(default=40.0, ge=-400.0, le=400.0, description="of pulse for a degree of the plate")
-    min_us: float = 1200.0
-    max_us: float = 1800.0
-
-    @field_validator("level_us", *LIMITS)
-    @classmethod
-    def _sent(cls, pulse: float) -> float:
-        low, high = HARD_US
-        if not low <= pulse <= high:
-            raise ValueError(f"got {pulse:g} us, expected {low:g} to {high:g} us: the firmware sends nothing beyond")
-        return pulse
+    min_us: Pulse = 1200.0
+    max_us: Pulse = 1800.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -54,25 +84,20 @@ class ServoAxis(Section):
         """Pulse for a tilt of u rad, us, within the limits."""
         return min(max(self.level_us + self.us_per_deg * math.degrees(u), self.min_us), self.max_us)
 
-    def angle(self, pulse_us: float) -> float:
-        """Tilt for a pulse, rad."""
-        return math.radians((pulse_us - self.level_us) / self.us_per_deg)
-
 
 class Servo(Section):
     """The section `servo:` of the file."""
 
     beta: ServoAxis = ServoAxis()
     gamma: ServoAxis = ServoAxis()
-    slew_us_per_s: float = Field(default=6000.0, description="fastest change of the pulses")
+    slew_us_per_s: float = Field(default=6000.0, ge=SLOWEST, le=HARD_SLEW, description="fastest change of the pulses")
 
-    @field_validator("slew_us_per_s")
-    @classmethod
-    def _kept(cls, slew: float) -> float:
-        if not SLOWEST <= slew <= HARD_SLEW:
-            wanted = f"{SLOWEST:g} to {HARD_SLEW:g} us/s, which is the firmware's fastest"
-            raise ValueError(f"got {slew:g} us/s, expected {wanted}")
-        return slew
+    def limits(self) -> ServoLimits:
+        """The limits of the pulses that go to the board."""
+        beta, gamma = (
+            AxisLimits(axis.min_us, axis.max_us, axis.level_us, self.slew_us_per_s) for axis in (self.beta, self.gamma)
+        )
+        return beta, gamma
 
 
 class LatencySection(Section):
@@ -95,58 +120,17 @@ class HardwareSettings(Section):
     port: str = Field(default="auto", min_length=1, description="serial port of the board; auto: the only Arduino")
     rate_hz: float = Field(default=30.0, ge=5.0, le=120.0, description="pictures, samples and commands per second")
     servo: Servo = Servo()
-    tilt: TiltSection | None = None
-    camera: dict[str, Any] | None = None
+    tilt: TiltSensor | None = None
+    camera: CameraSection = CameraSection()
     latency: LatencySection | None = None
     unseen_s: float = Field(default=2.0, ge=0.2, le=60.0, description="a run ends after so long without the ball")
     place_s: float = Field(default=120.0, ge=1.0, le=3600.0, description="time to place the ball")
 
-    @property
-    def source(self) -> int | str:
-        """Source of pictures: the number of a device, a URL, a file."""
-        given = (self.camera or {}).get("source", 0)
-        return given if isinstance(given, int | str) else 0
-
-    @property
-    def picture(self) -> tuple[int, int]:
-        """Width and height of the pictures to request from the camera, px."""
-        width, height = (self.camera or {}).get("size", (640, 480))
-        return int(width), int(height)
-
-    def check_limits(self) -> None:
+    def check_limits(self, file: Mapping[str, Any]) -> None:
         """Raises SettingsError if the file has no limits for a servo, because no default fits every linkage."""
         for axis in ("beta", "gamma"):
             given = getattr(self.servo, axis).model_fields_set if axis in self.servo.model_fields_set else set()
-            for name in LIMITS:
+            for name in ("min_us", "max_us"):
                 if name not in given:
                     why = "is missing: no servo moves without limits, beyond which nothing is sent (docs/hardware.md)"
-                    raise SettingsError(why, key=f"servo.{axis}.{name}")
-
-    def missing(self) -> list[str]:
-        """Calibration commands that are still needed."""
-        out = ["mazeplan calibrate tilt"] if self.tilt is None else []
-        return out + (["mazeplan calibrate camera"] if not self.calibrated_camera else [])
-
-    @property
-    def calibrated_camera(self) -> bool:
-        """Whether `camera:` has a calibration."""
-        return self.camera is not None and "focal_px" in self.camera
-
-
-def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None = None) -> None:
-    """Replace sections (top-level keys) of a file. All other lines and all comments stay.
-
-    base: file whose text a new file starts with.
-
-    Raises SettingsError if a file cannot be read or written, also for a read-only file."""
-    source = path if path.exists() or base is None else base
-    read_yaml(source, error=SettingsError)  # never write into a broken file
-    text = source.read_text(encoding="utf-8-sig")
-    for key, value in sections.items():
-        text = merged(text, key, value, file=source)
-    parse_yaml(text, file=path, error=SettingsError)
-    try:
-        with whole_file(path) as beside:
-            beside.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise SettingsError(f"cannot be written: {problem.strerror}", file=path) from None
+                    raise placed(SettingsError(why, key=f"servo.{axis}.{name}"), file)

@@ -1,4 +1,7 @@
-"""Fits tilt sensor and servos to readings of a clinometer.
+"""Takes readings of a clinometer over a grid of tilts, and fits tilt sensor and servos to them.
+
+The board levels the plate after 200 ms without a command. So a thread repeats the current pulses while a person reads
+the clinometer and types.
 
 Terms of the polynomial: as many as the readings determine twice over, up to cubes. `e_i / (1 - h_ii)` is the error of
 the fit without reading i (Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980).
@@ -10,30 +13,41 @@ Then one reading after another is removed, each by its error in the fit without 
 from __future__ import annotations
 
 import csv
-import math
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from time import monotonic, sleep
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from mazeplan.core import file_kinds
-from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.errors import InputError, RigError, TableError
 from mazeplan.core.records import Array
-from mazeplan.core.whole_file import whole_file
+from mazeplan.core.whole_file import write_text
 from mazeplan.maze.yamltree import shown
-from mazeplan.rigs.hardware.tiltsensor import DiodeSensor, design
-from mazeplan.rigs.link.messages import HARD_US
+from mazeplan.rigs.hardware.clocks import SILENT_S
+from mazeplan.rigs.hardware.settings import POWERS, Servo, Term, TiltSensor
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.protocol import HARD_US
 
-LINEAR: tuple[str, ...] = ("one", "a", "b")
-SQUARES: tuple[str, ...] = (*LINEAR, "ab", "aa", "bb")
-CUBES: tuple[str, ...] = (*SQUARES, "aaa", "aab", "abb", "bbb")
+Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
+AGAIN_S = 0.05  # s between commands
+SETTLE_S, AVERAGE_S = 0.8, 0.4  # s: wait for the plate to settle; average of the voltages
+GRID_REACH = 1.15  # the grid goes to this many times the tilt limit: a polynomial is worst at the end of its range
+LINEAR: tuple[Term, ...] = ("one", "a", "b")
+SQUARES: tuple[Term, ...] = (*LINEAR, "ab", "aa", "bb")
+CUBES: tuple[Term, ...] = (*SQUARES, "aaa", "aab", "abb", "bbb")
 COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
 PULSES = ("pulse_beta_us", "pulse_gamma_us")
+VOLTS, DEGREES, PULSE = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees"), (*HARD_US, "us")
+ALLOWED = dict[str, tuple[float, float, str]](
+    zip((*COLUMNS, *PULSES), (VOLTS, VOLTS, DEGREES, DEGREES, PULSE, PULSE), strict=True)
+)
 LEAST = 8  # minimum number of readings
 LEAST_RANGE = 1.0  # deg, minimum range of the readings of an axis
-VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # allowed range of a reading
 LEAST_RANGE_V = 0.02  # V, minimum range of each channel
 ENDS_V = (0.02, 4.98)  # V; beyond these, a channel is at an end of the board's converter
 MOST_STUCK = 0.3  # largest share of readings at an end of the converter
@@ -44,28 +58,18 @@ FINE, VISIBLE = 4.5, 0.2  # standard deviations, and deg, beyond which a reading
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading.
-
-    v: voltages of the diode's two channels, V.
-    beta_deg, gamma_deg: tilt by the clinometer.
-    line: line in the file.
-    pulses: pulses of the servos of beta and gamma, us; None: unknown."""
+    """One reading: voltages of the diode's two channels, V, and the tilt by the clinometer."""
 
     v: tuple[float, float]
     beta_deg: float
     gamma_deg: float
-    line: int
-    pulses: tuple[float, float] | None = None
+    line: int  # in the file
+    pulses: tuple[float, float] | None = None  # of the servos of beta and gamma, us; None: unknown
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading that was not used for an axis.
-
-    line: line in the file.
-    axis: beta or gamma.
-    got: value of the reading, deg.
-    expected: value of the fit, deg."""
+    """A reading that was not used for an axis: its line, and its value and that of the fit, deg."""
 
     line: int
     axis: str
@@ -75,180 +79,214 @@ class Outlier:
 
 @dataclass(frozen=True)
 class AxisFit:
-    """Fit of one axis.
+    """Fit of one axis."""
 
-    terms: {term: coefficient, deg}.
-    rms: rms residual, deg.
-    worst: largest residual, deg.
-    left_out: rms error at a left-out reading, deg.
-    used: number of used readings."""
-
-    terms: dict[str, float]
-    rms: float
-    worst: float
-    left_out: float
-    used: int
+    terms: dict[Term, float]  # coefficients, deg
+    rms_deg: float  # of the residuals
+    worst_deg: float
+    left_out_deg: float  # rms error at a left-out reading
+    used: int  # number of used readings
 
 
 @dataclass(frozen=True)
 class TiltFit:
     """Result of a calibration.
 
-    sensor: the calibrated sensor.
-    beta, gamma: fit of each axis.
-    outliers: readings that were not used.
-    readings: number of all readings.
-    level_us: pulses of the level plate for beta and gamma, us; None without pulses in the readings.
-    us_per_deg: change of the pulses for 1 deg of tilt; None without pulses in the readings."""
+    servos: {axis: {"level_us": pulse of the level plate, "us_per_deg": change of the pulse for 1 deg of tilt}}; empty
+        if the readings have no pulses, or hardly any range of tilt."""
 
-    sensor: DiodeSensor
+    sensor: TiltSensor  # rounded as in a rig's file
     beta: AxisFit
     gamma: AxisFit
     outliers: tuple[Outlier, ...]
-    readings: int
-    level_us: tuple[float, float] | None = None
-    us_per_deg: tuple[float, float] | None = None
+    servos: dict[str, dict[str, float]]
 
     @property
     def error_deg(self) -> float:
         """rms error of the worse axis at a left-out reading, deg. It includes the error of the clinometer."""
-        return max(self.beta.left_out, self.gamma.left_out)
-
-    def section(self, date: str) -> dict[str, object]:
-        """Content of the section `tilt:` in a rig's file."""
-        return {
-            "centre_v": [round(v, 5) for v in self.sensor.centre],
-            "scale_v": [round(v, 5) for v in self.sensor.scale],
-            "beta_deg": {name: round(k, 6) for name, k in self.sensor.beta.items()},
-            "gamma_deg": {name: round(k, 6) for name, k in self.sensor.gamma.items()},
-            "error_deg": round(self.error_deg, 4),
-            "readings": self.readings,
-            "date": date,
-        }
+        return max(self.beta.left_out_deg, self.gamma.left_out_deg)
 
 
 def read_readings(path: Path) -> list[Reading]:
     """Readings of a CSV file with the columns `COLUMNS` and, optionally, `PULSES`. Raises TableError with the line."""
+    wanted = f"a table (CSV) with {', '.join(COLUMNS)}"
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = csv.reader(stream)
-            header = [name.strip() for name in next(rows, [])]
-            missing = [name for name in COLUMNS if name not in header]
-            if missing:
-                got = f"got the header {shown(','.join(header))}"
-                raise TableError(f"{got}, expected a table (CSV) with {', '.join(COLUMNS)}", file=path, line=1)
-            return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
+            rows = csv.DictReader(stream)
+            rows.fieldnames = header = [name.strip() for name in rows.fieldnames or ()]
+            if not set(COLUMNS) <= set(header):
+                raise TableError(f"got the header {shown(','.join(header))}, expected {wanted}", file=path, line=1)
+            return [_reading(row, path, rows.line_num) for row in rows]
     except (OSError, UnicodeDecodeError, csv.Error):
-        raise TableError(file_kinds.refused(path, f"a table (CSV) with {', '.join(COLUMNS)}"), file=path) from None
+        raise TableError(file_kinds.refused(path, wanted), file=path) from None
 
 
-def _reading(header: list[str], row: list[str], path: Path, line: int) -> Reading:
-    if len(row) > len(header):
-        raise TableError(f"got {len(row)} columns, the header has {len(header)}", file=path, line=line)
-    cells = dict(zip(header, row, strict=False))
+def _reading(row: dict[str, str], path: Path, line: int) -> Reading:
+    if None in row:
+        raise TableError("got more columns than the header has", file=path, line=line)
 
     def number(name: str) -> float:
+        low, high, unit = ALLOWED[name]
         try:
-            value = float(cells.get(name, ""))
+            value = float(row[name] or "")
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise TableError(f"got {cells.get(name, '')!r}, expected a number", file=path, line=line, key=name)
+            value = np.nan
+        if not low <= value <= high:
+            problem = f"got {row[name]!r}, expected a number from {low:g} to {high:g} {unit}"
+            raise TableError(problem, file=path, line=line, key=name)
         return value
 
-    def checked(name: str, value: float, allowed: tuple[float, float, str]) -> None:
-        low, high, unit = allowed
-        if not low <= value <= high:
-            problem = f"got {value:g}, expected {low:g} to {high:g} {unit}"
-            raise TableError(problem, file=path, line=line, key=name)
-
     v0, v1, beta, gamma = (number(name) for name in COLUMNS)
-    for name, value in zip(COLUMNS, (v0, v1, beta, gamma), strict=True):
-        checked(name, value, VOLTS if name in COLUMNS[:2] else DEGREES)
-    pulses = None
-    if all(cells.get(name, "").strip() for name in PULSES):
-        pulses = number(PULSES[0]), number(PULSES[1])
-        for name, value in zip(PULSES, pulses, strict=True):
-            checked(name, value, (*HARD_US, "us"))
-    return Reading((v0, v1), beta, gamma, line, pulses)
+    known = all((row.get(name) or "").strip() for name in PULSES)
+    return Reading((v0, v1), beta, gamma, line, (number(PULSES[0]), number(PULSES[1])) if known else None)
 
 
 def write_readings(path: Path, readings: Sequence[Reading]) -> None:
-    """Write a file for `read_readings`, and make its folder. Raises TableError if the file cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside, beside.open("w", newline="", encoding="utf-8") as stream:
-            rows = csv.writer(stream)
-            rows.writerow((*COLUMNS, *PULSES))
-            for r in readings:
-                rows.writerow([f"{v:.5f}" for v in r.v] + [r.beta_deg, r.gamma_deg, *(r.pulses or ("", ""))])
-    except OSError as problem:
-        raise TableError(f"cannot be written: {problem.strerror}", file=path) from None
+    """Write a file for `read_readings`, and make its folder. Raises InputError if the file cannot be written."""
+    text = StringIO(newline="")
+    rows = csv.writer(text)
+    rows.writerow((*COLUMNS, *PULSES))
+    for r in readings:
+        rows.writerow([f"{v:.5f}" for v in r.v] + [r.beta_deg, r.gamma_deg, *(r.pulses or ("", ""))])
+    write_text(path, text.getvalue())
+
+
+def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]]:
+    """Pulses (beta, gamma), us, for a grid of count x count tilts around level. The rows alternate in direction."""
+    steps = np.linspace(-GRID_REACH * limit_deg, GRID_REACH * limit_deg, count)
+    beta, gamma = (
+        [min(max(axis.level_us + axis.us_per_deg * float(step), axis.min_us), axis.max_us) for step in steps]
+        for axis in (servo.beta, servo.gamma)
+    )
+    return [(b, g) for i, b in enumerate(beta) for g in (gamma if i % 2 == 0 else gamma[::-1])]
+
+
+class PulseHolder:
+    """Sends the same pulses again and again inside a `with` block; at its end, levels the plate.
+
+    pulses: beta and gamma, us; may change inside the block."""
+
+    def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
+        self.pulses = pulses
+        self._board, self._ended = board, threading.Event()
+        self._problem: RigError | None = None
+        self._thread = threading.Thread(target=self._work, name="mazeplan hold", daemon=True)
+
+    def __enter__(self) -> PulseHolder:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._board.level()
+
+    def _work(self) -> None:
+        while not self._ended.wait(AGAIN_S):
+            try:
+                self._board.command(*self.pulses)
+            except RigError as problem:
+                self._problem = problem
+                return
+
+    def volts(self, over_s: float) -> np.ndarray:
+        """Mean of both channels over the last `over_s` seconds, V, (2,).
+
+        Raises RigError if the board is silent or lost: then it did not hold the plate."""
+        if self._problem is not None:
+            raise self._problem
+        reports = self._board.recent()
+        if not reports or monotonic() - reports[-1].received_s > SILENT_S:
+            raise RigError(f"{self._board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
+        latest = [report.volts for report in reports if report.received_s > reports[-1].received_s - over_s]
+        return np.mean(latest, axis=0)
+
+
+def take_readings(
+    board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
+) -> list[Reading]:
+    """Take a reading at each pair of pulses. Raises RigError if the board is silent or lost.
+
+    ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip these pulses, or raises
+      EOFError to end the readings.
+    keep: called after each reading, with all readings so far."""
+    readings: list[Reading] = []
+    with PulseHolder(board, pulses[0]) as holder:
+        for number, pair in enumerate(pulses, start=1):
+            holder.pulses = pair
+            sleep(SETTLE_S + AVERAGE_S)
+            first, second = holder.volts(AVERAGE_S)
+            try:
+                tilt = ask(number, pair)
+            except EOFError:
+                break
+            if tilt is not None:
+                holder.volts(AVERAGE_S)  # a board that fell silent meanwhile did not hold the plate
+                readings.append(Reading((float(first), float(second)), *tilt, number, pair))
+                if keep is not None:
+                    keep(readings)
+    return readings
 
 
 def fit_tilt(readings: Sequence[Reading]) -> TiltFit:
     """Fit sensor and servos. Raises InputError for too few readings, or readings along one line."""
     if len(readings) < LEAST:
-        raise InputError(
-            f"got {len(readings)} readings, expected at least {LEAST}: {LEAST - len(readings)} are missing"
-        )
+        missing = LEAST - len(readings)
+        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}: {missing} are missing")
     v = np.array([r.v for r in readings])
     low, high = v.min(axis=0), v.max(axis=0)
     _check_spread(v, low, high)
     centre, scale = 0.5 * (low + high), 0.5 * (high - low)
-    fits, outliers = {}, []
+    fits, outliers = [], []
     for axis in ("beta", "gamma"):
         y = np.array([getattr(r, f"{axis}_deg") for r in readings])
         if np.ptp(y) < LEAST_RANGE:
-            got = f"got {y.min():g} to {y.max():g} deg"
-            raise InputError(
-                f"{axis}_deg: {got}, expected readings over {LEAST_RANGE:g} deg at least; are they degrees?"
-            )
+            wanted = f"expected a range of {LEAST_RANGE:g} deg at least; are they degrees?"
+            raise InputError(f"got {y.min():g} to {y.max():g} deg, {wanted}", key=f"{axis}_deg")
         fit, good, said = _fit_axis(v, y, centre, scale)
-        fits[axis] = fit
-        outliers += [
-            Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good).tolist()
-        ]
-    beta, gamma = fits["beta"], fits["gamma"]
-    sensor = DiodeSensor(
-        (float(centre[0]), float(centre[1])), (float(scale[0]), float(scale[1])), beta.terms, gamma.terms
+        fits.append(fit)
+        left_out = np.flatnonzero(~good).tolist()
+        outliers += [Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in left_out]
+    beta, gamma = fits
+    sensor = TiltSensor(
+        centre_v=(round(float(centre[0]), 5), round(float(centre[1]), 5)),
+        scale_v=(round(float(scale[0]), 5), round(float(scale[1]), 5)),
+        beta_deg={name: round(k, 6) for name, k in beta.terms.items()},
+        gamma_deg={name: round(k, 6) for name, k in gamma.terms.items()},
+        error_deg=round(max(beta.left_out_deg, gamma.left_out_deg), 4),
+        readings=len(readings),
     )
-    slips = {(o.line, o.axis) for o in outliers}
-    level, per_deg = _fit_servos(readings, slips)
     ordered = tuple(sorted(outliers, key=lambda o: (o.line, o.axis)))
-    return TiltFit(sensor, beta, gamma, ordered, len(readings), level, per_deg)
+    return TiltFit(sensor, beta, gamma, ordered, _fit_servos(readings, {(o.line, o.axis) for o in outliers}))
 
 
 def _check_spread(v: Array, low: Array, high: Array) -> None:
     """Raises InputError if a channel is constant or saturated, or if all voltages lie on one line."""
     for name, values, least, most in zip(COLUMNS[:2], v.T, low, high, strict=True):
-        end = "upper" if least > ENDS_V[1] else "lower"
-        if least > ENDS_V[1] or most < ENDS_V[0]:
-            what = f"it is at its {end} end all the time: is the laser's spot on the diode, the channel connected?"
-            raise InputError(f"got {least:.3f} to {most:.3f} V, {what}", key=name)
-        if most - least < LEAST_RANGE_V:
-            what = f"expected a change of {LEAST_RANGE_V:g} V at least: does the laser hit the diode, the plate tilt?"
-            raise InputError(f"got {least:.3f} to {most:.3f} V, {what}", key=name)
         stuck = float(np.mean((values < ENDS_V[0]) | (values > ENDS_V[1])))
-        if stuck > MOST_STUCK:
-            what = "at an end of its range: the laser's spot leaves the diode"
-            raise InputError(f"{100.0 * stuck:.0f} % of the readings are {what}", key=name)
+        if most - least < LEAST_RANGE_V or stuck > MOST_STUCK:
+            got = f"got {least:.3f} to {most:.3f} V, {100.0 * stuck:.0f} % of the readings at an end of the range"
+            raise InputError(f"{got}: is the laser's spot on the diode, the channel connected?", key=name)
     spread = np.linalg.svd((v - v.mean(axis=0)) / float(np.max(high - low)), compute_uv=False)
     if spread[-1] < 0.05 * spread[0]:
-        raise InputError(
-            "the voltages v0 and v1 of the readings all lie on one line: tilt the plate about both axes; if it was, one"
-            " signal is at both channels"
-        )
+        problem = "the voltages v0 and v1 of the readings all lie on one line"
+        raise InputError(f"{problem}: tilt the plate about both axes; if it was, one signal is at both channels")
+
+
+def _design(terms: tuple[Term, ...], v: Array, centre: Array, scale: Array) -> Array:
+    """Values (N, len(terms)) of the terms at voltages v (N, 2)."""
+    a, b = ((v - centre) / scale).T
+    return np.column_stack([a ** POWERS[name][0] * b ** POWERS[name][1] for name in terms])
 
 
 def _fit_axis(v: Array, y: Array, centre: Array, scale: Array) -> tuple[AxisFit, np.ndarray, Array]:
     """The fit of one axis, which readings it uses (N,) bool, and its value at each reading (N,)."""
     terms = next((s for s in (CUBES, SQUARES) if len(y) >= 2 * len(s)), LINEAR)
-    rough = design(SQUARES if terms == CUBES else terms, v, centre, scale)
+    rough = _design(SQUARES if terms == CUBES else terms, v, centre, scale)
     start, *_ = np.linalg.lstsq(rough, y, rcond=None)
     found = least_squares(lambda k: rough @ k - y, start, loss="cauchy", f_scale=CLINOMETER)
     good = np.abs(rough @ found.x - y) <= GROSS
-    x = design(terms, v, centre, scale)
+    x = _design(terms, v, centre, scale)
     while True:
         k, rms, studentised = _leave_one_out(x, y, good)
         said = x @ k
@@ -281,21 +319,13 @@ def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, 
     return np.asarray(k, dtype=float), float(np.sqrt(np.mean(error**2))), studentised
 
 
-def _fit_servos(
-    readings: Sequence[Reading], slips: set[tuple[int, str]]
-) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Pulse of the level plate, us, and us per degree, for each axis.
-
-    None if the readings have no pulses or hardly any range of tilt."""
-    found = []
+def _fit_servos(readings: Sequence[Reading], slips: set[tuple[int, str]]) -> dict[str, dict[str, float]]:
+    found = {}
     for i, axis in enumerate(("beta", "gamma")):
-        rows = [
-            (getattr(r, f"{axis}_deg"), r.pulses[i]) for r in readings
-            if r.pulses is not None and (r.line, axis) not in slips
-        ]  # fmt: skip
-        angles = np.array([angle for angle, _ in rows])
-        if len(rows) < LEAST or np.ptp(angles) < 1.0:
-            return None, None
-        slope, level = np.polyfit(angles, np.array([pulse for _, pulse in rows]), 1)
-        found.append((float(level), float(slope)))
-    return (found[0][0], found[1][0]), (found[0][1], found[1][1])
+        used = [r for r in readings if r.pulses is not None and (r.line, axis) not in slips]
+        angles = np.array([getattr(r, f"{axis}_deg") for r in used])
+        if len(used) < LEAST or np.ptp(angles) < LEAST_RANGE:
+            return {}
+        slope, level = np.polyfit(angles, np.array([r.pulses[i] for r in used if r.pulses is not None]), 1)
+        found[axis] = {"level_us": float(level), "us_per_deg": float(slope)}
+    return found

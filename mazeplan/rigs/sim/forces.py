@@ -33,29 +33,6 @@ PULL = math.sqrt(7.0) * (8.0 / 7.0) ** 4  # the constant c: with it the stronges
 SLOW = 2e-3  # m/s; below this speed, the ball's direction and its spin of rolling are uncertain
 
 
-class PlateForces:
-    """Forces of magnet and saddle on the ball, in the plate frame. The object is false if the rig has neither."""
-
-    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
-        self._mass, self._settings = maze.ball.mass, settings
-        self._spot = 1e-3 * np.array(settings.magnet_mm)
-        self._depth, self._edge = 1e-3 * settings.magnet_depth_mm, maze.rings[0].outer_radius
-        self._cos, self._sin = (f(2.0 * math.radians(settings.warp_deg)) for f in (math.cos, math.sin))
-
-    def __bool__(self) -> bool:
-        return self._settings.magnet_m_s2 > 0.0 or self._settings.warp_mm > 0.0
-
-    def on(self, position: Array) -> Array:
-        """Force (3,), N, at a position (3,), m."""
-        out = np.zeros(3)
-        s = (position[:2] - self._spot) / self._depth
-        out[:2] -= self._settings.magnet_m_s2 * PULL * s / (1.0 + float(s @ s)) ** 4
-        x, y = position[:2] / self._edge
-        slope = 2e-3 * self._settings.warp_mm / self._edge
-        out[:2] -= GRAVITY * slope * np.array([x * self._cos + y * self._sin, x * self._sin - y * self._cos])
-        return self._mass * out
-
-
 @dataclass(frozen=True)
 class Motion:
     """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate's frame, (3,) each."""
@@ -87,21 +64,44 @@ def heavy_side(settings: SimulatedSettings, theta: float) -> Array:
     return np.array([-math.sin(theta) * math.sin(phase), math.cos(theta) * math.sin(phase), math.cos(phase)])
 
 
-class BallForces:
-    """Drag, pushes, imbalance, wind and rocking on the ball. The object is false if the rig has none of them."""
+class Forces:
+    """Forces and friction of one machine. The machine skips the groups that it does not have.
+
+    Raises SettingsError for a ring that the maze does not have."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
-        self._settings, self._maze = settings, maze
-        self._mass, self._radius = maze.ball.mass, maze.ball.radius
-        self._inertia = settings.ball_inertia * self._mass * self._radius**2
-
-    def __bool__(self) -> bool:
-        s = self._settings
+        s = self._settings = settings
+        for key, ring in (("sticky_ring", s.sticky_ring), ("kerb_ring", s.kerb_ring)):
+            if ring > len(maze.rings):
+                raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)
+        self._maze, self._mass, self._radius = maze, maze.ball.mass, maze.ball.radius
+        self.on_plate = s.magnet_m_s2 > 0.0 or s.warp_mm > 0.0
         pushes = (s.ring_push_m_s2, s.imbalance_m_s2, s.ripple_m_s2, *s.draught_m_s2, *s.rocking_deg)
-        return any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
+        self.on_ball = any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
+        self.on_floor = s.sticky_m_s2 > 0.0 or s.nap_m_s2 != 0.0
+        self.has_kerb = s.kerb_loss > 0.0
+        self.any = self.on_plate or self.on_ball or self.on_floor or self.has_kerb
+        self._spot, self._depth = 1e-3 * np.array(s.magnet_mm), 1e-3 * s.magnet_depth_mm
+        self._edge = maze.rings[0].outer_radius
+        self._cos, self._sin = (f(2.0 * math.radians(s.warp_deg)) for f in (math.cos, math.sin))
+        self._inertia = s.ball_inertia * self._mass * self._radius**2
+        # m of rolling friction for each m/s^2 by which a ball on the floor slows down
+        self._metres = self._radius * (1.0 + s.ball_inertia) / GRAVITY
+        start, end = (math.radians(angle) for angle in s.sticky_deg)
+        self._start, self._span = start, (end - start) % math.tau
 
-    def on(self, t: float, motion: Motion, plate: Array, heavy: Array) -> tuple[Array, Array]:
-        """Force (N) and torque (N m) on the ball in the frame of the room, (3,) each, at time t, s.
+    def of_plate(self, position: Array) -> Array:
+        """Force (3,), N, of magnet and saddle in the plate's frame, at a position (3,), m."""
+        out = np.zeros(3)
+        s = (position[:2] - self._spot) / self._depth
+        out[:2] -= self._settings.magnet_m_s2 * PULL * s / (1.0 + float(s @ s)) ** 4
+        x, y = position[:2] / self._edge
+        slope = 2e-3 * self._settings.warp_mm / self._edge
+        out[:2] -= GRAVITY * slope * np.array([x * self._cos + y * self._sin, x * self._sin - y * self._cos])
+        return self._mass * out
+
+    def of_ball(self, t: float, motion: Motion, plate: Array, heavy: Array) -> tuple[Array, Array]:
+        """Force (N) and torque (N m) by drag, pushes, imbalance, wind and rocking in the room's frame, (3,), at t, s.
 
         plate: rotation (3, 3) of the plate.
         heavy: unit vector (3,) from the ball's middle to its mass, in the frame of the room."""
@@ -142,22 +142,8 @@ class BallForces:
         down = math.cos(b) * math.cos(c)
         return GRAVITY * np.array([math.sin(b), -math.sin(c) * math.cos(b), 1.0 - down])
 
-
-class FloorFriction:
-    """Additional rolling friction by place and direction. The object is false if the rig has none."""
-
-    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
-        self._settings, self._maze = settings, maze
-        # m of rolling friction for each m/s^2 by which a ball on the floor slows down
-        self._metres = maze.ball.radius * (1.0 + settings.ball_inertia) / GRAVITY
-        start, end = (math.radians(angle) for angle in settings.sticky_deg)
-        self._start, self._span = start, (end - start) % math.tau
-
-    def __bool__(self) -> bool:
-        return self._settings.sticky_m_s2 > 0.0 or self._settings.nap_m_s2 != 0.0
-
-    def extra(self, motion: Motion, gravity: Array) -> float:
-        """Additional rolling friction of the floor, m. gravity: (3,), m/s^2, in the plate's frame."""
+    def friction(self, motion: Motion, gravity: Array) -> float:
+        """Additional rolling friction by place and direction, m. gravity: (3,), m/s^2, in the plate's frame."""
         s, slows = self._settings, 0.0
         if (
             s.sticky_m_s2 > 0.0
@@ -173,29 +159,10 @@ class FloorFriction:
             slows += abs(s.nap_m_s2) if speed * s.nap_m_s2 > 0.0 else 0.0
         return slows * self._metres
 
-
-class Kerb:
-    """A ridge across a ring that takes a share of the ball's speed. The object is false if the rig has none.
-
-    left: share of the speed that remains."""
-
-    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
-        self._settings, self._maze, self.left = settings, maze, 1.0 - settings.kerb_loss
-        self._at = math.radians(settings.kerb_deg)
-
-    def __bool__(self) -> bool:
-        return self._settings.kerb_loss > 0.0
-
-    def passed(self, before: Motion, after: Motion) -> bool:
-        """Whether the ball crossed the ridge."""
-        if not self or self._maze.ring_at(after.radius) != self._settings.kerb_ring:
+    def passes_kerb(self, before: Motion, after: Motion) -> bool:
+        """Whether the ball crossed the ridge, which takes a share of its speed."""
+        if self._maze.ring_at(after.radius) != self._settings.kerb_ring:
             return False
-        was, way = difference(before.theta, self._at), difference(after.theta, before.theta)
+        at = math.radians(self._settings.kerb_deg)
+        was, way = difference(before.theta, at), difference(after.theta, before.theta)
         return (was < 0.0 <= was + way) or (was + way < 0.0 <= was)
-
-
-def check_rings(settings: SimulatedSettings, maze: Maze) -> None:
-    """Raises SettingsError for a ring that the maze does not have."""
-    for key, ring in (("sticky_ring", settings.sticky_ring), ("kerb_ring", settings.kerb_ring)):
-        if ring > len(maze.rings):
-            raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)

@@ -35,28 +35,16 @@ SOLIMP = "0.95 0.99 0.0005 0.5 2"
 TIME_CONSTANT = 0.004  # s, time constant of contacts
 
 
-def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
+def mjcf(maze: Maze, settings: SimulatedSettings, *, walls: bool = True) -> str:
     """MJCF text of a maze, with these names:
 
     bodies: plate, ball, and ball2 if the maze has two balls
     joints: beta, gamma, and one for each ball
     actuators: beta, gamma
-    geoms: `plug_name`, the plug of each opening"""
-    geoms: list[str] = []
-    for wall in maze.walls:
-        geoms += _wall(wall, maze.wall_height, settings)
-    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
-    geoms += [_plug(maze, opening) for opening in maze.openings]
-    return _document(maze, settings, geoms)
+    geoms: `plug_name`, the plug of each opening
 
-
-def bare_mjcf(maze: Maze, settings: SimulatedSettings) -> str:
-    """MJCF text of a maze without walls and plugs."""
-    return _document(maze, settings, [])
-
-
-def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
-    """MJCF text with these boxes on the plate's floor."""
+    walls: False: without walls and plugs."""
+    boxes = _boxes(maze, settings) if walls else []
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     wn, zeta = settings.servo_gamma_frequency_rad_s or wn, settings.servo_gamma_damping or zeta
@@ -75,9 +63,9 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     balls = [
         f'<body name="{name}">{inertia}<freejoint name="{name}"/>\n'
         f'<geom name="{name}" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>'
-        for name in map(ball_name, range(maze.balls))
+        for name in ["ball", *(f"ball{number}" for number in range(2, 1 + maze.balls))]
     ]
-    return f"""<mujoco model="{_safe(maze.name)}">
+    return f"""<mujoco>
 <compiler angle="radian"/>
 <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
  noslip_iterations="3" gravity="{gravity}"/>
@@ -95,26 +83,21 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
 </mujoco>"""
 
 
-def ball_name(index: int) -> str:
-    """Name of body, joint and geom of a ball; the first ball has index 0."""
-    return "ball" if index == 0 else f"ball{index + 1}"
-
-
-def _safe(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_ " else "_" for c in name)
+def _boxes(maze: Maze, settings: SimulatedSettings) -> list[str]:
+    """Boxes of walls and plugs."""
+    geoms: list[str] = []
+    for wall in maze.walls:
+        geoms += _wall(wall, maze.wall_height, settings)
+    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
+    return geoms + [_plug(maze, opening) for opening in maze.openings]
 
 
 def _box(x: float, y: float, angle: float, along: float, across: float, height: float, more: str) -> str:
-    """A box that stands on the floor with its middle at x, y, m.
+    """A box that stands on the floor with its middle at x, y, m, turned by an angle, rad.
 
-    angle: direction of the box, rad.
-    along, across: half sizes along and across that direction, m.
-    height: whole height, m.
-    more: further attributes of the geom."""
-    return (
-        f'<geom type="box" size="{along:.8g} {across:.8g} {0.5 * height:.8g}" pos="{x:.8g} {y:.8g} {0.5 * height:.8g}" '
-        f'euler="0 0 {angle:.8g}" {more}/>'
-    )
+    along, across: half sizes along and across its direction, m."""
+    size, place = f"{along:.8g} {across:.8g} {0.5 * height:.8g}", f"{x:.8g} {y:.8g} {0.5 * height:.8g}"
+    return f'<geom type="box" size="{size}" pos="{place}" euler="0 0 {angle:.8g}" {more}/>'
 
 
 def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
@@ -147,7 +130,7 @@ def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
 
 
 def _bounce(damping_ratio: float) -> str:
-    """Contact attributes of a wall. With a damping ratio below 1 the ball bounces off, at the usual stiffness.
+    """Contact attributes of a wall. With a damping ratio below 1 the ball bounces off.
 
     MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. A lower ratio alone would make the wall
     too stiff for the time step, and every contact would add energy. So the time constant grows as the ratio falls.
@@ -164,10 +147,7 @@ def _even(start: float, end: float, step: float) -> list[float]:
 
 
 def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step: float) -> list[float]:
-    """Angles of the edges of the boxes from one opening to the next one, which is `apart` rad further on.
-
-    Beside an opening the boxes are SHOULDER wide. Boxes of a full step begin where they no longer reach into the
-    opening."""
+    """Angles of the edges of the boxes from one opening to the next one, which is `apart` rad further on."""
     shoulder = SHOULDER / wall.outer_radius
     halves = [0.5 * o.width + CHEEK for o in (opening, following)]
     outer = [math.asin(half / wall.outer_radius) for half in halves]
@@ -181,9 +161,7 @@ def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step:
 
 
 def _clear_from(wall: Wall, half: float, step: float) -> float:
-    """Angle from an opening's middle line at which a row of boxes of this step may begin.
-
-    There the first box, which reaches from the inner to the outer circle, stays `half` (m) away from that line."""
+    """Angle from an opening's middle line from which whole boxes of this step stay `half` (m) away from that line."""
     across = wall.outer_radius * math.tan(0.5 * step)  # half width of a box; its sides are parallel to its middle line
     corner = math.hypot(wall.inner_radius, across)
     return math.asin(min(1.0, half / corner)) + math.atan2(across, wall.inner_radius) - 0.5 * step
@@ -192,9 +170,7 @@ def _clear_from(wall: Wall, half: float, step: float) -> float:
 def _row(
     wall: Wall, edges: Sequence[float], height: float, friction: str, between: Sequence[Opening] = ()
 ) -> list[str]:
-    """Boxes from edge to edge (angles, rad). The middles of their faces touch the wall's circles.
-
-    A box that would reach into an opening of `between` is cut off on the inside."""
+    """Boxes from edge to edge (angles, rad), cut off on the inside where they would reach into an opening."""
     boxes = []
     for start, end in pairwise(edges):
         angle, half_across = 0.5 * (start + end), wall.outer_radius * math.tan(0.5 * (end - start))
@@ -207,9 +183,7 @@ def _row(
 
 
 def _cut(opening: Opening, angle: float, half_across: float) -> float:
-    """Smallest radius, m, of the inner face of a box at this angle that does not pass the cheek's middle plane.
-
-    0 far from the opening."""
+    """Least radius, m, of the inner face of a box at this angle before the cheek's middle plane; 0 far from it."""
     turn = abs(difference(angle, opening.angle))
     if turn >= 0.5 * math.pi:
         return 0.0
@@ -219,8 +193,7 @@ def _cut(opening: Opening, angle: float, half_across: float) -> float:
 def _cheeks(wall: Wall, opening: Opening, height: float, friction: str) -> list[str]:
     """The two cheeks of an opening: flat boxes parallel to its middle line, exactly its width apart.
 
-    A cheek ends before its back would leave the wall's outer circle. This rounds the edge by less than a cheek's
-    thickness."""
+    A cheek ends before its back would leave the wall's outer circle."""
     half = 0.5 * opening.width
     near = math.sqrt(wall.inner_radius**2 - half**2)
     far = math.sqrt(wall.outer_radius**2 - (half + 2.0 * CHEEK) ** 2)

@@ -12,13 +12,12 @@ from emulator.render import TRUE, Overhead, over
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_background
-from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings
+from mazeplan.rigs.camera.detector import BallDetector
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius
-HUES = {"steel": None, "orange": (4.0, 40.0)}
 # the calibrated camera, which differs a little from the true one: tools/calibrate_packaged.py computed it
 FOUND = CameraModel(
     np.array([[1200.401, 0.0, 322.386], [0.0, 1200.437, 240.966], [0.0, 0.0, 1.0]]),
@@ -37,7 +36,7 @@ def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetect
     empty = [(f"empty plate {i}", eye.render(None, 0.0, 0.0, rng)) for i in range(8)]
     markers = corner_markers(maze)
     background = calibrate_background(found, empty, maze, markers)
-    return eye, BallDetector(maze, found, background, markers, DetectorSettings(hue_deg=HUES[look.ball]))
+    return eye, BallDetector(maze, found, background, markers)
 
 
 @cache
@@ -48,7 +47,7 @@ def usual() -> tuple[Overhead, BallDetector]:
 
 @cache
 def orange() -> tuple[Overhead, BallDetector]:
-    """With an orange ball, which is looked for by its colour."""
+    """With an orange ball."""
     return overhead(MAZE, Look(ball="orange"))
 
 

@@ -16,7 +16,8 @@ from scenes import FOUND, MAZE, overlooking, usual
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
-from mazeplan.rigs.camera.section import camera_section, mapping, save_background
+from mazeplan.rigs.camera.section import CameraSection, mapping
+from mazeplan.rigs.files import validated
 
 CORNERS, SQUARE = (9, 6), 0.02
 TRUE_LENS = LensCalibration(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)
@@ -90,13 +91,13 @@ def test_tilt_from_exact_corners():
 
 def test_the_section_says_all_and_comes_back(tmp_path):
     data = mapping(FOUND, corner_markers(MAZE), source="video.avi", background="b.png", date="2026-01-02", error_px=0.3)
-    section = camera_section(data)
+    section = validated(CameraSection, data)
     back = section.model()
     assert apart_mm(back, FOUND) < 0.001
     assert section.source == "video.avi"
     assert section.markers is not None
     assert section.markers.markers().places[2] == pytest.approx(corner_markers(MAZE).places[2], abs=1e-6)
-    save_background(usual()[1].background, tmp_path / "b.png")
+    usual()[1].background.write(tmp_path / "b.png")
     finder = section.detector(MAZE, tmp_path)
     picture = usual()[0].render(np.array([0.0, 0.068, 0.00635]), 0.02, 0.03, np.random.default_rng(0))
     seen = finder.locate(picture)
@@ -109,9 +110,9 @@ def test_the_section_says_all_and_comes_back(tmp_path):
         ({"focal_px": [0.0, 1.0]}, "focal_px"),
         ({"colour": 1}, "unknown key, expected one of source"),
         ({"markers": {"at_mm": [[1, 2.0]]}}, "markers"),
-        ({"turn_rad": None}, "camera.turn_rad"),
+        ({"turn_rad": None}, "turn_rad: missing"),
     ],
 )
 def test_sections_that_are_wrong_are_refused(change, said):
     with pytest.raises(SettingsError, match=said):
-        camera_section({**mapping(FOUND, None), **change})
+        validated(CameraSection, {**mapping(FOUND, None), **change})

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mazeplan.rigs.hardware.clocks import REPORT_AGE_S, FrameClock, HostClock, TiltTrack
-from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
+from mazeplan.rigs.hardware.settings import TiltSensor
 
-PLAIN = DiodeSensor((0.0, 0.0), (1.0, 1.0), {"a": 1.0}, {"b": 1.0})  # V are degrees
+PLAIN = TiltSensor(centre_v=(0.0, 0.0), scale_v=(1.0, 1.0), beta_deg={"a": 1.0}, gamma_deg={"b": 1.0})  # V are degrees
 
 
 @dataclass
@@ -29,6 +29,14 @@ def test_late_receptions_do_not_shift_the_boards_clock():
         off.append(clock.host(0.997 * (true - 100.0), received) - true)
     assert np.abs(off[100:]).max() < 1e-3
     assert abs(clock.host(0.0, 200.0) - (200.0 - REPORT_AGE_S)) < 1e-9  # it began anew
+
+
+@pytest.mark.parametrize(("last", "first"), [(50.0, 0.01), (0.5, 0.6), (2**32 / 1e4 - 0.005, 0.005), (3e5, 0.01)])
+def test_a_restart_or_a_wrap_of_the_boards_counter_begins_the_offset_anew(last, first):
+    clock = HostClock()
+    clock.host(last, 10.0)
+    for t in (12.5, 12.51, 12.52):
+        assert clock.host(first + t - 12.5, t) == pytest.approx(t - REPORT_AGE_S, abs=1e-3)
 
 
 def told(upto, swing=1.0):
@@ -52,7 +60,6 @@ def test_the_tilt_at_any_moment_of_the_last_second():
         assert math.degrees(gamma) == pytest.approx(math.sin(3.0 * (t - 50.0)), abs=3e-3)
     assert track.at(53.0) == track.at(52.03)  # carried on for a few ms only
     assert track.at(10.0)[1] == pytest.approx(track.at(51.0)[1], abs=1e-3)  # the oldest that is kept
-    assert len(track.since(51.905)) == 10
 
 
 def test_pictures_are_numbered_through_jitter_drift_and_gaps():

@@ -17,9 +17,8 @@ from mazeplan.rigs.camera.detector import DetectionOutcome, Sighting
 from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack
-from mazeplan.rigs.hardware.parts import Parts
-from mazeplan.rigs.hardware.rig import HardwareRig
-from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
+from mazeplan.rigs.hardware.rig import HardwareRig, Parts
+from mazeplan.rigs.hardware.settings import TiltSensor
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.watchdog import watched
 
@@ -32,7 +31,11 @@ SETTINGS = {
     },
     "place_s": 1.0,
 }
-SENSOR = DiodeSensor((2.5, 2.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5})  # 1 deg for a volt above 2.5
+
+
+def sensor(*centre):
+    """1 deg for a volt above the centre."""
+    return TiltSensor(centre_v=centre, scale_v=(2.5, 2.5), beta_deg={"a": 2.5}, gamma_deg={"b": 2.5})
 
 
 class Board:
@@ -97,10 +100,9 @@ class Detector:
 
 def made(**camera):
     rig = HardwareRig(MAZE, SETTINGS)
-    parts = Parts(
-        Board(), NewestPicture(lambda: Camera(**camera), "fake"), Detector(), TiltTrack(SENSOR), "fake", "fake"
-    )  # pyright: ignore[reportArgumentType]
-    rig._parts = parts
+    pictures = NewestPicture(lambda: Camera(**camera), "fake")
+    parts = Parts(Board(), pictures, Detector(), TiltTrack(sensor(2.5, 2.5)))  # pyright: ignore[reportArgumentType]
+    rig._parts, rig._board = parts, parts.board
     return rig, parts
 
 
@@ -158,7 +160,7 @@ def test_after_an_emergency_stop_nothing_moves_until_the_next_reset(table):
     rig.command(0.03, 0.0)
     assert parts.board.told[1:] == ["level", "level"]
     parts.detector.ball = (0.0, RING1)
-    parts.track = TiltTrack(DiodeSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))  # level
+    parts.track = TiltTrack(sensor(3.5, 1.5))  # level
     rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     rig.command(0.03, 0.0)
     assert parts.board.told[-1] != "level"
@@ -170,7 +172,7 @@ def test_after_an_emergency_stop_nothing_moves_until_the_next_reset(table):
 def test_reset_waits_for_a_ball_at_rest_in_the_ring(table, ball):
     rig, parts = table()
     if ball != "on a tilted plate":
-        parts.track = TiltTrack(DiodeSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
+        parts.track = TiltTrack(sensor(3.5, 1.5))
     if ball == "rolling":
         places = ((RING1 * math.cos(0.05 * k), RING1 * math.sin(0.05 * k)) for k in itertools.count())
         parts.detector.locate = lambda image, tilt=None: Sighting(*next(places), 1.0, DetectionOutcome.FOUND)
@@ -184,7 +186,7 @@ def test_reset_waits_for_a_ball_at_rest_in_the_ring(table, ball):
 def test_a_silent_camera_or_board_fails_the_rig(table, monkeypatch):
     monkeypatch.setattr(module, "BLIND_S", 0.3)
     rig, _ = table(last=10)
-    with pytest.raises(RigError, match=r"camera fake: no picture for 0\.3 s"):
+    with pytest.raises(RigError, match=r"camera 0: no picture for 0\.3 s"):
         list(iter(rig.observe, None))
     rig, parts = table()
     rig.observe()

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from mazeplan.core.errors import SettingsError
+from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.hardware.files import hardware_file, is_hardware
+from mazeplan.maze.yamltree import parse_yaml
+from mazeplan.rigs.hardware.rigfile import hardware_file, is_hardware, merged
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
 
 MAZE = load_map("cme")
@@ -49,7 +50,7 @@ def test_a_rigs_file_keeps_its_rights_and_its_link(tmp_path):
     assert mine.stat().st_mode & 0o777 == 0o640
     assert "camera_ms: 50.0" in mine.read_text()
     mine.chmod(0o444)
-    with pytest.raises(SettingsError, match=r"link\.yaml: cannot be written: the file is read-only"):
+    with pytest.raises(InputError, match=r"link\.yaml: cannot be written: the file is read-only"):
         hardware_file(str(link)).write({"latency": {"command_ms": 10.0, "camera_ms": 40.0, "date": "2026-11-22"}})
     assert "camera_ms: 50.0" in mine.read_text()
 
@@ -65,7 +66,7 @@ TILT = "centre_v: [2.0, 2.0], beta_deg: {a: 1.0}"
             ":4: servo.beta: got min_us 1600, level_us 1500, max_us 1800",
         ),
         ("tilt: {centre_v: [1, 2, 3]}", ":4: tilt.centre_v: got 3 entries"),
-        ("camera: {ball_hue_deg: [4, 400]}", ":4: camera.ball_hue_deg[1]: got 400"),
+        ("camera: {focal_px: [400, 0]}", ":4: camera.focal_px[1]: got 0"),
     ],
 )
 def test_mistakes_are_told_with_their_line(tmp_path, line, said):
@@ -85,10 +86,45 @@ def test_mistakes_are_told_with_their_line(tmp_path, line, said):
     ],
 )
 def test_no_servo_moves_where_the_file_has_no_limits(tmp_path, monkeypatch, servo, missing):
-    monkeypatch.setattr("mazeplan.rigs.hardware.rig.open_board", lambda settings: pytest.fail("it was opened"))
+    monkeypatch.setattr("mazeplan.rigs.hardware.rig.open_board", lambda port, limits: pytest.fail("it was opened"))
     path = tmp_path / "rig.yaml"
     path.write_text(f"{CLASS}port: /dev/ttyACM0\n{servo}")
     rig = make_rig(str(path), MAZE)
     for reach in (lambda: rig.board, rig.ready, rig.observe):  # pyright: ignore[reportAttributeAccessIssue]
         with pytest.raises(SettingsError, match=f"rig.yaml:[1345]: {missing}: is missing: no servo moves without"):
             reach()
+
+
+TEXT = """\
+# mine
+class: mazeplan.rigs.hardware:HardwareRig
+port: /dev/ttyACM0   # the blue one
+
+tilt:   # old
+  # in V
+  centre_v: [2.5, 2.5]   # of the middle
+  beta_deg: {one: 1.0,   # at level
+    a: 3.0}
+  note: 'a # that is none'
+  # of last year
+
+# what follows is the camera
+camera:
+  source: 0
+"""
+
+
+def put(text, key, value):
+    return merged(text, key, value, file="f.yaml")
+
+
+def test_values_come_over_values_and_other_lines_stay():
+    text = put(TEXT, "tilt", {"centre_v": [2.4, 2.6], "beta_deg": {"one": 2.0}, "note": "new", "date": "today"})
+    assert "  centre_v: [2.4, 2.6]   # of the middle\n" in text
+    assert "port: /dev/ttyACM0   # the blue one\n" in text
+    assert parse_yaml(text, file="f").data["tilt"] == {
+        "centre_v": [2.4, 2.6], "beta_deg": {"one": 2.0}, "note": "new", "date": "today",
+    }  # fmt: skip
+    for comment in ("# old", "# in V", "# of last year", "# what follows is the camera"):
+        assert text.count(comment) == 1
+    assert put(TEXT, "latency", {"camera_ms": 5.0}).endswith("latency: {camera_ms: 5.0}\n")

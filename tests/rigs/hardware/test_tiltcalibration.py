@@ -41,7 +41,7 @@ def test_two_wrong_readings_do_no_harm(seed):
     assert {(o.line, o.axis) for o in fit.outliers} == {(i + 2, "beta") for i in slips}
     assert fit.error_deg < 0.1
     plain = fit_tilt([r for i, r in enumerate(readings) if i not in slips])
-    assert fit.sensor.beta == pytest.approx(plain.sensor.beta, abs=0.02)  # they took no part
+    assert fit.sensor.beta_deg == pytest.approx(plain.sensor.beta_deg, abs=0.02)  # they took no part
 
 
 def test_small_and_grouped_outliers_are_found():
@@ -60,15 +60,16 @@ def test_small_and_grouped_outliers_are_found():
 
 def test_servos_come_along_where_the_pulses_are_known():
     fit = fit_tilt(read_off(1)[1])
-    assert fit.level_us == pytest.approx((1510.0, 1490.0), abs=0.5)
-    assert fit.us_per_deg == pytest.approx((40.0, -38.0), abs=0.2)
+    found = {axis: (servo["level_us"], servo["us_per_deg"]) for axis, servo in fit.servos.items()}
+    assert found["beta"] == pytest.approx((1510.0, 40.0), rel=1e-3, abs=0.2)
+    assert found["gamma"] == pytest.approx((1490.0, -38.0), rel=1e-3, abs=0.2)
     without = fit_tilt([Reading(r.v, r.beta_deg, r.gamma_deg, r.line) for r in read_off(1)[1]])
-    assert without.level_us is None
+    assert without.servos == {}
 
 
 def test_beyond_what_was_calibrated_it_stays_where_it_was():
     sensor = fit_tilt(read_off(2)[1]).sensor
-    assert sensor.reaches(*sensor.centre)
+    assert sensor.reaches(*sensor.centre_v)
     assert not sensor.reaches(0.0, 2.5)
     assert max(map(abs, np.degrees(sensor.tilt(0.0, 5.0)))) < 12.0
 

@@ -104,7 +104,7 @@ def test_the_ball_slides_along_a_cheek_without_a_catch(name, opening, place):
     forward, sideways = frame(opening)
     rig = SimulatedRig(maze, {"wall_grip": 0.0})
     rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-    data = rig.machine.data
+    data = rig.machine.gimbal.data
     assert data is not None
     for side in (-1.0, 1.0):
         data.qpos[2:5] = *(along * forward), ball

@@ -19,7 +19,9 @@ def thrown_at_the_wall(damping_ratio, speed=0.2):
     machine = rig(ring=5, contact_damping_ratio=damping_ratio, rolling_friction_m=0.0, wall_grip=0.0)
     machine.observe()
     velocity = speed * np.array([math.cos(0.3), math.sin(0.3), 0.0])
-    machine.set_ball(np.array([0.0, 0.0, RADIUS]), velocity, np.array([-velocity[1], velocity[0], 0.0]) / RADIUS)
+    machine.machine.set_ball(
+        np.array([0.0, 0.0, RADIUS]), velocity, np.array([-velocity[1], velocity[0], 0.0]) / RADIUS
+    )
     radial, top = [], 0.0
     for _ in range(12):
         machine.observe()
@@ -119,8 +121,9 @@ def test_true_velocity_is_in_the_frame_of_the_plate():
     moved = np.diff(places, axis=0) * machine.rate_hz
     mean = 0.5 * (np.array(speeds[1:]) + np.array(speeds[:-1]))
     assert np.median(np.abs(moved - mean)) < 1e-3
-    machine.machine.data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
-    machine.machine.data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], machine.machine.data.qpos[2:5])  # the ball goes with it
+    data = machine.machine.gimbal.data
+    data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
+    data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], data.qpos[2:5])  # the ball goes with it
     assert np.allclose(machine.truth()[3:5], 0.0, atol=1e-6)
 
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from native_firmware import Native, native
 
-from mazeplan.rigs.link.frames import Frame, FrameReader, encode
-from mazeplan.rigs.link.messages import PROTOCOL, Flag
+from mazeplan.rigs.link.protocol import PROTOCOL, AxisLimits, Flag, Frame, FrameReader, TiltReport, encode, read_report
 
 __all__ = ["native"]
 
@@ -40,7 +39,7 @@ def damaged_stream(rng, frames):
     return bytes(stream)
 
 
-@pytest.mark.parametrize("page", ["docs/protocol.md", "mazeplan/rigs/link/frames.py", "tools/firmware/frame.h"])
+@pytest.mark.parametrize("page", ["docs/protocol.md", "mazeplan/rigs/link/protocol.py", "tools/firmware/frame.h"])
 def test_frames_that_are_shown_are_frames(page):
     shown = re.findall(r"^ +(\$.*\*[0-9A-F]{4})\\+n$", (ROOT / page).read_text(), re.MULTILINE)
     assert shown
@@ -98,3 +97,15 @@ def test_the_firmware_reads_the_same_frames(native: Native):
     assert (bad - given_up) % 65536 == 0
     assert 1000 < len(bodies) < 2900
     assert bad > 300
+
+
+def test_the_host_clamps_what_it_commands():
+    limits = AxisLimits(1200, 1800, 1490, 5000)
+    assert [limits.clamp(x) for x in (1000, 1500.3, 9000, float("-inf"))] == [1200, 1500.3, 1800, 1490]
+    assert limits.clamp(float("nan")) == 1490
+
+
+def test_a_report_in_units_of_the_world():
+    frame = Frame("T", ("3", "12345", "32768", "100", "15003", "14000", "20", "2", "1"))
+    wanted = TiltReport(1.2345, (512.0, 100 / 64), 3, (1500.3, 1400.0), Flag.LEVEL | Flag.MOVING, 2, 1, 5.0)
+    assert read_report(frame, 5.0) == wanted

@@ -30,14 +30,14 @@ def same_way(maze, settings, ring, theta, commands):
     for command in commands:
         one, other = (rig.observe() for rig in rigs)
         assert one == other
-        first, second = (rig.machine.data for rig in rigs)
+        first, second = (rig.machine.gimbal.data for rig in rigs)
         np.testing.assert_array_equal(first.qpos, second.qpos)
         np.testing.assert_array_equal(first.qvel, second.qvel)
         assert first.ncon == second.ncon
         touched.append(second.ncon)
         for rig in rigs:
             rig.command(*command)
-    assert rigs[1].machine.data.model.ngeom < 0.3 * rigs[0].machine.data.model.ngeom
+    assert rigs[1].machine.gimbal.data.model.ngeom < 0.3 * rigs[0].machine.gimbal.data.model.ngeom
     return max(touched)
 
 
