@@ -142,9 +142,11 @@ def main() -> None:
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
     )
     workers = o.workers or (None if o.dask else 2)
-    # workers elsewhere have no tools/: the functions of random_rigs go there with the tasks
-    asked = open_executor(workers, o.dask, carry=(random_rigs,), say=say)
-    with asked as executor, ProgressBar("candidates") as bar:
+    if o.dask:  # workers elsewhere have no tools/: the functions of random_rigs go there with the tasks
+        from cloudpickle import register_pickle_by_value
+
+        register_pickle_by_value(random_rigs)
+    with open_executor(workers, o.dask, say=say) as executor, ProgressBar("candidates") as bar:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
             points = search.ask()

@@ -33,11 +33,18 @@ from mazeplan.core.records import Array, Command, FailureKind, Observation, Stat
 from mazeplan.maze.geometry import Maze, leading_to
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.interface import Rig, traits
-from mazeplan.run.excitation import BAND_HZ, multisine
 from mazeplan.run.loop import Run
 from mazeplan.run.specification import Job, Setup
 
-STRETCH_S = 20.0  # s in one ring before the ball is placed in the next
+# the sines of the published rig: 50 per axis, with frequencies drawn from [0, 1.5] Hz and phases from [0, 2 pi), 30 Hz
+SINES = 50
+BAND_HZ = (0.0, 1.5)
+CREST = 2.5  # peak over standard deviation that is kept; rarer peaks are clipped at the limit
+STRETCH_S = 20.0  # s in one ring before the ball is placed in the next, or driven there
+AWAY_S = 2.0  # s outside the ring after which a tour leaves it
+DRIVE_S = 15.0  # s, time limit of a drive
+DISC_SHARE = 0.5  # time of the disc, relative to another ring; less than 1 because no ball model is fitted to the disc
+SPARE = 1  # a drive uses an opening that was passed at most so many times more than the rarest opening of its wall
 # 1/s; drives change the tilt at most this fast, times the tilt limit: half the rate of the fastest sine, alone and at
 # full amplitude. Faster commands would reach the speed limit of a servo, and the linear model of the stage that is
 # fitted to them would be wrong: 20 instead of 26 rad/s on the toy with its 120 deg/s
@@ -76,24 +83,6 @@ class Collection:
 
 
 @dataclass(frozen=True)
-class TourOptions:
-    """When a tour moves on.
-
-    dwell_s: time of excitation in a ring
-    away_s: the dwell ends early after this time outside the ring
-    drive_s: time limit of a drive
-    disc_share: time of the disc, relative to another ring; less than 1 because no ball model is fitted to the disc
-    spare: a drive uses an opening if it was passed at most this many times more than the rarest opening of its wall
-    """
-
-    dwell_s: float = 20.0
-    away_s: float = 2.0
-    drive_s: float = 15.0
-    disc_share: float = 0.5
-    spare: int = 1
-
-
-@dataclass(frozen=True)
 class Collected:
     """What a tour did.
 
@@ -111,6 +100,20 @@ class Collected:
     changes: int
     drives: int
     failed: int
+
+
+def multisine(
+    rng: np.random.Generator, duration_s: float, rate_hz: float, limit: float, *,
+    band_hz: tuple[float, float] = BAND_HZ,
+) -> Array:  # fmt: skip
+    """Commands (N, 2) in rad for both axes over duration_s, each within +- limit."""
+    t = np.arange(round(duration_s * rate_hz)) / rate_hz
+    axes = []
+    for _ in range(2):
+        frequency, phase = rng.uniform(*band_hz, SINES), rng.uniform(0.0, 2.0 * np.pi, SINES)
+        total = np.sin(2.0 * np.pi * np.outer(t, frequency) + phase).sum(axis=1)
+        axes.append(np.clip(total / (CREST * np.sqrt(0.5 * SINES)), -1.0, 1.0) * limit)
+    return np.stack(axes, axis=1)
 
 
 def run_collection(
@@ -153,9 +156,8 @@ def run_collection(
 
 
 def run_tour(
-    rig: Rig, setup: Setup, plan: Collection, output: str | Path, *, options: TourOptions | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> Collected:  # fmt: skip
+    rig: Rig, setup: Setup, plan: Collection, output: str | Path, *, progress: Callable[[int], None] | None = None
+) -> Collected:
     """Excite the ball in each ring of `plan.rings`, drive it from one ring to the next, and log each sample.
 
     The ball is placed once, in the first of the rings. If a drive does not arrive, the tour counts it as failed and
@@ -172,10 +174,11 @@ def run_tour(
         with RunLogWriter(output, header) as log:
             job = Job(plan.rings[0], plan.rings[0], theta, plan.seed, plan.seconds)
             slew = DRIVE_SLEW * setup.maze.tilt_limit
-            run = Run(rig, _far_sighted(setup).on(rig), job, log, Display(), segment=0, slew=slew)
+            horizon = max(DRIVE_HORIZON, setup.settings.leaves.travel.horizon)
+            driving = replace(setup, settings=setup.settings.with_values({"travel": {"horizon": horizon}}))
+            run = Run(rig, driving.on(rig), job, log, Display(), segment=0, slew=slew)
             rig.reset(ring=job.start, theta=theta, rng=np.random.default_rng([plan.seed, 0]))
-            tour = _Tour(rig, run, log, setup.maze, plan, commands, options or TourOptions(), progress)
-            return tour.whole()
+            return _Tour(rig, run, log, setup.maze, plan, commands, progress).whole()
     finally:
         _end(rig)
 
@@ -212,12 +215,6 @@ def _header(maze: Maze, plan: Collection, rig_name: str) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _far_sighted(setup: Setup) -> Setup:
-    """With plans of DRIVE_HORIZON ticks or more."""
-    horizon = max(DRIVE_HORIZON, setup.settings.leaves.travel.horizon)
-    return replace(setup, settings=setup.settings.with_values({"travel": {"horizon": horizon}}))
-
-
 def _end(rig: Rig) -> None:
     """Level the plate and close the rig. An error that ended the record is not replaced by one of a level plate."""
     failed = sys.exception()
@@ -240,7 +237,6 @@ class _Tour:
     maze: Maze
     plan: Collection
     commands: Array
-    options: TourOptions
     progress: Callable[[int], None] | None
     rows: int = 0
     ring: int = 0
@@ -253,7 +249,6 @@ class _Tour:
     refused: set[str] = field(default_factory=set)  # openings where a drive failed, until the ball passes them
 
     def whole(self) -> Collected:
-        """Do the whole tour."""
         self.ring = self.plan.rings[0]
         self.ring_s = {ring.number: 0.0 for ring in self.maze.rings}
         self.passed = {opening.name: 0 for opening in self.maze.openings}
@@ -266,12 +261,11 @@ class _Tour:
 
     @property
     def going(self) -> bool:
-        """Whether there is time left."""
         return self.rows < len(self.commands)
 
     def _next_ring(self) -> int:
         """The ring with the least time so far, relative to its share."""
-        shares = {n: self.options.disc_share if self.maze.ring(n).is_disc else 1.0 for n in self.plan.rings}
+        shares = {n: DISC_SHARE if self.maze.ring(n).is_disc else 1.0 for n in self.plan.rings}
         return min(shares, key=lambda ring: self.ring_s[ring] / shares[ring])
 
     def _excite(self, wanted: int) -> None:
@@ -280,24 +274,24 @@ class _Tour:
         before = np.array([last.u_beta, last.u_gamma])
         dt = 1.0 / self.rig.rate_hz
         self.log.event(self.run.context.now, ExcitationStarted(wanted))
-        while self.going and (self.rows - began) * dt < self.options.dwell_s:
+        while self.going and (self.rows - began) * dt < STRETCH_S:
             share = min(1.0, (self.rows - began) * dt / BLEND_S)
             u = share * self.commands[self.rows] + (1.0 - share) * before
             self._tick(Command(float(u[0]), float(u[1])))
             if self.ring == wanted:
                 inside = self.rows
-            elif (self.rows - inside) * dt >= self.options.away_s:
+            elif (self.rows - inside) * dt >= AWAY_S:
                 return
 
     def _drive(self, wanted: int) -> None:
         """Drive the ball in closed loop until it has arrived, the tree gives up, or the time is over."""
         began, dt = self.rows, 1.0 / self.rig.rate_hz
-        closed = () if self.gave_up else openings_to_avoid(self.maze, self.passed, self.refused, self.options.spare)
+        closed = () if self.gave_up else openings_to_avoid(self.maze, self.passed, self.refused, SPARE)
         self.drives += 1
         self.run.aim(wanted, closed)
         run, status = self.run.context, "RUNNING"
         self.log.event(run.now, DriveStarted(wanted, closed))
-        while self.going and status == "RUNNING" and (self.rows - began) * dt < self.options.drive_s:
+        while self.going and status == "RUNNING" and (self.rows - began) * dt < DRIVE_S:
             status = self._tick(None)
         self.gave_up = status == "FAILURE" or (status == "RUNNING" and self.going)
         if self.gave_up:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,26 +48,19 @@ LAST_DIGIT = 1.5e-6  # tolerance for the trajectory of a plan, which the log hol
 CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # in a tick
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # fields of other messages that are no decisions
 UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # topics that are not compared: ticks show their effect
-# reasons of runs that may have stopped in the middle of a tick
-UNFINISHED = (
-    "interrupted",
-    CRASHED,
-    *map(str, (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED, FailureKind.LOG_FAILED)),
-)
+BROKEN = (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED, FailureKind.LOG_FAILED)
+UNFINISHED = ("interrupted", CRASHED, *map(str, BROKEN))  # reasons of runs that may have stopped within a tick
 
 
 @dataclass(frozen=True)
 class Difference:
     """The first difference of a replay. t: rig time of the tick, s; tick: its number, from 0; what: kind of message;
-    fields: which fields of the message differ; recorded, replayed: the decisions of the tick; messages: the recorded
-    and the replayed message, None if there was none."""
+    fields: which fields of the message differ; messages: the recorded and the replayed one, None if there was none."""
 
     t: float
     tick: int
     what: str
     fields: tuple[str, ...]
-    recorded: dict[str, Any]
-    replayed: dict[str, Any]
     messages: tuple[dict[str, Any] | None, dict[str, Any] | None]
 
 
@@ -151,13 +143,14 @@ def _setup_of(header: dict[str, Any], facts: ReplayFacts, path: Path, model: str
     if checked.maze is None:
         raise checked.errors[0]
     tree = _tree_of(facts, path, str(header["behavior"]))
-    for name, module in facts.modules.items():
-        file = user_module(name, "--behavior-module").__file__ or ""
-        _check_module(f"{name} ({file})", file, module.sha256, path)
+    modules = {user_module(name, "--behavior-module").__file__: one.sha256 for name, one in facts.modules.items()}
     if facts.effects is not None:
         own_effects(facts.effects.spec)
-        file = user_module(facts.effects.spec.partition(":")[0], "--effects").__file__ or ""
-        _check_module(file, file, facts.effects.sha256, path)
+        module = user_module(facts.effects.spec.partition(":")[0], "--effects")
+        modules[module.__file__] = facts.effects.sha256
+    for file, sha256 in modules.items():
+        if file_sha256(file or "") != sha256:
+            raise _changed("module", str(file), path)
     try:
         settings = settings_from_text(facts.settings)
     except (ValueError, SettingsError) as problem:
@@ -191,7 +184,10 @@ def _model_of(facts: ReplayFacts, path: Path, maze: Maze, given: str | Path | Ri
     if isinstance(given, RigModel):
         found, where = given, "the model given"
     elif given is None and (attached := read_attachment(path, ATTACHED)) is not None:
-        found, where = _unpacked(attached, path), "in the log"
+        try:
+            found, where = unpacked_model(attached), "in the log"
+        except ModelError as problem:
+            raise LogError(f"the model in it {problem}", file=path) from None
     elif (source := given or facts.model) is not None:
         found, where = model_from(source, maze), str(source)
     else:
@@ -199,18 +195,6 @@ def _model_of(facts: ReplayFacts, path: Path, maze: Maze, given: str | Path | Ri
     if fingerprint(found) != facts.model_sha256:
         raise _changed("model", where, path, "; --model PATH: where it is now")
     return found
-
-
-def _unpacked(attached: bytes, path: Path) -> RigModel:
-    try:
-        return unpacked_model(attached)
-    except ModelError as problem:
-        raise LogError(f"the model in it {problem}", file=path) from None
-
-
-def _check_module(name: str, file: str, sha256: str, path: Path) -> None:
-    if file_sha256(file) != sha256:
-        raise _changed("module", name, path)
 
 
 def _changed(what: str, name: str, path: Path, advice: str = "") -> LogError:
@@ -245,7 +229,7 @@ class _Script:
     # a rig
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Does nothing: the ball was placed in the recorded run."""
+        pass  # the ball was placed in the recorded run
 
     def observe(self) -> Observation:
         """The next recorded observation. Raises _OverError if there is none, or the last tick decided otherwise."""
@@ -257,13 +241,13 @@ class _Script:
         return self._observed[self._given - 1]
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Does nothing: the log has the command."""
+        pass  # the log has the command
 
     def level(self) -> None:
-        """Does nothing."""
+        pass
 
     def close(self) -> None:
-        """Does nothing."""
+        pass
 
     # the comparison
 
@@ -281,10 +265,10 @@ class _Script:
         return self._same == len(self.replayed)
 
     def outcome(self) -> Replay:
-        """The result of the comparison."""
         difference = self._difference()
         topics = [topic for topic, _ in self.replayed[: self._same]]
-        cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
+        cuts = [str(tick.get("cut_off", "")).split() for tick in self._ticks[: topics.count("/tick")]]
+        cut_off = sum(cut.isdigit() for of_tick in cuts for cut in of_tick)
         ticks, plans, events = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
         return Replay(ticks, plans, events, cut_off, self._reason, difference)
 
@@ -302,8 +286,7 @@ class _Script:
         kind = (a or b or ("", {}))[0].removeprefix("/")
         number = min(sum(topic == "/tick" for topic, _ in then[:index]), max(len(self._ticks) - 1, 0))
         t = self._ticks[number]["t"] if self._ticks else 0.0
-        decided = _decided(then, number), _decided(self.replayed, number)
-        return Difference(t, number, kind, _differing(a, b), *decided, (a and a[1], b and b[1]))
+        return Difference(t, number, kind, _differing(a, b), (a and a[1], b and b[1]))
 
 
 def _observation(document: dict[str, Any]) -> Observation:
@@ -316,16 +299,6 @@ def _observation(document: dict[str, Any]) -> Observation:
         raise ValueError("a tick without t, beta or gamma")
     x2, y2 = (None if document.get(name) is None else float(document[name]) for name in ("x2", "y2"))
     return Observation(t, x, y, beta, gamma, (Observation(t, x2, y2, beta, gamma),) if "ball" in document else ())
-
-
-def _cuts(tick: dict[str, Any]) -> list[str]:
-    return [cut for cut in str(tick.get("cut_off", "")).split() if cut.isdigit()]
-
-
-def _decided(messages: Sequence[Message], number: int) -> dict[str, Any]:
-    """The decisions of a tick; empty if the tick was not reached."""
-    ticks = [document for topic, document in messages if topic == "/tick"]
-    return {name: ticks[number].get(name) for name in CHOSEN[:5]} if number < len(ticks) else {}
 
 
 def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:

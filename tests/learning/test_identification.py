@@ -12,7 +12,7 @@ from mazeplan.learning.identification import find_windows, fit_rig, ridge, weak_
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import simulate_axis
-from mazeplan.run.excitation import multisine
+from mazeplan.run.collect import multisine
 
 MAZE = load_map("cme")
 DT, FINE = 1.0 / 30.0, 10

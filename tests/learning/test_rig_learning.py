@@ -24,7 +24,7 @@ from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
-from mazeplan.run.excitation import multisine
+from mazeplan.run.collect import multisine
 
 MAZE = load_map("cme")
 DT, FINE = 1.0 / 30.0, 5

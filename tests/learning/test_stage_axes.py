@@ -11,7 +11,7 @@ from stage_kinds import DT, jumps
 from mazeplan.learning.stage_axes import fit_axes
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import simulate_axis
-from mazeplan.run.excitation import multisine
+from mazeplan.run.collect import multisine
 
 N, NOISE, FINE = 3000, 5e-4, 20
 

@@ -11,7 +11,7 @@ from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.table import Table, join, read_table, stretches
 from mazeplan.core.records import Command, Observation
-from mazeplan.run.excitation import multisine
+from mazeplan.run.collect import multisine
 
 GOOD = "t,x,y,beta,gamma,note\n0.0,0.1,0.0,0.01,0.02,1\n0.033,0.0,0.1,0.01,0.02,2\n0.067,,,0.01,0.02,3\n"
 

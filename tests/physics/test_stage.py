@@ -12,7 +12,7 @@ from scipy.signal import step as unit_step
 
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import simulate_axis, step_response
-from mazeplan.run.excitation import multisine
+from mazeplan.run.collect import multisine
 
 DT = 1.0 / 30.0
 

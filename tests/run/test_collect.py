@@ -13,11 +13,12 @@ from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.table import read_table
 from mazeplan.maze.mapfile import load_map
+from mazeplan.run import collect
 from mazeplan.run.collect import (
+    AWAY_S,
     EXCITE,
     STRETCH_S,
     Collection,
-    TourOptions,
     openings_to_avoid,
     run_collection,
     run_tour,
@@ -174,13 +175,13 @@ def test_a_tour_drives_by_the_tree_and_excites_by_sines(short_tour):
             assert set(leaf[rows]) <= {EXCITE}  # of a last one there may be no row
             inside = np.array([MAZE.ring_at(r) == wanted for r in table["r"][rows]])
             away = np.count_nonzero(rows) - np.flatnonzero(inside).max(initial=0)
-            assert away <= round((TourOptions().away_s + 0.2) * 30)
-            assert end - begin < TourOptions().dwell_s + 0.1 or not math.isfinite(end)
+            assert away <= round((AWAY_S + 0.2) * 30)
+            assert end - begin < STRETCH_S + 0.1 or not math.isfinite(end)
     assert any(end - begin < 15.0 for kind, _, begin, end in kinds if kind == "excite")  # some ended early
 
 
 @pytest.mark.slow
-def test_drives_that_fail_are_counted_and_the_sines_go_on(tmp_path):
+def test_drives_that_fail_are_counted_and_the_sines_go_on(tmp_path, monkeypatch):
     floor = MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
 
     def fence(rig):  # no way out of ring 1
@@ -190,8 +191,9 @@ def test_drives_that_fail_are_counted_and_the_sines_go_on(tmp_path):
             rig.z[2:4] = 0.0
 
     rig = PlanarRig(MAZE, mishap=fence)
-    options = TourOptions(dwell_s=4.0, away_s=1.0, drive_s=3.0)
-    done = run_tour(rig, SETUP, Collection(30.0, (1, 2), seed=1), tmp_path / "log.mcap", options=options)
+    for name, seconds in (("STRETCH_S", 4.0), ("AWAY_S", 1.0), ("DRIVE_S", 3.0)):
+        monkeypatch.setattr(collect, name, seconds)
+    done = run_tour(rig, SETUP, Collection(30.0, (1, 2), seed=1), tmp_path / "log.mcap")
     log = read_log(tmp_path / "log.mcap")
     assert done.rows == 900
     assert done.failed >= 4

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words
 from mazeplan.core.resources import to_install
-from mazeplan.run.campaign.executor import MOST_DEATHS, Arguments, Executor, Result, one_thread, too_many_deaths
+from mazeplan.run.campaign.executor import MOST_DEATHS, TOO_MANY_DEATHS, Arguments, Executor, Result, alone
 from mazeplan.run.campaign.identity import program, program_mismatch
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 CONNECT_S = 5.0  # s within which a scheduler must answer
 WORKERS_S = 10.0  # s within which the first worker must come
 POLL_S = 1.0  # s between looks for the scheduler while no task ends
-PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
+QUIET = ("distributed", "distributed.client", "tornado.application")  # their messages are for who runs the cluster
 SETTINGS = {
     "distributed.comm.timeouts.connect": CONNECT_S,
     "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
@@ -39,55 +39,27 @@ _one_at_a_time = threading.Lock()  # a process does one run at a time
 
 
 @contextmanager
-def dask_executor(address: str, carry: Sequence[Any], say: Words) -> Iterator[Executor]:
+def dask_executor(address: str, say: Words) -> Iterator[Executor]:
     """An executor with the workers of a scheduler. Raises as `executor.open_executor`."""
     try:
-        import cloudpickle
         import distributed
         from dask import config
+        from distributed.versions import VersionMismatchWarning
     except ImportError:
         raise InputError(f"--dask needs dask and distributed: {to_install('campaign')}") from None
     with ExitStack() as stack:
-        stack.enter_context(_silence())
         stack.enter_context(config.set(SETTINGS))
-        target = _checked(address)
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore", VersionMismatchWarning)  # `_check_workers` checks what matters
+        for name in QUIET:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
-            client = stack.enter_context(distributed.Client(target, timeout=CONNECT_S, set_as_default=False))
+            client = stack.enter_context(distributed.Client(address, timeout=CONNECT_S, set_as_default=False))
         except (OSError, ValueError, TypeError, ImportError) as problem:
             raise InputError(f"--dask: got {address}: no scheduler answers there: {_line(problem)}") from None
-        for module in carry:
-            cloudpickle.register_pickle_by_value(module)
         _check_workers(client, address)
         say(f"Dask's dashboard: {client.dashboard_link}")
         yield Dask(client, address)
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """A context without the messages of Dask, which are for the operator of a cluster."""
-    from distributed.versions import VersionMismatchWarning
-
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
-    before = {name: logging.getLogger(name).level for name in names}
-    for name in names:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VersionMismatchWarning)  # `_check_workers` checks what matters
-            yield
-    finally:
-        for name, level in before.items():
-            logging.getLogger(name).setLevel(level)
-
-
-def _checked(address: str) -> str:
-    """The address with its protocol: tcp://host:port for host:port. Raises InputError for anything else."""
-    full = address if "://" in address else f"tcp://{address}"
-    protocol, _, place = full.partition("://")
-    host, _, port = place.rpartition(":")
-    if not (protocol in PROTOCOLS and host and port.isdecimal() and 0 < int(port) < 65536):
-        raise InputError(f"--dask: got {address!r}, expected an address such as tcp://scheduler:8786")
-    return full
 
 
 def _line(problem: BaseException) -> str:
@@ -153,7 +125,7 @@ class Dask:
         try:
             return future.result()
         except KilledWorker:
-            raise too_many_deaths() from None
+            raise RigError(TOO_MANY_DEATHS) from None
         except CancelledError:
             raise self._lost() from None
         except OSError:  # from the connection, or from the work
@@ -169,5 +141,5 @@ def _do(work: Callable[..., Any], expected: Mapping[str, str], task: Arguments) 
     """Do one task on a worker. The check is for workers that came after the first check."""
     if other := program_mismatch(expected, program()):
         raise InputError(f"--dask: worker {platform.node()}:{os.getpid()} would not compute the same: it has {other}")
-    with _one_at_a_time, one_thread():
-        return work(*task)
+    with _one_at_a_time:
+        return alone(work, task)

@@ -8,7 +8,6 @@ a finished task it ends with RigError.
 from __future__ import annotations
 
 import signal
-import sys
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words, no_words
@@ -29,7 +28,7 @@ WAKE_S = 1.0  # s, longest wait without a break: on some systems signals do not 
 
 Result = TypeVar("Result")
 Arguments = tuple[Any, ...]  # arguments of `work` for one task
-_found: list[tuple[int, ThreadpoolController]] = []  # number of modules, and the controller of their libraries
+TOO_MANY_DEATHS = f"worker processes ended {MOST_DEATHS} times in the midst of their work"
 
 
 class Executor(Protocol):
@@ -43,15 +42,13 @@ class Executor(Protocol):
 
 
 def open_executor(
-    workers: int | None = None, dask: str | None = None, *, copies: bool = False, carry: Sequence[Any] = (),
-    say: Words = no_words,
-) -> AbstractContextManager[Executor]:  # fmt: skip
+    workers: int | None = None, dask: str | None = None, *, copies: bool = False, say: Words = no_words
+) -> AbstractContextManager[Executor]:
     """An executor, as a context manager.
 
     workers: number of processes; None or 1: this process
     copies: whether this process, without a number of workers, may do tasks in copies of itself (`side_by_side`)
     dask: address of a Dask scheduler; None: no Dask
-    carry: modules whose functions travel with the tasks, because workers on other machines cannot import them
     say: gets messages for people
 
     Raises InputError for a scheduler that does not answer, has no workers, or has workers that would compute something
@@ -62,7 +59,7 @@ def open_executor(
 
     if workers is not None:
         raise InputError(f"--workers: got {workers} with --dask {dask}, whose workers are as many as they are")
-    return dask_executor(dask, carry, say)
+    return dask_executor(dask, say)
 
 
 @contextmanager
@@ -77,22 +74,6 @@ def _here(workers: int, copies: bool) -> Iterator[Executor]:
         processes.close()
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """A context in which linear algebra uses one thread. The threads of many workers would compete for the cores, and a
-    sum that is split among threads differs in its last bits."""
-    modules = len(sys.modules)
-    if not _found or _found[0][0] != modules:  # the search for loaded libraries takes a while
-        _found[:] = [(modules, ThreadpoolController())]
-    with _found[0][1].limit(limits=1):
-        yield
-
-
-def too_many_deaths() -> RigError:
-    """The error for work that ends its processes."""
-    return RigError(f"worker processes ended {MOST_DEATHS} times in the midst of their work")
-
-
 class InProcess:
     """Does one task after the other, in this process, or some of them in copies of it."""
 
@@ -104,10 +85,10 @@ class InProcess:
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
         """See `Executor`."""
         if self._copies:
-            yield from in_copies(partial(_alone, work), tasks)
+            yield from in_copies(partial(alone, work), tasks)
             return
         for index, task in enumerate(tasks):
-            yield index, _alone(work, task)
+            yield index, alone(work, task)
 
 
 class Processes:
@@ -140,7 +121,7 @@ class Processes:
                         deaths = 0
                         yield index, future.result()
                 if deaths == MOST_DEATHS:
-                    raise too_many_deaths()
+                    raise RigError(TOO_MANY_DEATHS)
         finally:
             if running:
                 self.close()
@@ -151,10 +132,10 @@ class Processes:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(self._workers, initializer=_begin)
         try:
-            return self._pool.submit(_alone, work, task)
+            return self._pool.submit(alone, work, task)
         except BrokenProcessPool:  # a worker died between two tasks
             self._pool = ProcessPoolExecutor(self._workers, initializer=_begin)
-            return self._pool.submit(_alone, work, task)
+            return self._pool.submit(alone, work, task)
 
     def close(self) -> None:
         """End the workers, also in the middle of a task."""
@@ -165,8 +146,10 @@ class Processes:
             self._pool = None
 
 
-def _alone(work: Callable[..., Result], task: Arguments) -> Result:
-    with one_thread():
+def alone(work: Callable[..., Result], task: Arguments) -> Result:
+    """Do one task with one thread for linear algebra. The threads of many workers would compete for the cores, and a
+    sum that is split among threads differs in its last bits."""
+    with threadpool_limits(limits=1):
         return work(*task)
 
 

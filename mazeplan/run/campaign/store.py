@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import NavigationResult
-from mazeplan.core.whole_file import whole_file
+from mazeplan.core.whole_file import lock, whole_file
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.faults import Noticed
 from mazeplan.run.campaign.identity import digest_of, identity
-from mazeplan.run.campaign.lock import exclusive_lock
 from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.resolve import model_source
 
@@ -178,7 +177,11 @@ def open_stores(folder: Path, campaigns: Sequence[Campaign]) -> Iterator[tuple[S
         stack.callback(_write_table, folder)
         for campaign in campaigns:
             setup = identity(campaign)
-            lock = folder / f".campaign-{digest_of(setup)}.lock"
-            stack.enter_context(exclusive_lock(lock, "--store", "this campaign"))
+            try:
+                file = stack.enter_context((folder / f".campaign-{digest_of(setup)}.lock").open("a"))
+            except OSError as problem:
+                raise InputError(f"--store: {folder} cannot be written to: {problem.strerror}") from None
+            if not lock(file):
+                raise InputError(f"--store: this campaign is under way in {folder} already")
             stores.append(Store(folder, campaign, setup))
         yield tuple(stores)

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from mazeplan.core.errors import InputError, RigError
-from mazeplan.core.name_hints import nearest
+from mazeplan.core.errors import RigError
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.faults.kinds import KINDS
-from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
+from mazeplan.rigs.faults.schedule import every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import is_simulated, named_rig
 from mazeplan.run.campaign.evaluate import run_all, setup_document, summary
-from mazeplan.run.campaign.executor import Executor, open_executor
+from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.campaign.faults import report
-from mazeplan.run.campaign.one_run import Campaign, Ran
+from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, open_stores
 from mazeplan.run.specification import TIME_LIMIT
@@ -49,17 +47,6 @@ class Evaluation(DocumentResult):
         return paired(self.document, other.document)
 
 
-@dataclass(frozen=True)
-class Work:
-    """How a campaign is done. store: folder of finished runs; say: gets messages; bar: shows the progress"""
-
-    workers: int | None
-    dask: str | None
-    store: Path | None
-    say: Words
-    bar: Bar
-
-
 def evaluate(
     runs: int | None = None, *, rig: str | Path | Rig | type = "toy", map: str | Path | Maze = "cme",
     model: str | Path | RigModel | None = None, effects: str | None = None, policy: str | Path | None = None,
@@ -81,79 +68,39 @@ def evaluate(
     faults: file of faults to inject, or "all"
 
     Raises InputError, RigError."""
-    work = Work(workers, dask, None if store is None else Path(store), say, bar)
-    alone = (workers or 1) == 1 and dask is None and store is None
-    with named_rig(rig, alone=alone) as name:
+    with ExitStack() as stack:
+        alone = (workers or 1) == 1 and dask is None and store is None
+        name = stack.enter_context(named_rig(rig, alone=alone))
         usual = FAULT_RUNS if faults else RUNS
         campaign = Campaign(
             start, goal, map, name, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
             seed=seed, time_limit=time_limit, deadline=deadline, runs=usual if runs is None else runs,
             own_process=own_process,
         )  # fmt: skip
-        ran, document = _all_runs(campaign, None if faults is None else str(faults), work)
+        trials = () if faults is None else every_kind() if faults == "all" else load_schedule(faults)
+        campaigns = [replace(campaign, fault=trial) for trial in trials] or [campaign]
+        stores = () if store is None else stack.enter_context(open_stores(Path(store), campaigns))
+        count, kept = campaign.runs * len(campaigns), _kept(stores, campaign.runs)
+        if kept:
+            say(f"{kept} of {count} runs are in {store} already")
+        how: dict[str, Any] = {"workers": workers, "dask": dask, "copies": is_simulated(name), "say": say}
+        try:
+            opened = open_executor(**how) if kept < count else open_executor()
+            with opened as executor, bar(count, kept) as advance:
+                ran = run_all(campaigns, executor, progress=advance, stores=stores)
+        except (KeyboardInterrupt, RigError):
+            if store is None:
+                say("no run is kept; use --store DIR to keep runs and to continue with the same command")
+            else:
+                done = f"{_kept(stores, campaign.runs)} of {count} runs are kept in {store}"
+                say(f"{done}; the same command continues with the others")
+            raise
+        flat = [run for of_one in ran for run in of_one]
+        document = summary([run.result for run in flat]) | {"results": [run.document() for run in flat]}
+        if trials:
+            document["faults"] = [report(trial, found) for trial, found in zip(trials, ran, strict=True)]
         document["setup"] = setup_document(campaign)
-    return Evaluation(document, tuple(run.result for run in ran))
-
-
-def _all_runs(campaign: Campaign, faults: str | None, work: Work) -> tuple[list[Ran], dict[str, Any]]:
-    """Do all runs of a campaign; with faults, all runs of each fault. Returns the runs and their document.
-
-    faults: file of the schedule, or all; None: no faults"""
-    trials = () if faults is None else _trials(faults, campaign.time_limit, work.say)
-    campaigns = [replace(campaign, fault=trial) for trial in trials] or [campaign]
-    with ExitStack() as stack:
-        stores = () if work.store is None else stack.enter_context(open_stores(work.store, campaigns))
-        executor, advance = stack.enter_context(_executor(work, stores, campaign, len(campaigns)))
-        runs = run_all(campaigns, executor, progress=advance, stores=stores)
-    flat = [run for of_one in runs for run in of_one]
-    document = summary([run.result for run in flat]) | {"results": [run.document() for run in flat]}
-    if trials:
-        document["faults"] = [report(trial, found) for trial, found in zip(trials, runs, strict=True)]
-    return flat, document
-
-
-def _trials(faults: str, limit_s: float, say: Words) -> tuple[FaultTrial, ...]:
-    """The trials of a schedule; says which begin only after the time limit. faults: file of the schedule, or all"""
-    if faults == "all":
-        return every_kind()
-    kind = faults if faults in KINDS else nearest(faults, KINDS)
-    if kind is not None and not Path(faults).exists():
-        how = f"{kind} is a kind of fault, for such a file: `faults: [{{kind: {kind}}}]`"
-        raise InputError(f"got {faults!r}, expected all, or a schedule of faults (YAML); {how}", key="--faults")
-    trials = load_schedule(faults)
-    late = [trial.name for trial in trials if any(e.at_s[0] >= limit_s for e in trial.entries)]
-    if late:
-        limit = f"begins only after the time limit of {limit_s:g} s"
-        say(f"--faults: {', '.join(late)}: {limit}; expected an earlier at_s, or a longer --time-limit")
-    return trials
-
-
-@contextmanager
-def _executor(
-    work: Work, stores: Sequence[Store], campaign: Campaign, campaigns: int
-) -> Iterator[tuple[Executor, Any]]:
-    """The executor of the runs that no store holds, and `advance(finished)` of their bar.
-
-    stores: one for each campaign
-
-    After Ctrl-C or a failure of the rig, a message says what is kept and how to continue."""
-    runs, copies = campaign.runs, is_simulated(campaign.rig)
-    count = runs * campaigns
-    kept = _kept(stores, runs)
-    if kept:
-        work.say(f"{kept} of {count} runs are in {stores[0].folder} already")
-    try:
-        how = {"copies": copies, "say": work.say}
-        opened = open_executor(work.workers, work.dask, **how) if kept < count else open_executor()
-        with opened as executor, work.bar(count, kept) as advance:
-            yield executor, advance
-    except (KeyboardInterrupt, RigError):
-        if stores:
-            kept, folder = _kept(stores, runs), stores[0].folder
-            work.say(f"{kept} of {count} runs are kept in {folder}; the same command continues with the others")
-        else:
-            work.say("no run is kept; use --store DIR to keep runs and to continue with the same command")
-        raise
+    return Evaluation(document, tuple(run.result for run in flat))
 
 
 def _kept(stores: Sequence[Store], runs: int) -> int:
