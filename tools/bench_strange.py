@@ -124,7 +124,7 @@ def trial(
     from mazeplan.learning.rig_model import RigModel
     from mazeplan.maze.mapfile import load_map
     from mazeplan.run.collect import Collection, run_collection
-    from mazeplan.run.learn import learn
+    from mazeplan.run.commands.learn import learn_model
 
     maze, out = load_map("cme"), {"rig": name, "seed": seed}
     with TemporaryDirectory() as folder:
@@ -133,7 +133,7 @@ def trial(
         run_collection(make(name, maze), maze, plan, log)
         began = time.process_time()
         try:
-            done = learn([read_table(log)], maze, "pi")
+            done = learn_model([read_table(log)], maze, "pi")
             out["learn_s"] = round(time.process_time() - began, 1)
             model = load_model(save_model(done.model, written))
             if done.reference is not None:

@@ -86,14 +86,14 @@ def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, fold
     from mazeplan.diagnosis.rig.verdict import verdict_on
     from mazeplan.learning.modelfile import load_model, save_model
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.run.learn import learn
+    from mazeplan.run.commands.learn import learn_model
 
     maze, out = load_map("cme"), {"rig": rig, "change": change, "seed": seed}
     first = record(rig, {}, 0, folder, maze)
     model = first.with_suffix(".model")
     if not model.exists():
         began = time.process_time()
-        done = learn([read_table(first)], maze, "pi")
+        done = learn_model([read_table(first)], maze, "pi")
         save_model(done.model, model)
         if done.reference is not None:
             save_reference(done.reference, done.model, model)

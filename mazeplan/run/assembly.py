@@ -1,14 +1,19 @@
-"""Builds the parts of a run from maze, model and settings."""
+"""The parts of a run, from maze, model and settings: plate, planners, roll-outs, and the estimators of its balls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 
-from mazeplan.behavior.context import LeafOptions, RunContext
+from mazeplan.behavior.context import BallView, LeafOptions
 from mazeplan.control.cost import CostParameters, running
 from mazeplan.control.deadline import Stopwatch
+from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
+from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.control.first_guess import compile_guess
 from mazeplan.control.ilqg import IlqgOptions, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
@@ -16,13 +21,18 @@ from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
+from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.maths.compiled import address_of
-from mazeplan.core.records import State
+from mazeplan.core.records import Command, Observation, State
 from mazeplan.core.side_by_side import beside
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.maprules import crowded
+from mazeplan.maze.mapschema import MAX_BALLS
 from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.rigs.interface import Rig, traits
+from mazeplan.run.specification import Job, Setup
 
 
 @contextmanager
@@ -95,10 +105,99 @@ def safety_filter_of(maze: Maze, model: RigModel) -> SafetyFilter | None:
     return None if maze.balls == 1 else SafetyFilter(maze, PlanarModel.build(maze, model), plate_of(maze, model))
 
 
-def passed_by(run: RunContext, before: int, ring: int, ball: State | None = None) -> str | None:
-    """Name of the opening by which a ball changed from ring `before` to `ring`; None if no opening joins the two rings.
+RECENT_S = 2.0  # s of samples and commands that new estimators take in
 
-    The nearest opening that joins them counts. ball: None: the ball that the leaves lead."""
-    joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
-    nearest = min(joining, key=lambda o: abs(run.turn_to(o, ball)), default=None)
-    return None if nearest is None else nearest.name
+
+def with_balls(maze: Maze, balls: int | None) -> Maze:
+    """The maze with this number of balls; None: the number in its map. Raises InputError."""
+    if balls is None or balls == maze.balls:
+        return maze
+    if balls not in range(1, MAX_BALLS + 1):
+        raise InputError(f"got {balls}, expected 1 to {MAX_BALLS}", key="balls")
+    return replace(maze, balls=balls)
+
+
+def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
+    """Raises InputError if the maze has several balls but centre, rig, policy or job allow only one."""
+    if maze.balls == 1:
+        return
+    has, why = traits(rig).balls, None
+    if problem := crowded(maze.balls, 1e3 * maze.ball.radius, 1e3 * maze.rings[-1].outer_radius):
+        why = f"expected 1: {problem}"
+    elif has < maze.balls:
+        why = f"expected {has}: the rig has no more"
+    elif policy or job.via:
+        why = f"expected 1 with {'a policy' if policy else 'waypoints (via)'}"
+    elif not maze.ring(job.goal).is_disc:
+        why = f"expected 1 on the way to ring {job.goal}: several balls go to the centre, ring {len(maze.rings)}"
+    if why is not None:
+        raise InputError(f"got {maze.balls}, {why}", key="balls")
+
+
+class Balls:
+    """The estimates of all balls. `Rig.reset` places the first ball; the others follow in the rig's order."""
+
+    def __init__(self, setup: Setup, rate_hz: float) -> None:
+        maze, options = setup.maze, setup.settings.estimator
+        self._setup, self._rate_hz = setup, rate_hz
+        self._camera = setup.driving_model.camera
+        self._all = self._estimators(setup.driving_model)
+        self._recent: deque[Sequence[Observation] | tuple[Command, float]] = deque(
+            maxlen=round(2.0 * RECENT_S * rate_hz)
+        )
+        self._rims = [] if setup.out_s is None else [RimWatch(maze, options.camera_sigma) for _ in range(maze.balls)]
+
+    def _estimators(self, model: RigModel) -> list[Estimator | DelayBank]:
+        maze, options = self._setup.maze, self._setup.settings.estimator
+        return [estimator_for(maze, model, options, self._rate_hz) for _ in range(maze.balls)]
+
+    def adopt(self, model: RigModel) -> None:
+        """Go on with another model: new estimators take in the last RECENT_S of samples and commands."""
+        self._camera, self._all = model.camera, self._estimators(model)
+        for one in self._recent:
+            if isinstance(one[0], Command):
+                for estimator in self._all:
+                    estimator.sent(*one)  # pyright: ignore[reportArgumentType]
+            else:
+                for estimator, sample in zip(self._all, one, strict=True):
+                    estimator.update(sample)  # pyright: ignore[reportArgumentType]
+
+    @property
+    def ahead(self) -> tuple[Callable[..., State], ...]:
+        """`Estimator.ahead` of each ball."""
+        return tuple(estimator.ahead for estimator in self._all)
+
+    @property
+    def doubts(self) -> set[str]:
+        """Words of `records.Doubt` for the last sample."""
+        return set().union(*(estimator.doubts for estimator in self._all))
+
+    def warm_up(self) -> None:
+        """Compile everything before the rig moves."""
+        self._all[0].warm_up()
+
+    def sent(self, command: Command, t: float) -> None:
+        """Note a command given to the rig at time t."""
+        self._recent.append((command, t))
+        for estimator in self._all:
+            estimator.sent(command, t)
+
+    def update(self, observation: Observation) -> tuple[BallView, ...]:
+        """Take in one sample; returns a view of each ball. Its state is predicted for when a command sent now will act.
+
+        Raises RigError if the sample does not have as many balls as the run."""
+        each = (observation, *observation.others)
+        if len(each) != len(self._all):
+            raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
+        self._recent.append(each)
+        states = [e.update(sample) for e, sample in zip(self._all, each, strict=True)]
+        return tuple(BallView(s, e.filtered or s) for s, e in zip(states, self._all, strict=True))
+
+    def out(self, observation: Observation) -> Out | None:
+        """The first ball in order that has left the maze, and where it is; None if all balls are inside."""
+        found = None
+        for rim, sample in zip(self._rims, (observation, *observation.others), strict=False):
+            x, y = sample.x, sample.y
+            out = rim.update(sample.t, None if x is None or y is None else self._camera.true(x, y))
+            found = found or out
+        return found

@@ -52,8 +52,7 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import compiled_beside, planners_of, plate_of, rollout_of, safety_filter_of
-from mazeplan.run.balls import Balls
+from mazeplan.run.assembly import Balls, compiled_beside, planners_of, plate_of, rollout_of, safety_filter_of
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder, weak_reporter
 from mazeplan.run.specification import Job, Setup

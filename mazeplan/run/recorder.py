@@ -36,10 +36,10 @@ from mazeplan.core.records import (
     Plan,
     RingPassage,
     Start,
+    State,
     TreeOutline,
 )
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.run.assembly import passed_by
 from mazeplan.run.specification import Job
 
 
@@ -83,7 +83,7 @@ class RunRecorder:
                 continue
             elsewhere = way.ring is None and self._start is not None and ring != self._start.ring
             if way.ring is not None:
-                name = passed_by(context, way.ring, ring, None if ball == context.balls.led else view.state)
+                name = _passed_by(context, way.ring, ring, None if ball == context.balls.led else view.state)
                 way.passages.append(RingPassage(way.ring, t - way.since, name))
             if ball > 1:
                 self.event(context.now, OtherEntered(ball, ring))
@@ -182,6 +182,15 @@ class RunRecorder:
             others=tuple(OtherBall(ball, rings) for ball, rings in ways.items() if ball > 1),
             misfits=tuple(misfits),
         )
+
+
+def _passed_by(run: RunContext, before: int, ring: int, ball: State | None = None) -> str | None:
+    """Name of the opening by which a ball changed from ring `before` to `ring`; None if no opening joins the two rings.
+
+    The nearest opening that joins them counts. ball: None: the ball that the leaves lead."""
+    joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
+    nearest = min(joining, key=lambda o: abs(run.turn_to(o, ball)), default=None)
+    return None if nearest is None else nearest.name
 
 
 @dataclass

@@ -31,7 +31,7 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.rigs.registry import rig_label, rig_of
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run.balls import check_balls, with_balls
+from mazeplan.run.assembly import check_balls, with_balls
 from mazeplan.run.goals import Goals
 from mazeplan.run.resolve import check_start_angle, model_source, opening_name, resolve_model, ring_number
 from mazeplan.run.settings import Settings, load_settings

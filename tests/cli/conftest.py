@@ -17,7 +17,7 @@ def call(monkeypatch, capsys):
 @pytest.fixture
 def no_reference(monkeypatch):
     """`learn` keeps no reference for later diagnoses, which takes longer than the model."""
-    monkeypatch.setattr("mazeplan.run.learn.why_not_whole", lambda tables: "it was not looked at")
+    monkeypatch.setattr("mazeplan.run.commands.learn.why_not_whole", lambda tables: "it was not looked at")
 
 
 @pytest.fixture

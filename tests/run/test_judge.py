@@ -13,8 +13,8 @@ from mazeplan.learning.rigid_body_entries import stamp
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.commands.learn import later_part
 from mazeplan.run.judge import judge
-from mazeplan.run.learn import later_part
 
 MAZE = load_map("cme")
 GOOD = replace(known(MAZE), camera_delay_stderr=1e-3)

@@ -103,7 +103,9 @@ def test_a_record(printed, tmp_path):
 
 @pytest.mark.slow
 def test_a_model_from_a_table_in_other_units(printed, tmp_path, monkeypatch):
-    monkeypatch.setattr("mazeplan.run.learn.why_not_whole", lambda tables: "a reference takes longer than the model")
+    monkeypatch.setattr(
+        "mazeplan.run.commands.learn.why_not_whole", lambda tables: "a reference takes longer than the model"
+    )
     record = mazeplan.collect(tmp_path / "log.mcap", 60.0, rig=PlanarRig(MAZE), ring=2, seed=2)
     table = read_table(record.log)
     kept = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")

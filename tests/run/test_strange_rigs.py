@@ -14,8 +14,8 @@ from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.campaign.one_run import start_angle
 from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.commands.learn import learn_model
 from mazeplan.run.execution import run_job
-from mazeplan.run.learn import learn
 from mazeplan.run.specification import Job, Setup
 
 pytestmark = pytest.mark.slow
@@ -39,7 +39,7 @@ def test_with_the_model_of_two_minutes_a_run_arrives(rig, tmp_path):
     log, machine = tmp_path / "log.mcap", rig(MAZE, {})
     seconds = max(120.0, 2700.0 / machine.rate_hz)  # a fit needs stretches of 13 samples: slow pictures take longer
     run_collection(machine, MAZE, Collection(seconds, (1, 2, 3, 4, 5), seed=0), log)
-    learned = learn([read_table(log)], MAZE, "pi").model
+    learned = learn_model([read_table(log)], MAZE, "pi").model
     model = load_model(save_model(learned, tmp_path / "model"))
     again = load_model(save_model(model, tmp_path / "again"))
     assert again == model
@@ -53,7 +53,7 @@ def test_beads_that_are_far_off_are_fitted_again_with_the_delay_and_the_tilt_of_
     log = tmp_path / "log.mcap"
     run_collection(Stepper(MAZE, {}), MAZE, Collection(90.0, (1, 2, 3, 4), seed=0), log)
     monkeypatch.setattr(identification, "_best_delay", lambda *given: (0.17, 0.002))
-    done = learn([read_table(log)], MAZE, "pi")
+    done = learn_model([read_table(log)], MAZE, "pi")
     assert done.model.camera_delay < 0.05  # 33 ms, less what the steps of the servos stand in for
     assert done.fit.model.camera_delay == done.model.camera_delay
     for axis in ("beta", "gamma"):
@@ -63,7 +63,7 @@ def test_beads_that_are_far_off_are_fitted_again_with_the_delay_and_the_tilt_of_
 
 def test_beads_that_are_fitted_again_take_no_picture_before_the_plate_moved(tmp_path):
     run_collection(Springy(MAZE, {}), MAZE, Collection(120.0, (1, 2, 3, 4, 5), seed=4), log := tmp_path / "log.mcap")
-    model = learn([read_table(log)], MAZE, "pi").model
+    model = learn_model([read_table(log)], MAZE, "pi").model
     assert load_model(save_model(model, tmp_path / "model")).camera_delay >= -model.stage.dead_time - 1e-6
 
 
@@ -79,4 +79,4 @@ def test_a_ball_held_in_a_throat_is_freed(start):
 def test_a_limited_rate_is_found_by_the_ball_alone(tmp_path):
     log, limited = tmp_path / "log.mcap", {"servo": "stepper", "slew_deg_s": 30.0, "measured": False, "late_ms": 25.0}
     run_collection(StrangeRig(MAZE, limited), MAZE, Collection(120.0, (1, 2, 3, 4), seed=0), log)
-    assert learn([read_table(log)], MAZE, "pi").model.stage.beta.rate_limit == pytest.approx(0.524, rel=0.15)
+    assert learn_model([read_table(log)], MAZE, "pi").model.stage.beta.rate_limit == pytest.approx(0.524, rel=0.15)

@@ -46,7 +46,7 @@ def evaluate(
     from mazeplan.apps.report.page import section_text
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
-    from mazeplan.run.balls import with_balls
+    from mazeplan.run.assembly import with_balls
     from mazeplan.run.commands.evaluate import evaluate as run_all
 
     make_rig(rig, with_balls(load_map(map_), balls))

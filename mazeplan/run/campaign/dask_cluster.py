@@ -21,7 +21,7 @@ from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.progress import Words
 from mazeplan.core.resources import to_install
 from mazeplan.run.campaign.executor import MOST_DEATHS, TOO_MANY_DEATHS, Arguments, Executor, Result, alone
-from mazeplan.run.campaign.identity import program, program_mismatch
+from mazeplan.run.campaign.store import program, program_mismatch
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -3,31 +3,107 @@
     runs/toy/campaign-4f1c09aa0b7e2d13.jsonl    one line for the campaign, then one for each run
     runs/toy/runs.parquet                       a table of all runs in the folder (with pyarrow)
 
-The letters identify the campaign (`identity`). The table is made anew at the end of each command.
+The letters identify the campaign (`identity`): everything that determines its results. The number of runs and the
+places of files are left out, so the same command with more runs goes on with the same campaign. The table is made anew
+at the end of each command.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import NavigationResult
+from mazeplan.core.user_modules import user_module
 from mazeplan.core.whole_file import lock, whole_file
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.rigs.registry import rig_label
+from mazeplan.rigs.files import read_rig_file
+from mazeplan.rigs.registry import rig_file, rig_label
 from mazeplan.run.campaign.faults import Noticed
-from mazeplan.run.campaign.identity import digest_of, identity
 from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.resolve import model_source
+from mazeplan.run.specification import file_sha256, log_header
+
+LETTERS = 16  # length of a digest: these letters of a SHA-256 are enough for the few campaigns of a folder
+PACKAGES = ("mazeplan", "numpy", "scipy", "numba", "mujoco")
+NOT_FOR_RESULTS = {"cli", "view", "report", "_share", "__pycache__"}  # folders of the package
+KINDS = {".py", ".yaml", ".xml", ".npz", ".png"}
+
+
+def identity(campaign: Campaign) -> dict[str, Any]:
+    """Everything that determines the results of a campaign, as a document of names, numbers and texts.
+
+    Files that the user's code opens itself, and modules that the user's modules import, are left out. Raises InputError
+    if a part of the campaign cannot be used."""
+    ready = campaign.resolve(job=campaign.job_of(0))
+    header = log_header(ready.setup, ready.job, ready.rig.rate_hz)
+    facts, path = header["replay"], rig_file(str(campaign.rig))
+    kind, settings = (str(campaign.rig), {}) if path is None else read_rig_file(path)
+    files = {**facts["modules"], **{name: facts[name] for name in ("effects", "policy") if name in facts}}
+    return {
+        "program": dict(program()),
+        "rig": {
+            "class": kind, "settings": {key: value for key, value in settings.items() if key != "model"},
+            "file": None if kind is None else file_sha256(user_module(kind.partition(":")[0], "rig").__file__ or ""),
+        },
+        **{name: header[name] for name in ("map", "start_ring", "goal_ring", "seed", "time_limit_s")},
+        "model": facts["model_sha256"],
+        "behavior": facts["behavior_sha256"],
+        "settings": facts["settings"],
+        "files": {name: file["sha256"] for name, file in files.items()},
+        "fault": None if campaign.fault is None else campaign.fault.to_json(),
+    }  # fmt: skip
+
+
+def digest_of(document: Mapping[str, Any]) -> str:
+    """A short digest of a document."""
+    text = json.dumps(document, sort_keys=True, default=str, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:LETTERS]
+
+
+@cache
+def program() -> Mapping[str, str]:
+    """{package: version}, `python`, and `sources`: a digest of all files of the package that affect results."""
+    digest = hashlib.sha256()
+    for name, path in sorted(_files()):
+        content = path.read_bytes()
+        digest.update(f"{name} {len(content)}\n".encode())
+        digest.update(content)
+    versions = {name: version(name) for name in PACKAGES}
+    return {**versions, "python": ".".join(platform.python_version_tuple()[:2]), "sources": digest.hexdigest()[:16]}
+
+
+def _files() -> Iterator[tuple[str, Path]]:
+    """Names and paths of the files that affect results. Names are the same in a checkout and in an installed wheel."""
+    for path in resources.PACKAGE.rglob("*"):
+        inside = path.relative_to(resources.PACKAGE)
+        if path.suffix in KINDS and not NOT_FOR_RESULTS & set(inside.parts):
+            yield inside.as_posix(), path
+    for kind in ("maps", "behaviors"):
+        for path in resources.share(kind).iterdir():
+            if path.suffix in KINDS:
+                yield f"{kind}/{path.name}", path
+
+
+def program_mismatch(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
+    """In words, in what another machine's program differs from ours; empty if in nothing."""
+    return ", ".join(
+        f"{name} {theirs.get(name, 'none')} instead of {ours[name]}" for name in ours if theirs.get(name) != ours[name]
+    )
+
 
 if TYPE_CHECKING:
     import pandas as pd

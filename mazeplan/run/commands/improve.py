@@ -37,7 +37,7 @@ from mazeplan.run.campaign.evaluate import evaluate, summary
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.pairs import paired
 from mazeplan.run.collect import Collection, run_collection
-from mazeplan.run.learn import learn
+from mazeplan.run.commands.learn import learn_model
 from mazeplan.run.resolve import model_source, resolve_model
 
 UNSEEN = 90  # pictures more than a diagnosis needs, because the camera misses the ball in some
@@ -204,7 +204,7 @@ def _first_model(loop: Loop, nominal: RigModel) -> tuple[RigModel, RigReference,
         loop.tell(f"the rig has no model: {loop.seconds:g} s of record to learn one")
         table = loop.collect(folder, 0)
         try:
-            learned = learn([table], maze, "pi", progress=loop.progress)
+            learned = learn_model([table], maze, "pi", progress=loop.progress)
         except (ValueError, TableError):
             learned = None
         if learned is None or learned.reference is None:

@@ -1,28 +1,224 @@
-"""`learn`: fit the model of a rig to its logs."""
+"""`learn`: from logs to a model that a run can use.
+
+1. The stage, the camera's delay and the effects on a bead in each ring are fitted (`learning.identification`).
+2. A rigid ball is fitted to the same part of each stretch; the rest of the stretch is for the judgement. The ball is
+   the reference for later diagnoses, too.
+3. Gaussian processes are learned, if the kind has them.
+4. The model is judged as a run would use it (`judge`). What predicts worse than a textbook description is left out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import fit_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.column_units import parse_columns
-from mazeplan.core.logs.table import Table, as_table, name_of, several
+from mazeplan.core.logs.table import Table, as_table, join, name_of, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
+from mazeplan.core.records import Array
 from mazeplan.core.results import DocumentResult
-from mazeplan.diagnosis.rig.reference import reference_path, save_reference
+from mazeplan.core.side_by_side import side_by_side
+from mazeplan.diagnosis.rig.fitting import ENOUGH, PART, alternate
+from mazeplan.diagnosis.rig.record import filter_on_stage, why_not_whole
+from mazeplan.diagnosis.rig.reference import (
+    RigReference,
+    reference_by_filter,
+    reference_path,
+    save_reference,
+    shortened,
+)
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.identification import TEST_SHARE, BallPrior, RigFit, fit_rig
 from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
 from mazeplan.learning.modelfile import KINDS, RigModel, save_model
 from mazeplan.learning.policy_training import DEVICES
+from mazeplan.learning.rig_gp import RingLearning, learn_processes
+from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.run.commands.log_context import logged_map
-from mazeplan.run.learn import Learned
-from mazeplan.run.learn import learn as learn_model
+from mazeplan.run.judge import PARTS, Judgement, judge
+
+WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
+SHIFTS = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likeliest one
+AROUND, STEP = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
+LIMITED = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
+LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
+# axes that are tried on all pictures, and their -2 log L by half of the pictures beyond that of the best one
+MOST_AXES, FAR = 12, 200.0
+# s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
+# ball: a short record has few stretches in which a bead moves freely
+MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
+# a bead rolls along walls, which hold it back: its factor is at most that of a ball without walls, and in records of
+# 600 s .85 to .97 of it. From MISSED_FACTOR times it on, few stretches have misled the fit
+MISSED_FACTOR, NEAR_WALLS, SURE_FACTOR = 1.05, 0.92, 0.04
+COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A model, and how it was found.
+
+    reference:  of the rig, for later diagnoses; None if the logs do not show a whole rig, because of `why`
+    rings:      Gaussian processes by ring
+    judgement:  of the model on parts of the logs that were not fitted
+    remaining:  rms of the innovations of the rigid ball over the camera's noise; NaN without one"""
+
+    model: RigModel
+    fit: RigFit
+    reference: RigReference | None
+    why: str
+    rings: dict[int, RingLearning]
+    judgement: Judgement
+    remaining: float
+
+    def fits(self) -> dict[str, float]:
+        """How well stage and ball fit the logs, in times the noise."""
+        stage = max(axis.times_noise for axis in self.fit.stage)
+        known = {"stage": stage, "ball": self.remaining}
+        return {part: round(times, 2) for part, times in known.items() if math.isfinite(times)}
+
+
+def learn_model(
+    tables: Sequence[Table], maze: Maze, kind: str, options: FitOptions | None = None, *,
+    progress: Words = no_words, advance: Advance = no_advance,
+) -> Learned:  # fmt: skip
+    """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
+
+    kind: one of `modelfile.KINDS`"""
+    table, sources, ball, stage = join(tables), tuple(one.source for one in tables), None, None
+    if not tilt_is_measured(table):
+        progress("stage, by the ball")
+        stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
+        table = with_tilt_by_commands(table, stage)
+    fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
+    why, short, reference, remaining = why_not_whole([table]), shortened(table), None, math.nan
+    later = later_part(short)
+    if not why:
+        progress("rigid ball")
+        body = filter_on_stage(short, maze, fit.model.stage).part(~later)
+        reference = replace(reference_by_filter(body, Known.of_model(fit.model), maze, fit.model, ball), table=short)
+        remaining, seen = reference.remaining, reference.body
+        if _far_off(fit.model, seen.model):
+            known = BallPrior(
+                (NEAR_WALLS * rolling_factor(seen.model), SURE_FACTOR),
+                (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT),
+                # as the fit of the beads: no picture before the plate moved
+                (max(seen.model.view.delay, -fit.model.stage.dead_time), seen.stderr.get("delay", math.nan)),
+            )
+            again = fit_rig(table, maze, sources, stage=fit.model.stage, prior=known, progress=progress)
+            fit = replace(again, stage=fit.stage)
+            reference = replace(reference, stage=Known.of_model(fit.model))
+    model, rings = fit.model, {}
+    if kind == "p":
+        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
+    elif kind != "pi":
+        model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
+        model = _without_worse_processes(model, rings)
+    if reference is not None and kind in WITH_BODY:
+        model = with_body(model, reference.body.model, reference.body.stderr)
+    progress("judging as a run would use it")
+    parts = PARTS if kind in WITH_BODY else ()
+    judgement = judge(model, short, maze, later, parts=parts, fits=not remaining > FITS)
+    model = judgement.model
+    done = Learned(model, fit, reference, why, rings, judgement, remaining)
+    scores: dict[str, Any] = {**model.scores, "fits": done.fits(), "judged": judgement.document()}
+    return replace(done, model=replace(model, scores=scores))
+
+
+def _far_off(beads: RigModel, ball: BodyModel) -> bool:
+    """Whether delay, tilt or rolling factor of the beads are far from those of the rigid ball."""
+    one, free = next(iter(beads.balls.values())), rolling_factor(ball)
+    tilts = [
+        abs(one.parameter("tilt_offset", axis, 0.0) - value_of(ball, f"tilt_{axis}")) for axis in ("beta", "gamma")
+    ]
+    factor = one.parameter("rolling_inertia", "factor", free)
+    late = abs(ball.view.delay - beads.camera_delay)
+    return late > MISSED_DELAY or max(tilts) > MISSED_TILT or factor > MISSED_FACTOR * free
+
+
+def rolling_factor(ball: BodyModel) -> float:
+    """Rolling factor of a ball on a floor without walls."""
+    return 1.0 / (1.0 + ball.ball.inertia)
+
+
+def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageModel, BodyModel | None]:
+    """The stage of a rig without a tilt sensor by the filter of the rigid ball, near a first guess; and the ball.
+
+    The ball is fitted with the first guess; then each axis of a finer grid is tried. The sum of its lag and of the
+    delay of the pictures stays nearly the same."""
+    table = shortened(with_tilt_by_commands(table, stage))
+    if why_not_whole([table]):
+        return stage, None
+    few = partial(alternate, most=PART // 2, short=PART)
+    first = filter_on_stage(table, maze, stage)
+    ball = fit_body(few(first), BodyModel(), enough=ENOUGH).model
+    total, tried = stage.lag + ball.view.delay, []
+    for axis in finer_axes():
+        body = filter_on_stage(table, maze, StageModel(axis, axis), first)
+        # small motions have less lag if the rate is limited, down to that of the axis without a limit
+        late = axis.lag - replace(axis, rate_limit=math.inf).lag
+        shifts = np.arange(-AROUND, late + AROUND, STEP).tolist() if late else (0.0,)
+        tried += [(axis, body, delay) for delay in sorted({max(total - axis.lag + s, 0.0) for s in shifts})]
+
+    def minus2(part: Callable[[BodyFilter], BodyFilter]) -> list[float]:
+        def run(one: tuple[StageAxis, BodyFilter, float]) -> float:
+            _, body, delay = one
+            return part(body).innovations(ball._replace(view=ball.view._replace(delay=delay))).minus2
+
+        return side_by_side(run, tried)
+
+    rough = sorted(zip(minus2(few), range(len(tried)), strict=True))
+    likely: dict[int, tuple[StageAxis, BodyFilter, float]] = {}  # of each axis the best delay, the best axis first
+    for one, i in rough:
+        if one <= rough[0][0] + FAR and len(likely) < MOST_AXES:
+            likely.setdefault(id(tried[i][1]), tried[i])
+    tried = [(axis, body, max(delay + shift, 0.0)) for axis, body, delay in likely.values() for shift in SHIFTS]
+    doubts = [LIMITED if math.isfinite(axis.rate_limit) else 0.0 for axis, *_ in tried]
+    losses = np.add(minus2(alternate), doubts)
+    axis, body, delay = tried[int(np.argmin(losses))]
+    if math.isfinite(axis.rate_limit):
+        near = [(axis, body)]
+        for times in LIMITS:
+            other = replace(axis, rate_limit=times * axis.rate_limit)
+            near.append((other, filter_on_stage(table, maze, StageModel(other, other), first)))
+        tried = [(*one, max(delay + shift, 0.0)) for one in near for shift in SHIFTS]
+        axis, _, delay = tried[int(np.argmin(minus2(alternate)))]
+    ball = ball._replace(view=ball.view._replace(delay=delay))
+    name = "natural_frequency" if axis.order else "rate_limit"
+    if math.isfinite(getattr(axis, name)):
+        axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
+    return StageModel(axis, axis), ball
+
+
+def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:
+    """The model without the learned parts that predict test blocks worse than the effects alone."""
+    if model.kind not in WITH_BODY:
+        return model
+    kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
+    return replace(model, processes=kept, kind=model.kind if kept else "pi")
+
+
+def later_part(table: Table) -> np.ndarray:
+    """The rows (N,) of the last part of each segment, which no fit of stretches uses."""
+    numbers, first, count = np.unique(table.segment, return_index=True, return_counts=True)
+    at = np.searchsorted(numbers, table.segment)
+    place: Array = (np.arange(len(table)) - first[at]) / count[at]
+    return place > 1.0 - TEST_SHARE
 
 
 @dataclass(frozen=True)
@@ -73,9 +269,15 @@ def learn(
     try:
         done = learn_model(tables, maze, kind, options, progress=progress, advance=advance)
     except ValueError as problem:
-        raise TableError(str(problem), file=", ".join(_place(log) for log in given)) from None
-    path = None if output is None else save_model(done.model, output)
-    kept = None if output is None else _keep_reference(done, Path(output))
+        where = ", ".join(str(log) if isinstance(log, str | Path) else name_of(log) for log in given)
+        raise TableError(str(problem), file=where) from None
+    path, kept = None, None
+    if output is not None:
+        path = save_model(done.model, output)
+        if done.reference is None:  # of another rig
+            reference_path(output).unlink(missing_ok=True)
+        else:
+            kept = str(save_reference(done.reference, done.model, output))
     progress("judging")
     verdict = _verdict(done.model, tables, maze, "MODEL" if output is None else str(output))
     document = {
@@ -84,10 +286,6 @@ def learn(
         "verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict,
     }  # fmt: skip
     return LearnedModel(document, done)
-
-
-def _place(log: Any) -> str:
-    return str(log) if isinstance(log, str | Path) else name_of(log)
 
 
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: str) -> dict[str, Any]:
@@ -100,11 +298,3 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: str) -> d
     document["because"] += "; on the logs that it was learned from"
     document["advice"].append(f"judge it on a log that it has not seen: mazeplan score {folder} NEW.mcap")
     return document
-
-
-def _keep_reference(done: Learned, folder: Path) -> str | None:
-    """Write the reference of the rig beside its model if the logs show a whole rig; otherwise remove an old one."""
-    if done.reference is None:
-        reference_path(folder).unlink(missing_ok=True)
-        return None
-    return str(save_reference(done.reference, done.model, folder))

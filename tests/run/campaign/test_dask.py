@@ -21,9 +21,8 @@ from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign import dask_cluster as daskcluster
 from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.executor import open_executor
-from mazeplan.run.campaign.identity import program
 from mazeplan.run.campaign.one_run import Campaign
-from mazeplan.run.campaign.store import open_stores, runs_table
+from mazeplan.run.campaign.store import open_stores, program, runs_table
 
 RUNS = 12
 ROOT = Path(__file__).resolve().parents[3]
