@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.script import parse_script
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.script_values import ScriptError
 
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 
@@ -65,7 +65,7 @@ def test_any_text_is_an_expression_or_an_error_with_its_column(text):
     assert "column" in said
     if expression is not None:
         with suppress(ScriptError):  # it can be read, and has no value
-            assert expression.holds(Scope(Blackboard(values=KEYS))) in (True, False)
+            assert expression.holds(Blackboard(values=KEYS)) in (True, False)
 
 
 @settings(FEW, max_examples=200)
@@ -75,7 +75,7 @@ def test_random_expressions_can_be_read_whatever_stands_on_the_blackboard(seed):
     expression = parse_script(random_expression(rng))
     board = {key: rng.choice((0, -1.5, True, "red", "3", None, [], float("nan"), 10**400)) for key in KEYS}
     with suppress(ScriptError):
-        assert expression.holds(Scope(Blackboard(values=board))) in (True, False)
+        assert expression.holds(Blackboard(values=board)) in (True, False)
 
 
 @pytest.mark.slow

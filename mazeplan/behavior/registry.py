@@ -112,7 +112,7 @@ def _mistake_in(port: Any) -> str | None:
         if bound is not None and not (number and port.type in (int, float)):
             return f"least, most: got {shown(bound)}, expected a number, and only for a port of numbers"
     if port.default is not REQUIRED and port.default is not None and not port.takes(port.default):
-        return f"default: got {shown(port.default)}, expected {port.expected}"
+        return f"default: got {shown(port.default)}, expected {port.expects()}"
     return None
 
 

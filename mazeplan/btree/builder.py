@@ -21,7 +21,7 @@ from mazeplan.btree.leaf import Context
 from mazeplan.btree.node import Node, Place, TreeNode
 from mazeplan.btree.ports import REQUIRED, Key, Port, shown
 from mazeplan.btree.script import Script, parse_script
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.script_values import ScriptError
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.btree.treefile import TREE_ATTRIBUTES, Element, Mistakes, TreeFile, keeping, literal
 from mazeplan.core.errors import InputError, MazeplanError, TreeError
@@ -201,7 +201,7 @@ class _Builder:
         """The pre- and postconditions of a node; None without any. Removes them from `attributes`."""
         names = [name for name in CONDITIONS if name in attributes]
         given = {name: self._script(element, path, name, attributes.pop(name)) for name in names}
-        return Conditions(given, Scope(board)) if given else None
+        return Conditions(given, board) if given else None
 
     def _script(self, element: Element, path: str, name: str, text: str) -> Script:
         try:

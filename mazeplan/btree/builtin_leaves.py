@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from mazeplan.btree.blackboard import EMPTY
+from mazeplan.btree.blackboard import EMPTY, Blackboard
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.ports import REQUIRED, Key, Port
 from mazeplan.btree.script import Script, parse_script
-from mazeplan.btree.script_values import WHOLE, Scope, ScriptError, number_of
+from mazeplan.btree.script_values import WHOLE, ScriptError, number_of
 from mazeplan.btree.status import Status
 
 
@@ -49,10 +49,10 @@ class _Scripted(Leaf):
 
     ports: ClassVar[dict[str, Port]] = {"code": Port(str, REQUIRED, "the script")}
 
-    def evaluate(self, method: Callable[[Script, Scope], bool | None]) -> bool | None:
+    def evaluate(self, method: Callable[[Script, Blackboard], bool | None]) -> bool | None:
         """Run the script as it is now by a method of `Script`."""
         try:
-            return method(parse_script(self.get("code")), Scope(self._board))
+            return method(parse_script(self.get("code")), self._board)
         except ScriptError as problem:
             raise self.wrong(f"code: {problem}") from None
 

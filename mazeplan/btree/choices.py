@@ -69,11 +69,9 @@ class _Switch(Control):
         self._running: int | None = None
 
     def act(self) -> Status:
-        """One tick; the node itself runs only while its child does."""
-        return self.run()
+        return self.run()  # it runs only while its child does
 
     def run(self) -> Status:
-        """The result of the child of the case that fits; SKIPPED if that child is skipped."""
         chosen = self._match()
         if self._running not in (None, chosen):
             self.parts[self._running or 0].reset()
@@ -101,11 +99,14 @@ def _text(value: Any) -> str:
     return text_of(value) if isinstance(value, bool | int | float) else str(value)
 
 
+def _number(text: str, enums: Mapping[str, int]) -> float | None:
+    """The number of a text; None for one of truth."""
+    return None if text in ("true", "false") else number_of(text, enums)
+
+
 def _equal(a: str, b: str, enums: Mapping[str, int]) -> bool:
-    if a == b:
-        return True
-    x, y = (number_of(text, enums) if text not in ("true", "false") else None for text in (a, b))
-    return x is not None and y is not None and math.fabs(x - y) <= EPSILON
+    x, y = _number(a, enums), _number(b, enums)
+    return a == b or (x is not None and y is not None and math.fabs(x - y) <= EPSILON)
 
 
 def _switch(n: int) -> type[_Switch]:
@@ -160,7 +161,7 @@ class ManualSelector(Control):
         names = [child.name for child in self.parts]
         if text in names:
             return names.index(text)
-        number = number_of(text, {}) if text not in ("true", "false") else None
+        number = _number(text, {})
         if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
             return int(number) - 1
         raise self.wrong(f"selection: got {text!r}, expected {one_of(names, text)}, or 1 to {len(names)}")

@@ -18,8 +18,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.script import Script
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.script_values import ScriptError
 from mazeplan.btree.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 
 WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
@@ -35,10 +36,10 @@ CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
 
 @dataclass(frozen=True)
 class Conditions:
-    """The pre- and postconditions of one node: {attribute: script}, and the scope of their names."""
+    """The pre- and postconditions of one node: {attribute: script}, and the blackboard of their names."""
 
     given: Mapping[str, Script] = field(default_factory=dict)
-    scope: Scope = field(default_factory=Scope)
+    board: Blackboard = field(default_factory=Blackboard)
 
     def decide(self, status: Status) -> Status | None:
         """The result that the preconditions give in place of a tick; None: the node is ticked.
@@ -65,8 +66,8 @@ class Conditions:
         if name in self.given:
             self._named(name, Script.run)
 
-    def _named(self, name: str, action: Callable[[Script, Scope], Any]) -> Any:
+    def _named(self, name: str, action: Callable[[Script, Blackboard], Any]) -> Any:
         try:
-            return action(self.given[name], self.scope)
+            return action(self.given[name], self.board)
         except ScriptError as problem:
             raise ScriptError(f"{name}: {problem}") from None

@@ -28,7 +28,6 @@ class _Ordered(Control):
         self._current = self._skips = 0
 
     def run(self) -> Status:
-        """Tick children in order, from the one that is running."""
         if self.fresh:
             self._skips = 0
         n = len(self.parts)
@@ -87,10 +86,11 @@ class AsyncFallback(_Ordered):
 
 
 class _Reactive(Control):
+    """Children from the first at every tick; a child that runs halts all others."""
+
     go_on: ClassVar[Status] = SUCCESS
 
     def run(self) -> Status:
-        """Tick from the first child; a child that runs halts all others."""
         skips = 0
         for i, child in enumerate(self.parts):
             result = self.tick_child(i)
@@ -125,7 +125,6 @@ class _SideBySide(Control):
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
-        """Thresholds that so few children cannot reach."""
         high = [(port, value) for port, value in values.items() if isinstance(value, int) and value > n]
         return "; ".join(f"{port}: got {v}, expected at most its number of children, {n}" for port, v in high) or None
 
@@ -137,7 +136,6 @@ class _SideBySide(Control):
         return threshold if threshold >= 0 else max(n + threshold + 1, 0)
 
     def tick_open(self, index: int) -> Status | None:
-        """Tick a child that has not finished."""
         if index in self._done:
             return None
         result = self.tick_child(index)
@@ -146,7 +144,6 @@ class _SideBySide(Control):
         return result
 
     def count(self, result: Status) -> int:
-        """How many children have finished so."""
         return sum(done is result for done in self._done.values())
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mazeplan.btree.node import Node
 from mazeplan.btree.ports import REQUIRED, Key, Port
 from mazeplan.btree.script import parse_script
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.script_values import ScriptError
 from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Status
 
 RESULTS = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")
@@ -126,7 +126,6 @@ class _Changed(Decorator):
     instead: ClassVar[dict[Status, Status]] = {}
 
     def run(self) -> Status:
-        """The child's result, or the one in its place."""
         result = self.tick_child(0)
         return self.instead.get(result, result)
 
@@ -194,7 +193,7 @@ class Precondition(Decorator):
     def run(self) -> Status:
         """The child's result, or that of `else`."""
         try:
-            self._inside = self._inside or parse_script(self.get("if")).holds(Scope(self._board))
+            self._inside = self._inside or parse_script(self.get("if")).holds(self._board)
         except ScriptError as problem:
             raise self.wrong(f"if: {problem}") from None
         if not self._inside:
@@ -204,9 +203,10 @@ class Precondition(Decorator):
 
 
 class _Queue(Decorator):
-    """Its child once for each value of a queue, one a tick."""
+    """Its child once for each value of a queue, one a tick. item: a value as a port; words: its kind"""
 
-    convert: ClassVar[Callable[[str], Any]] = str
+    item: ClassVar[Port] = Port(str)
+    words: ClassVar[str] = "words"
 
     def _forget(self) -> None:
         self._queue: deque[Any] | None = None
@@ -214,23 +214,32 @@ class _Queue(Decorator):
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
-        """A word of a literal queue that is no value."""
-        queue = values.get("queue")
         try:
-            for word in queue.split(";") if queue and isinstance(queue, str) else ():
-                cls.convert(word)
+            cls._values_of(values.get("queue", ""))
         except ValueError as problem:
             return f"queue: {problem}"
         return None
 
+    @classmethod
+    def _values_of(cls, queue: Any) -> deque[Any]:
+        """The values of a list or of text in a queue of their own. Raises ValueError."""
+        found = deque[Any]()
+        if not isinstance(queue, list | tuple):
+            queue = str(queue).split(";") if isinstance(queue, str) and queue else ()
+        for one in queue:
+            word = one.strip() if isinstance(one, str) and cls.item.type is not str else one
+            try:
+                found.append(cls.item.parse(word) if isinstance(word, str) else word)
+            except ValueError:
+                raise ValueError(f"got {one!r}, expected {cls.words}, separated by ;") from None
+        return found
+
     def act(self) -> Status:
-        """One tick; it runs once it has a value."""
-        if self.status is not RUNNING:
+        if self.status is not RUNNING:  # it runs once it has a value
             self._forget()
         return self.run()
 
     def run(self) -> Status:
-        """RUNNING while there are values; FAILURE when the child fails; `if_empty` when no value is left."""
         if not self._busy:
             queue = self._source()
             if not queue:
@@ -249,31 +258,22 @@ class _Queue(Decorator):
             if isinstance(value, deque):
                 return value
         if self._queue is None:
-            if not isinstance(value, list | tuple):
-                value = str(value).split(";") if str(value) else ()
             try:
-                self._queue = deque(type(self).convert(one) if isinstance(one, str) else one for one in value)
+                self._queue = self._values_of(value if isinstance(value, list | tuple) else str(value))
             except ValueError as problem:
                 raise self.wrong(f"queue: {problem}") from None
         return self._queue
 
 
 def _loop(name: str, kind: type, words: str) -> type[_Queue]:
-    value = Port(kind, REQUIRED, "the value")
     ports = {
         "queue": Port(str, REQUIRED, f"{words}, separated by ;, or a {{key}} with a list of them"),
         "value": Port(kind, None, "the value of this round", "out"),
         "if_empty": Port(str, "SUCCESS", "the result when no value is left", choices=RESULTS),
     }
 
-    def convert(text: str) -> Any:
-        try:
-            return value.parse(text.strip() if kind is not str else text)
-        except ValueError:
-            raise ValueError(f"got {text!r}, expected {words}, separated by ;") from None
-
     doc = f"Its child once for each value of a queue of {words}, one a tick."
-    return type(name, (_Queue,), {"ports": ports, "convert": staticmethod(convert), "__doc__": doc})
+    return type(name, (_Queue,), {"ports": ports, "item": Port(kind), "words": words, "__doc__": doc})
 
 
 class _Updated(Decorator):
@@ -287,11 +287,9 @@ class _Updated(Decorator):
         self._busy = False
 
     def act(self) -> Status:
-        """One tick; it runs only while its child does."""
-        return self.run()
+        return self.run()  # it runs only while its child does
 
     def run(self) -> Status:
-        """The child's result; otherwise that of a node that waits."""
         if not self._busy:
             key = self._values["entry"]
             entry = self._board.find(key.name if isinstance(key, Key) else str(key))

@@ -77,11 +77,6 @@ class Port:
     most: float | None = None
     choices: tuple[Any, ...] | str | None = None
 
-    @property
-    def expected(self) -> str:
-        """The allowed values in words if no context is known, for an error."""
-        return self.expects()
-
     def expects(self, context: Any = None) -> str:
         """The allowed values in words for a run with this context, for an error."""
         allowed = self.allowed(context)
@@ -126,13 +121,11 @@ class Port:
 
     def takes(self, default: Any) -> bool:
         """Whether a value may be the default. It must already have the port's type: `get` returns it as it is."""
-        if self.type is not str and not isinstance(default, INSTANCES[self.type]):
-            return False
         try:
             self.accept(default)
         except ValueError:
             return False
-        return True
+        return self.type is str or isinstance(default, INSTANCES[self.type])
 
     def _bounded(self, value: Any, context: Any) -> Any:
         if isinstance(value, float) and not math.isfinite(value):
@@ -151,15 +144,11 @@ class Port:
 
 
 def _same_number(word: Any, allowed: tuple[Any, ...]) -> Any:
-    """The allowed value that equals this word, or this number in another form (3, 3.0, 3.000000); None if there is
-    none."""
-    if word in allowed or not isinstance(word, str):
+    """The allowed value that equals this word, or this number in another form (3, 3.0, 3.000000); None without one."""
+    if word in allowed or not isinstance(word, str) or not NUMBER.fullmatch(word):
         return word if word in allowed else None
-    return next((one for one in allowed if NUMBER.fullmatch(word) and _number_in(str(one)) == float(word)), None)
-
-
-def _number_in(text: str) -> float | None:
-    return float(text) if NUMBER.fullmatch(text) else None
+    numbers = [one for one in allowed if NUMBER.fullmatch(str(one))]
+    return next((one for one in numbers if float(one) == float(word)), None)
 
 
 @dataclass(frozen=True)

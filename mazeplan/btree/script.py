@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NoReturn
 
+from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.script_values import (
     COMPARISONS,
     TOKEN,
     TRUTHS,
     WHOLE,
     Evaluate,
-    Scope,
     ScriptError,
     Value,
     assigned,
@@ -69,13 +69,13 @@ class Script:
     writes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
 
-    def holds(self, scope: Scope) -> bool:
+    def holds(self, board: Blackboard) -> bool:
         """Whether its value is true. Raises ScriptError."""
-        return truth(self.evaluate(scope))
+        return truth(self.evaluate(board))
 
-    def run(self, scope: Scope) -> None:
+    def run(self, board: Blackboard) -> None:
         """Run it for what it assigns. Raises ScriptError."""
-        self.evaluate(scope)
+        self.evaluate(board)
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class _Parser:
         if len(statements) == 1:
             return statements[0]
 
-        def run(scope: Scope) -> Any:
-            return [statement(scope) for statement in statements][-1]
+        def run(board: Blackboard) -> Any:
+            return [statement(board) for statement in statements][-1]
 
         return run
 
@@ -175,7 +175,7 @@ class _Parser:
         value = self._expression(0)
         if sign == ":=":
             self._made.add(name)
-        return lambda scope: assigned(scope, name, sign, value)
+        return lambda board: assigned(board, name, sign, value)
 
     def _choice(self, condition: Evaluate) -> Evaluate:
         self._at += 1
@@ -185,7 +185,7 @@ class _Parser:
             self._unexpected("an operator or :")
         other = self._expression(4)
         self._branches -= 1
-        return lambda scope: (then if chosen(condition(scope), scope) else other)(scope)
+        return lambda board: (then if chosen(condition(board), board) else other)(board)
 
     def _comparison(self, left: Evaluate) -> Evaluate:
         parts, signs = [left], []
@@ -193,11 +193,11 @@ class _Parser:
             signs.append(sign)
             parts.append(self._expression(11))
 
-        def evaluate(scope: Scope) -> Any:
-            value = parts[0](scope)
+        def evaluate(board: Blackboard) -> Any:
+            value = parts[0](board)
             for sign, part in zip(signs, parts[1:], strict=True):
-                other = part(scope)
-                if not compared(sign, value, other, scope):
+                other = part(board)
+                if not compared(sign, value, other, board):
                     return 0.0
                 value = other
             return 1.0
@@ -208,13 +208,13 @@ class _Parser:
         sign = self._now.text
         self._at += 1
         right = self._expression(POWERS[sign] + 1)
-        return lambda scope: combined(sign, left(scope), right(scope))
+        return lambda board: combined(sign, left(board), right(board))
 
     def _prefix(self) -> Evaluate:
         sign = self._take(*PREFIXES)
         if sign:
             part = self._expression(20)
-            return lambda scope: signed(sign, part(scope))
+            return lambda board: signed(sign, part(board))
         if self._take("("):
             found = self._expression(0)
             if not self._take(")"):
@@ -228,9 +228,9 @@ class _Parser:
             self.reads.add(token.text)
             if self._now.text != ":=" and not self._branches and token.text not in self._made:
                 self.needs.add(token.text)
-            return lambda scope: value_of(token.text, scope)
+            return lambda board: value_of(token.text, board)
         value = TRUTHS[token.text] if token.kind == "name" else _literal(token)
-        return lambda scope: value
+        return lambda board: value
 
 
 def _tokens(text: str) -> list[_Token]:

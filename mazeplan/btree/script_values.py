@@ -10,10 +10,10 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from mazeplan.btree.blackboard import EMPTY, Blackboard, Entry
+from mazeplan.btree.ports import shown
 
 EPSILON = 2.0**-23  # epsilon of a 32-bit float: the tolerance of == between numbers
 WHOLE = 2**63  # whole numbers have 64 bits
@@ -41,27 +41,15 @@ class ScriptError(ValueError):
     """A script cannot be read or run. The message is one line, without the place of the script."""
 
 
-@dataclass(frozen=True)
-class Scope:
-    """Where a script looks up its names: first among the enums of the blackboard, then among its entries."""
-
-    board: Blackboard = field(default_factory=Blackboard)
-
-    @property
-    def enums(self) -> Mapping[str, int]:
-        """{name: number} of the enums."""
-        return self.board.enums
+Evaluate = Callable[[Blackboard], Any]  # looks up names first among the enums of the blackboard, then among its entries
 
 
-Evaluate = Callable[[Scope], Any]
-
-
-def value_of(name: str, scope: Scope) -> Value:
+def value_of(name: str, board: Blackboard) -> Value:
     """The value of a name. Raises ScriptError if there is none, or scripts do not have values of its type."""
-    if name in scope.enums:
-        return float(scope.enums[name])
+    if name in board.enums:
+        return float(board.enums[name])
     try:
-        value = scope.board.get(name)
+        value = board.get(name)
     except KeyError as missing:
         raise ScriptError(str(missing.args[0])) from None
     return _plain(name, value)
@@ -69,7 +57,7 @@ def value_of(name: str, scope: Scope) -> Value:
 
 def _plain(name: str, value: Any) -> Value:
     if isinstance(value, int) and abs(value) >= WHOLE:
-        raise ScriptError(f"{name} is {_short(str(value)[:30])}, expected a number of 64 bits")
+        raise ScriptError(f"{name} is {shown(str(value)[:30])}, expected a number of 64 bits")
     if isinstance(value, bool | int | float | str):
         return value
     try:
@@ -84,15 +72,15 @@ def truth(value: Value) -> bool:
     if isinstance(value, str):
         if value.strip() in TRUTHS:
             return bool(TRUTHS[value.strip()])
-        raise ScriptError(f"got the text {_short(value)}, expected something true or false")
+        raise ScriptError(f"got the text {shown(value, 40)}, expected something true or false")
     return bool(value)
 
 
-def chosen(value: Value, scope: Scope) -> bool:
+def chosen(value: Value, board: Blackboard) -> bool:
     """Whether the condition of ?: holds. Text is read as a number (`number_of`). Raises ScriptError."""
-    number = number_of(value, scope.enums) if isinstance(value, str) else value
+    number = number_of(value, board.enums) if isinstance(value, str) else value
     if number is None:
-        raise ScriptError(f"got the text {_short(str(value))} before ?, expected a number")
+        raise ScriptError(f"got the text {shown(str(value), 40)} before ?, expected a number")
     return bool(number)
 
 
@@ -111,15 +99,15 @@ def number_of(text: str, enums: Mapping[str, int]) -> float | None:
     return float(word)
 
 
-def compared(sign: str, left: Value, right: Value, scope: Scope) -> bool:
+def compared(sign: str, left: Value, right: Value, board: Blackboard) -> bool:
     """Compare two texts as texts, anything else as numbers. Raises ScriptError."""
     if isinstance(left, str) and isinstance(right, str):
         return COMPARISONS[sign](left, right)
     numbers = []
     for value in (left, right):
-        number = number_of(value, scope.enums) if isinstance(value, str) else float(value)
+        number = number_of(value, board.enums) if isinstance(value, str) else float(value)
         if number is None:
-            raise ScriptError(f"got {_short(str(value))} beside {sign}, expected a number")
+            raise ScriptError(f"got {shown(str(value), 40)} beside {sign}, expected a number")
         numbers.append(number)
     if sign in ("==", "!="):
         return (abs(numbers[0] - numbers[1]) <= EPSILON) is (sign == "==")
@@ -136,7 +124,7 @@ def combined(sign: str, left: Value, right: Value) -> Value:
     if any(texts) or sign == "..":
         wrong = left if texts[0] else right
         expected = "text on one side at least" if sign == ".." else "a number"
-        raise ScriptError(f"got {_short(str(wrong))} beside {sign}, expected {expected}")
+        raise ScriptError(f"got {shown(str(wrong), 40)} beside {sign}, expected {expected}")
     if sign in BITS:
         return float(BITS[sign](_whole(left, sign), _whole(right, sign)))
     a, b = float(left), float(right)
@@ -154,7 +142,7 @@ def signed(sign: str, value: Value) -> Value:
     if sign == "!" and isinstance(value, str) and value.strip() in NEGATED:
         return NEGATED[value.strip()]
     if isinstance(value, str):
-        raise ScriptError(f"got the text {_short(value)} after {sign}, expected a number")
+        raise ScriptError(f"got the text {shown(value, 40)} after {sign}, expected a number")
     if sign == "-":
         return -float(value)
     if sign == "!":
@@ -170,50 +158,45 @@ def _whole(value: Any, sign: str) -> int:
     return int(value)
 
 
-def assigned(scope: Scope, name: str, sign: str, value: Evaluate) -> Value:
+def assigned(board: Blackboard, name: str, sign: str, value: Evaluate) -> Value:
     """Set an entry and return its value. Raises ScriptError if the entry does not exist or has another kind."""
-    entry = scope.board.find(name)
+    entry = board.find(name)
     if entry is None:
         if sign != ":=":
             raise ScriptError(f"the blackboard has no {name!r}; := makes it, {sign} does not")
-        entry = scope.board.declare(name)
-    new = value(scope)
+        entry = board.declare(name)
+    new = value(board)
     if sign not in (":=", "="):
         if entry.value is EMPTY:
             raise ScriptError(f"{name} has no value yet, which {sign} would change")
         old = _plain(name, entry.value)
         if isinstance(new, str) and sign != "+=":
-            raise ScriptError(f"got {_short(new)} after {sign}, expected a number")
+            raise ScriptError(f"got {shown(new, 40)} after {sign}, expected a number")
         new = combined(sign[0], old, new)
-    entry.put(_fitting(name, entry, new, scope))
+    entry.put(_fitting(name, entry, new, board))
     return entry.value
 
 
-def _fitting(name: str, entry: Entry, value: Value, scope: Scope) -> Value:
+def _fitting(name: str, entry: Entry, value: Value, board: Blackboard) -> Value:
     """The value converted to the kind of an entry. Raises ScriptError.
 
     An entry without a value takes any kind. If it is for numbers, text that stands for a number becomes one."""
     old = entry.value
     if old is EMPTY and entry.number and isinstance(value, str):
-        number = number_of(value, scope.enums)
+        number = number_of(value, board.enums)
         return value if number is None else float(number)
     if old is EMPTY or isinstance(old, str) is isinstance(value, str) is True:
         return value
     if isinstance(old, bool | int | float):
-        number = number_of(value, scope.enums) if isinstance(value, str) else value
+        number = number_of(value, board.enums) if isinstance(value, str) else value
         if number is not None and (isinstance(old, float) or isinstance(value, str)):
             return float(number)
         if number is not None and abs(number) < WHOLE and number == math.floor(number):
             return int(number)
     kind = "text" if isinstance(old, str) else "a whole number" if isinstance(old, int) else type(old).__name__
-    raise ScriptError(f"got {_short(text_of(value))} for {name}, which is {kind}")
+    raise ScriptError(f"got {shown(text_of(value), 40)} for {name}, which is {kind}")
 
 
 def text_of(value: Value) -> str:
     """A value as text, for `..`. A float has six decimals."""
     return f"{value:.6f}" if isinstance(value, float) else str(int(value)) if not isinstance(value, str) else value
-
-
-def _short(text: str) -> str:
-    shown = repr(text)
-    return shown if len(shown) <= 40 else f"{shown[:37]}..."

@@ -79,8 +79,9 @@ def test_the_packaged_trees_are_clean(name):
 
 def test_a_check_loads_nothing_that_plans_or_computes_routes():
     code = (
-        "import sys, mazeplan.apps.cli.behavior as command, mazeplan.btree.check\n"
-        "assert command._checked('navigate', None, None)['ok']\n"
+        "import sys\nfrom mazeplan.behavior.registry import registry_with\n"
+        "from mazeplan.behavior.trees import StaticContext, check_file\n"
+        "assert not check_file('navigate', registry_with(), StaticContext()).errors\n"
         "print(*sorted({'numba', 'scipy', 'networkx', 'pandas', 'mujoco'} & sys.modules.keys()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -8,7 +8,7 @@ import pytest
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.script import MAX_DEPTH, MAX_LENGTH, parse_script
-from mazeplan.btree.script_values import Scope, ScriptError
+from mazeplan.btree.script_values import ScriptError
 
 VALUES = {
     "n": 3, "x": 2.5, "yes": True, "no": False, "word": "red", "three": "3", "less": "-0.5", "said": "false",
@@ -18,7 +18,7 @@ ENUMS = {"RED": 1, "GREEN": 2}
 
 
 def scope():
-    return Scope(Blackboard(values=VALUES, enums=ENUMS))
+    return Blackboard(values=VALUES, enums=ENUMS)
 
 
 def value(text):
@@ -80,8 +80,8 @@ def test_a_text_beside_a_sign_of_logic_is_an_error_though_it_is_a_condition_alon
 def test_what_is_assigned(text, name, worth):
     place = scope()
     parse_script(text).run(place)
-    assert place.board.get(name) == worth
-    assert place.board.find(name).changes >= 1
+    assert place.get(name) == worth
+    assert place.find(name).changes >= 1
 
 
 def test_a_script_knows_what_it_reads_and_writes():
