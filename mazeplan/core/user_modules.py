@@ -34,17 +34,13 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
         if problem.name is not None and (problem.name == name or name.startswith(f"{problem.name}.")):
             none = f"there is none of that name in {here} or installed"
             raise InputError(f"{option}: module {name!r} cannot be imported: {none}") from None
-        raise _broken(name, option, problem) from None
+        raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
     except (Exception, SystemExit) as problem:  # whatever a user's code does at import
-        raise _broken(name, option, problem) from None
+        raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
 
 
 def _holds(folder: Path, module: str) -> bool:
     return (folder / f"{module}.py").is_file() or (folder / module / "__init__.py").is_file()
-
-
-def _broken(name: str, option: str, problem: BaseException) -> InputError:
-    return InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}")
 
 
 def reason(problem: BaseException) -> str:

@@ -30,7 +30,7 @@ def test_folders_of_the_same_names_hide_nothing():
     with pytest.warns(ShortWarning, match=r"'cme' means the packaged one; what .* is \./cme"):
         assert load_map("cme") == MAZE
     with pytest.warns(ShortWarning, match="navigate"):
-        assert len(read_tree("navigate").parts) == 1
+        assert len(read_tree("navigate").files) == 1
     with pytest.warns(ShortWarning, match="toy"):
         assert load_model("toy") == TOY
     with pytest.warns(ShortWarning, match="toy"):

@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 import typer
 
 from mazeplan.apps.cli.app import app
-from mazeplan.apps.cli.output import short_warnings
+from mazeplan.apps.cli.output import say, short_warnings
 from mazeplan.core.errors import InputError, MazeplanError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
@@ -42,7 +42,7 @@ def keep_compiled() -> None:
     if "NUMBA_CACHE_DIR" in os.environ or any(os.access(place, os.W_OK) for place in places):
         return
     os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="mazeplan-compiled-")
-    print("cannot keep compiled code: set NUMBA_CACHE_DIR to a folder that can be written", file=sys.stderr)
+    say("cannot keep compiled code: set NUMBA_CACHE_DIR to a folder that can be written")
 
 
 @contextmanager
@@ -67,37 +67,6 @@ def ended_as_interrupted() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-class TolerantStream:
-    """A stream that drops what it cannot write, so that a message never ends a run."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        """Write all of the text, or nothing."""
-        with suppress(OSError):
-            return self._stream.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        """Flush if possible."""
-        with suppress(OSError):
-            self._stream.flush()
-
-
-def open_streams() -> None:
-    """Replace closed streams (`2>&-`), which are None in Python, and make stderr tolerant."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  open until the end
-    if not isinstance(sys.stderr, TolerantStream):
-        stream: Any = TolerantStream(sys.stderr)
-        sys.stderr = stream
-
-
 def flush_output(status: int, stdout: Any) -> int:
     """Flush stdout and return the exit status; end the program if stdout cannot be written."""
     try:
@@ -112,8 +81,7 @@ def flush_output(status: int, stdout: Any) -> int:
 def end_unwritable(problem: OSError, status: int = 0) -> NoReturn:
     """End at once, because the buffer of stdout would fail again. Print nothing if the reader left."""
     if problem.errno != errno.EPIPE:
-        print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
-    sys.stderr.flush()
+        say(f"mazeplan: cannot write: {problem.strerror}")
     os._exit(status or 1)
 
 
@@ -142,7 +110,9 @@ def _usage_message(error: Any) -> str:
 
 def main() -> None:
     """Entry point of the `mazeplan` command: turn deliberate errors into one line and an exit status."""
-    open_streams()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as by `2>&-`
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  open until the end
     keep_compiled()
     stdout = sys.stdout
     with ended_as_interrupted() as received:
@@ -163,7 +133,7 @@ def _run(received: list[int]) -> int:
         return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command; the message is the help
-            print(error.format_message(), file=sys.stderr)
+            say(error.format_message())
             return InputError.exit_status
         return _fail(_usage_message(error), InputError.exit_status)
     except (KeyboardInterrupt, typer.Abort):
@@ -190,5 +160,5 @@ def _run(received: list[int]) -> int:
 
 def _fail(message: str, status: int, *more: str) -> int:
     for line in (message, *more):
-        print(f"mazeplan: {line}", file=sys.stderr)
+        say(f"mazeplan: {line}")
     return status

@@ -24,8 +24,7 @@ ShownTree = Annotated[
 ]
 Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands in the tree again each time.")]
 CheckedMap = Annotated[
-    str | None,
-    typer.Option("--map", metavar="MAP", help="Map whose rings and openings the tree may name. Default: any names."),
+    str | None, opt.value("--map", "MAP", "Map whose rings and openings the tree may name. Default: any names.")
 ]
 Palette = Annotated[Path | None, opt.output_file("File to write. Default: stdout.", opt.TREE)]
 LEAVES = ("Action", "Condition")  # categories of leaves

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer import Option
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import number
@@ -38,30 +37,24 @@ def _corners(text: str) -> tuple[int, int]:
 
 
 app = typer.Typer(help="Calibrate a real rig, and write the result into its file.", no_args_is_help=True)
-RigFileName = Annotated[
-    str, Option("--rig", metavar="RIG", help="YAML file of the rig; `hardware` means ./hardware.yaml.")
-]
+RigFileName = Annotated[str, opt.value("--rig", "RIG", "YAML file of the rig; `hardware` means ./hardware.yaml.")]
 Boards = Annotated[
     str | None,
-    Option(
-        "--boards", metavar="PICTURES", help="Chessboard: folder, pattern, video or device. Default: keep the lens."
-    ),
+    opt.value("--boards", "PICTURES", "Chessboard: folder, pattern, video or device. Default: keep the lens."),
 ]
 Plate = Annotated[
-    str | None,
-    Option("--plate", metavar="PICTURES", help="Level plate without a ball. Default: pictures of the rig's camera."),
+    str | None, opt.value("--plate", "PICTURES", "Level plate without a ball. Default: pictures of the rig's camera.")
 ]
 Corners = Annotated[
-    Any, Option("--corners", parser=_corners, metavar="NxN", help="Inner corners of the chessboard, across x down.")
+    Any, opt.value("--corners", "NxN", "Inner corners of the chessboard, across x down.", parser=_corners)
 ]
 SquareMm = Annotated[
-    float, Option("--square-mm", parser=number(0.1, 1e3), metavar="MM", help="Side of a chessboard square in mm.")
+    float, opt.value("--square-mm", "MM", "Side of a chessboard square in mm.", parser=number(0.1, 1e3))
 ]
 Readings = Annotated[
-    Path | None,
-    Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
+    Path | None, opt.value("--readings", "FILE", "CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board.")
 ]
-Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
+Grid = Annotated[int, opt.value("--grid", "N", "Number of tilts per axis to ask for.", min=3, max=15)]
 
 
 @app.command("camera")

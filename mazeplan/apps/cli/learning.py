@@ -177,7 +177,7 @@ def _round_lines(number: int, entry: dict[str, Any]) -> list[str]:
 
 
 policy_app = typer.Typer(help="Train policies that imitate the planner.", no_args_is_help=True)
-Epochs = Annotated[int, typer.Option("--epochs", min=1, metavar="N", help="Passes over the samples in each fit.")]
+Epochs = Annotated[int, opt.value("--epochs", "N", "Passes over the samples in each fit.", min=1)]
 
 
 @policy_app.command("train")

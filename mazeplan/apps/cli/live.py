@@ -34,7 +34,7 @@ FIRST_S = 10.0  # s; maximum time that the first run waits for a viewer
 GRACE_S = 3.0  # s without a viewer before the page closes; a reload takes less
 LOOK_S = 0.05  # s between looks at orders and viewers
 READING = "reading map, model and tree; loading the compiled planner, the first time half a minute"
-NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
+NOT_OFFERED = "observe_hangs"  # no watchdog ends a hanging simulation
 
 
 class LiveSession:
@@ -44,12 +44,13 @@ class LiveSession:
     begin: whether to start the first run at once
     stay: whether the page stays open without a viewer when a run is over"""
 
-    def __init__(
-        self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
-    ) -> None:  # fmt: skip
+    def __init__(self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool) -> None:
         self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
         machine = make_rig(rig, maze)
-        self._injectable, self._impossible = traits(machine).inject is not None, unsupported_faults(machine)
+        self._kinds: dict[str, str] = {}  # what each fault does that the page offers
+        if traits(machine).inject is not None:
+            never = {NOT_OFFERED, *unsupported_faults(machine)}
+            self._kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in never}
         self._goals = Goals(maze)
         self._started = threading.Event()
         self._machine: Any = None
@@ -69,24 +70,20 @@ class LiveSession:
 
         listening = listen(port)
         url = url_of(listening)
-        kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in {*NOT_OFFERED, *self._impossible}}
-        offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
+        offer = Offer(self._maze, rig_label(self._rig), self._kinds)
         with PageLink(offer, listening, self._order) as self._page:
             listening.close()
             try:
                 say(f"page: {url}")
-                self._serve(self._page)
+                if self._begin:
+                    self._tell("starting", "the run begins with the first viewer")
+                    self._page.opened.wait(FIRST_S)
+                    self._run()
+                while self._asked(self._page):
+                    self._run()
             except KeyboardInterrupt:  # Ctrl-C without a run closes the page
                 if not self._resting:
                     raise
-
-    def _serve(self, page: PageLink) -> None:
-        if self._begin:
-            self._tell("starting", "the run begins with the first viewer")
-            page.opened.wait(FIRST_S)
-            self._run(page)
-        while self._asked(page):
-            self._run(page)
 
     # -- runs -------------------------------------------------------------------------------------------------------
 
@@ -104,7 +101,7 @@ class LiveSession:
                 return False
         return True
 
-    def _run(self, page: PageLink) -> None:
+    def _run(self) -> None:
         self._started.clear()
         self._tell("starting", READING)
         number = self._count
@@ -200,7 +197,7 @@ class LiveSession:
 
     def _inject(self, kind: str) -> str:
         machine, faulty = self._machine, self._faulty
-        if not self._injectable or kind not in KINDS or kind in {*NOT_OFFERED, *self._impossible}:
+        if kind not in self._kinds:
             return "a fault needs a simulated rig that can have it"
         if machine is None or faulty is None or self._phase != "running":
             return "a fault needs a run that goes on"
@@ -224,9 +221,8 @@ def navigate_live(request: NavigationRequest, port: int, *, begin: bool = True, 
     Otherwise it stays until the run is over and the last viewer has left."""
 
     def once(number: int, **more: Any) -> NavigationResult:
-        log = None if request.log is None else Path(request.log)
-        once = replace(request, seed=request.seed + number, log=numbered(log, number))
-        return navigate_once(once, Company(**more))
+        log = request.log if request.log is None or number == 0 else free_name(Path(request.log), number + 1)
+        return navigate_once(replace(request, seed=request.seed + number, log=log), Company(**more))
 
     stay = not begin or at_terminal()
     session = LiveSession(request.maze, str(request.rig), once, begin=begin, stay=stay)
@@ -243,11 +239,6 @@ def exit_status(session: LiveSession) -> int:
     if session.problem is not None:
         return session.problem.exit_status
     return 0 if session.result is None or session.result.success else 1
-
-
-def numbered(path: Path | None, number: int) -> Path | None:
-    """The log of run `number`, from 0: run.mcap, run-2.mcap, run-3.mcap ...; skips names of files that exist."""
-    return path if path is None or number == 0 else free_name(path, number + 1)
 
 
 def at_terminal() -> bool:

@@ -21,9 +21,7 @@ app = typer.Typer(help="Summarise, export and replay logs.", no_args_is_help=Tru
 
 AnyLog = Annotated[Path, typer.Argument(metavar="LOG", help="Run log (MCAP) or table (CSV).")]
 CsvFile = Annotated[Path, opt.output_file("CSV file to write, or /dev/stdout.", ".csv")]
-RunModel = Annotated[
-    str | None, typer.Option("--model", metavar="MODEL", help="Model of the run, for a log that does not hold it.")
-]
+RunModel = Annotated[str | None, opt.value("--model", "MODEL", "Model of the run, for a log that does not hold it.")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")

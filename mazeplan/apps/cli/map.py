@@ -38,11 +38,9 @@ WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route to
 WithLabels = Annotated[
     bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")
 ]
-TrailLog = Annotated[
-    Path | None, typer.Option("--log", metavar="LOG", help="Run log: also draw the trail of the ball.")
-]
+TrailLog = Annotated[Path | None, opt.value("--log", "LOG", "Run log: also draw the trail of the ball.")]
 LearnedFile = Annotated[Path, opt.output_file("Map file to write.", *opt.YAML)]
-MinCount = Annotated[int, typer.Option("--min-count", min=1, metavar="N", help="Fewest passages of an opening.")]
+MinCount = Annotated[int, opt.value("--min-count", "N", "Fewest passages of an opening.", min=1)]
 
 
 @app.command()

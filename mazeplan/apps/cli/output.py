@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,11 @@ def print_json(document: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print a message on stderr. Do nothing if stderr cannot be written."""
-    with suppress(OSError):
-        print(text, file=sys.stderr)
+    """Print a message on stderr. If stderr cannot be written, this and all later messages are dropped."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  open until the end
 
 
 def free_name(path: Path, number: int = 1) -> Path:

@@ -19,12 +19,10 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
 
 The model of the run is an attachment, unless it is a packaged model or nominal physics (`modelfile.packed_model`).
 
-Readers with an index see only chunks, and an unfinished chunk is lost with everything in it. Therefore a chunk ends
-with the first message that comes CHUNK_S of rig time after its first message. The chunk then goes to the operating
-system at once. The header and the result are written without waiting.
+An unfinished chunk is lost with everything in it. Therefore a chunk ends with the first message that comes CHUNK_S of
+rig time after its first message, and goes to the operating system at once; header and result do not wait.
 
-Unknown values are left out instead of written as null, and arrays have one dimension. The reason: viewers that plot
-refuse schemas with unions of types and nested arrays. `read_log` in run_log_reader.py reads a log back.
+Unknown values are left out, and arrays have one dimension: viewers that plot refuse null and nested arrays.
 """
 
 from __future__ import annotations

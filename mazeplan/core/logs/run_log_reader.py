@@ -25,7 +25,7 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_kinds import format_problem
-from mazeplan.core.records import Array, TreeOutline
+from mazeplan.core.records import Plan, StopReason, TreeOutline
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_LIMIT = 64 * 2**20  # bytes; the longest record of a run log is an attached model
@@ -38,26 +38,6 @@ FORMAT = 1  # version of the topics and their fields; a reader refuses a newer v
 MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
 PLAN_STATES = ("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")
 PLAN_CONTROLS = ("u_beta", "u_gamma")
-
-
-@dataclass(frozen=True)
-class LoggedPlan:
-    """A plan without its gains; see `records.Plan`.
-
-    t0, dt:   s
-    cost, ms: NaN if the log does not hold them
-    states:   (T+1, 6), empty if the plan was not finite
-    controls: (T, 2), empty if the plan was not finite
-    """
-
-    t0: float
-    dt: float
-    cost: float
-    reason: str
-    iterations: int
-    ms: float
-    states: Array
-    controls: Array
 
 
 @dataclass(frozen=True)
@@ -77,7 +57,7 @@ class RunLog:
 
     header:   facts about the run
     ticks:    column -> array of N: float with NaN for missing, or object (str, "" for missing) for text
-    plans:    in the order in which they were made
+    plans:    in the order in which they were made, without gains; states are empty if a plan was not finite
     events:   see `core.events`
     trees:    one for each goal; empty in logs of older versions
     result:   the outcome, None when there is none
@@ -87,7 +67,7 @@ class RunLog:
     path: Path
     header: dict[str, Any]
     ticks: dict[str, np.ndarray]
-    plans: tuple[LoggedPlan, ...]
+    plans: tuple[Plan, ...]
     events: tuple[TimedEvent, ...]
     result: dict[str, Any] | None
     complete: bool
@@ -182,16 +162,13 @@ def _columns(ticks: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     return columns
 
 
-def _plan(document: dict[str, Any]) -> LoggedPlan:
-    def stack(names: tuple[str, ...]) -> Array:
-        return np.array([document.get(name, []) for name in names], dtype=float).T
-
-    def number(name: str) -> float:
-        return float(document.get(name, math.nan))
-
-    reason, iterations = str(document.get("reason", "")), int(document.get("iterations", 0))
-    t0, dt, cost, ms = (number(name) for name in ("t0", "dt", "cost", "ms"))
-    return LoggedPlan(t0, dt, cost, reason, iterations, ms, stack(PLAN_STATES), stack(PLAN_CONTROLS))
+def _plan(document: dict[str, Any]) -> Plan:
+    states, controls = (
+        np.array([document.get(name, []) for name in names], dtype=float).T for names in (PLAN_STATES, PLAN_CONTROLS)
+    )
+    numbers = {name: float(document.get(name, math.nan)) for name in ("t0", "dt", "cost", "ms")}
+    reason, iterations = StopReason(document.get("reason", "not_finite")), int(document.get("iterations", 0))
+    return Plan(states, controls, np.empty((0, 2, 6)), reason=reason, iterations=iterations, **numbers)
 
 
 def _trees(messages: Sequence[Document]) -> tuple[LoggedTree, ...]:
