@@ -72,7 +72,7 @@ def test_a_tree_of_a_newer_format_is_refused(tmp_path):
     text = (ROOT / "behaviors" / "navigate.xml").read_text()
     path = tmp_path / "tree.xml"
     path.write_text(text.replace('BTCPP_format="4"', 'BTCPP_format="7"'))
-    with pytest.raises(InputError, match="got BTCPP_format '7', expected .*4"):
+    with pytest.raises(InputError, match=r"got BTCPP_format '7', expected .*4"):
         read_tree(path).build(REGISTRY, None)
 
 
