@@ -103,8 +103,6 @@ def diagnosis():
         "verdict": "ambiguous", "sentence": "The model lacks dry friction (this record cannot tell).",
         "effects": [{"name": "dry_friction", "parameters": {"coefficient": part}, "evidence": 321.5}],
         "ambiguous_with": [["dry_friction", "viscous_friction"]],
-        "separate_by": [{"why": "dry friction shows at rest", "first": "turn the rig",
-                         "command": "mazeplan collect --tilt 1.5 -o apart.mcap"}],
         "before": {"nrmse": 0.7654, "rollout20": 0.1, "rollout40": 0.2929},
         "after": {"nrmse": 0.3, "rollout20": 0.003, "rollout40": 0.0061}, "noise_floor": 0.005, "held_out": 0.3,
         "ring": 2, "radius_m": 0.06892, "declared": {}, "notes": ["Scores are of the last 30 %."],

@@ -47,6 +47,11 @@ def values_of(entry: Entry) -> dict[str, float]:
     return {name: number["value"] for name, number in entry["parameters"].items()}
 
 
+def changed(values: Values, effect: str, parameter: str, number: float) -> Values:
+    """The values with one number changed."""
+    return {**values, effect: {**values[effect], parameter: number}}
+
+
 def why_not_planned(name: str) -> str:
     """Why a planner cannot use an effect; empty if it can."""
     return EFFECTS[name].why_not if name in EFFECTS else ""

@@ -1,4 +1,4 @@
-"""Residuals of a diagnosis as plain data: `evidence.json` beside `report.json`, which a report draws."""
+"""Residuals of a diagnosis as plain data (`evidence.json` beside `report.json`, which a report draws), and numbers."""
 
 from __future__ import annotations
 
@@ -50,6 +50,14 @@ class Evidence:
 
 
 def _number(value: float) -> float | None:
-    """Five digits of a value; None if not finite."""
-    value = float(value)
-    return float(f"{value:.5g}") if math.isfinite(value) else None
+    return float(f"{float(value):.5g}") if math.isfinite(value) else None
+
+
+def rounded(value: float, digits: int) -> float | None:
+    """A number of a document; None if not finite."""
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def both_documents(pair: tuple[Any, Any]) -> dict[str, Any]:
+    """The documents of a pair, before and after the effects were found."""
+    return {"before": pair[0].document(), "after": pair[1].document()}

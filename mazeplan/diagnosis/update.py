@@ -74,18 +74,6 @@ def updated(model: RigModel, found: Found) -> RigModel:
     return model
 
 
-def left_out(effects: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Notes on parameters of found effects that a model cannot hold, such as the finer ripples of a floor."""
-    notes = []
-    for e in effects:
-        known = EFFECTS.get(e["name"])
-        names = [] if known is None else [key for key in e["parameters"] if key not in known.parameters]
-        if names:
-            which = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
-            notes.append(f"the new model leaves out {which} of {e['name']}: a model has no place for them")
-    return notes
-
-
 def _at_the_end(model: RigModel, found: Found) -> Found:
     """Viscous friction at the end of the record, after its drift."""
     out: dict[int, list[dict[str, Any]]] = {}

@@ -86,12 +86,10 @@ class WallPattern:
 
     pattern: angles of the openings in the map, rad
     side:    1 for the outer wall of the ring, -1 for the inner wall
-    own:     names of the parameters that each belong to one opening
     """
 
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
-    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,13 +143,6 @@ class Effect(WallPattern, FitHints):
     def numbers(self, values: Mapping[str, float]) -> list[float]:
         """Values of the parameters in order; missing values are the defaults."""
         return [values.get(name, parameter.default) for name, parameter in self.parameters.items()]
-
-    def of_opening(self, values: Mapping[str, float], i: int) -> list[float]:
-        """Values of the parameters for opening i of the pattern, in order; missing values are the defaults."""
-        numbers = [values.get(name, one.default) for name, one in self.parameters.items() if name not in self.own]
-        if self.own:
-            numbers[1] += values.get(self.own[i], 0.0)
-        return numbers
 
     def first_guesses(self) -> list[tuple[float, ...]]:
         """Start values of a fit; the defaults if `starts` is empty."""

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from ring_records import DECLARED, record
 
-from mazeplan.diagnosis.ring.candidates import ring_library, stage_errors
 from mazeplan.diagnosis.ring.fit import Likelihood
-from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.ring.system import RingSystem, ring_library, stage_errors
 from mazeplan.diagnosis.stage.plate_motion import fit_stage, plate_motion
 
 ROWS = np.ones(1800, dtype=bool)

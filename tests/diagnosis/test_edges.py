@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.ring.fit import fit
 from mazeplan.diagnosis.ring.scores import MATCHED
-from mazeplan.diagnosis.ring.system import RingSystem, Tilt
-from mazeplan.diagnosis.ring.windows import WindowLikelihood, refined
+from mazeplan.diagnosis.ring.system import RingSystem, Tilt, ring_library
+from mazeplan.diagnosis.ring.windows import WindowLikelihood
 from mazeplan.learning.smoothing import derivatives
-from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.effects.openings import Openings, closer_library, wall_library
 from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.formulas.symbols import INPUTS
 
@@ -133,25 +132,6 @@ def test_sizes_of_edges_are_found():
         near = 0.02 if name in ("rotation", "reach") else 0.06
         assert found.values[edges.name][name] == pytest.approx(value, abs=near)
     assert found.values["rolling_inertia"]["factor"] == pytest.approx(0.6, abs=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("losses", "differ"), [((0.3, 0.6, 0.9, 0.7), True), ((0.6, 0.6, 0.6, 0.6), False)])
-def test_openings_have_losses_of_their_own_only_where_blocks_bear_it_out(losses, differ):
-    gates = Openings(outer=QUARTERS)
-    (_, edges), (own, ripple) = closer_library(gates), finer_library(gates)
-    system = table(losses, noise=0.002)
-    likelihood, plain = found_in(system, own, edges)
-    likelihood = WindowLikelihood(system, [*KNOWN, edges, own], likelihood.rows, math.inf)
-    fourth = np.arange(len(system)) // 150 % 4
-    folds = [(fourth != k, fourth == k) for k in range(4)]
-    found, gains = refined(likelihood, plain, [own, ripple], folds)
-    assert list(gains) == ([own.name] if differ else [])
-    assert (own in found.candidates) is differ
-    if differ:
-        values = found.values[own.name]
-        for name, loss in zip(own.own, losses, strict=True):
-            assert values["loss"] + values[name] == pytest.approx(loss, abs=0.12)
 
 
 def test_gates_change_walls_as_sharply_as_they_are_told():

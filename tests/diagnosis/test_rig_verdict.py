@@ -28,7 +28,7 @@ from mazeplan.diagnosis.rig.reference import known_reference, reference_of, text
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
-from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.stage import navigation
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map

@@ -24,7 +24,6 @@ def test_placebos_run_along_and_lose():
     tried = known & set(gains)
     assert tried
     assert max(gains[name] for name in tried) < 0.1 * gains["dry_friction"]
-    assert any(note.startswith("by chance") for note in done.notes)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +80,6 @@ def test_scales_far_off_on_both_axes_alike_may_be_the_ball():
     done = found(seed=0, seconds=100.0, gain=(1.4, 1.4))
     assert (names(done), done.verdict) == (["tilt_gain"], "ambiguous")
     assert done.document()["ambiguous_with"] == [["tilt_gain", "rolling_inertia"]]
-    assert "clinometer" in done.apart[0]["first"]
     apart = found(seed=0, seconds=100.0, gain=(1.4, 1.2))
     assert (names(apart), apart.verdict) == (["tilt_gain"], "effect_found")
 

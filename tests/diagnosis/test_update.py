@@ -12,10 +12,8 @@ import yaml
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import centred
 from mazeplan.diagnosis.ring.camera import fit_circle
-from mazeplan.diagnosis.update import base_model, left_out, merged, updated
+from mazeplan.diagnosis.update import base_model, merged, updated
 from mazeplan.learning.modelfile import load_model, model_document, save_model
-from mazeplan.physics.effects.openings import Openings, finer_library
-from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.sensors import Camera
 
 TOY = load_model("toy")
@@ -108,16 +106,6 @@ def test_an_offset_of_the_camera_comes_to_the_one_that_the_model_knows(known):
     new = updated(replace(TOY, camera=known), {1: [entry]}).camera
     assert (new.offset_x, new.offset_y) == pytest.approx((0.003, -0.002), abs=5e-5)
     assert new.stderr["offset_x"] == pytest.approx(known.scale * circle.stderr[0], abs=1e-6)
-
-
-def test_ripples_for_which_a_model_has_no_place_are_told():
-    (fine,) = (c for c in finer_library(Openings()) if c.name == "surface_ripple")
-    found = [effect("surface_ripple", **dict.fromkeys(fine.parameters, (0.1, 0.01))), effect("mine", size=(1.0, 0.1))]
-    assert left_out(found) == [
-        "the new model leaves out cos10 to sin17 of surface_ripple: a model has no place for them"
-    ]
-    assert set(updated(TOY, {2: found}).declared(2)["surface_ripple"]) == set(EFFECTS["surface_ripple"].parameters)
-    assert left_out([effect("surface_profile", cos2=(1.0, 0.1))]) == []
 
 
 def test_values_outside_what_a_model_may_have_become_the_nearest():

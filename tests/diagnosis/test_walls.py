@@ -14,15 +14,14 @@ from ring_records import DECLARED
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
-from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.diagnosis.ring.diagnose import diagnose
-from mazeplan.diagnosis.ring.holdout import seen_and_held
-from mazeplan.diagnosis.ring.scores import MATCHED
+from mazeplan.diagnosis.ring.scores import MATCHED, seen_and_held
+from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.ring.windows import spread_of, weights_of
 from mazeplan.learning.smoothing import derivatives
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effects.ball import surface_ripple, wall_friction
-from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.effects.openings import Openings, closer_library, wall_library
 from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.formulas.symbols import INPUTS
 from mazeplan.physics.registry import EFFECTS
@@ -61,11 +60,6 @@ def test_ripples_are_harmonics_from_the_fourth_on():
     p = np.arange(1.0, 13.0)
     expected = sum(p[2 * i] * math.cos((4 + i) * 0.3) + p[2 * i + 1] * math.sin((4 + i) * 0.3) for i in range(6))
     assert of_effect(surface_ripple, "term", 0.3, 0.0, p) == pytest.approx(expected, rel=1e-12)
-    finer = finer_library(Openings())[-1]
-    values = {**dict.fromkeys(finer.parameters, 0.0), **dict(zip(surface_ripple.parameters, p, strict=True))}
-    values |= {"cos17": 0.5, "sin17": 0.25}
-    more = 0.5 * math.cos(17 * 0.3) + 0.25 * math.sin(17 * 0.3)
-    assert of_effect(finer, "term", 0.3, 0.0, values.values()) == pytest.approx(expected + more, rel=1e-12)
 
 
 def test_a_camera_off_the_centre_bends_angles_and_back():
@@ -147,7 +141,7 @@ def test_walls_gates_and_camera_are_named(what, name, parameter, true):
 
 def test_every_candidate_of_a_ring_is_an_effect_that_can_be_listed():
     walls = Openings(QUARTERS, QUARTERS)
-    for c in (*ring_library(), *wall_library(walls), *closer_library(walls), *finer_library(walls)):
+    for c in (*ring_library(), *wall_library(walls), *closer_library(walls)):
         assert c.name in EFFECTS, c.name
         known = EFFECTS[c.name].parameters
         assert all(known[key].unit == p.unit for key, p in c.parameters.items() if key in known), c.name

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mazeplan.apps.report import words
-from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.system import ring_library
 
 
 def test_an_angle_is_in_degrees_with_its_error_and_a_speed_is_not():

@@ -49,7 +49,8 @@ def diagnosis_section(given: Input) -> PageSection:
         if document.get("effects"):
             parts.append(_effects(document["effects"]))
         parts.append(_scores(document, evidence))
-        parts += _experiments(document)
+        groups = [", ".join(map(words.spoken, group)) for group in document.get("ambiguous_with") or ()]
+        parts += [Note(f"Hard to tell apart in this record: {group}.") for group in groups]
         if document.get("navigation") is not None:
             parts.append(_navigation(document["navigation"]))
         if evidence:
@@ -121,18 +122,6 @@ def _scores(document: dict[str, Any], evidence: dict[str, Any]) -> PageTable:
         if math.isfinite(value := number(document.get(key))):
             rows.append([label, *rest, words.number(factor * value, 3)])
     return PageTable("On parts that took no part in the fit", ("", *columns), rows)
-
-
-def _experiments(document: dict[str, Any]) -> list[Note]:
-    """A paragraph for each group of effects that the record cannot tell apart, with an experiment that can."""
-    found, ways = [], document.get("separate_by") or []
-    for i, group in enumerate(document.get("ambiguous_with") or ()):
-        way = ways[i] if i < len(ways) else {}
-        text = f"Hard to tell apart in this record: {', '.join(map(words.spoken, group))}."
-        text += f" {words.sentence(way['why'])}" if way.get("why") else ""
-        text += f" What to do: {words.spoken(str(way['first']))}, then" if way.get("first") else ""
-        found.append(Note(text, str(way.get("command") or "")))
-    return found
 
 
 def _navigation(navigation: dict[str, Any]) -> PageTable:

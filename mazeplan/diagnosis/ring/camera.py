@@ -24,27 +24,21 @@ FEWEST = 100
 SMALLEST = 1e-4  # m; smallest offset to report
 SURE = 15.0  # of -2 log L with its penalty
 BLOCK = 30  # samples that count as one, because the ball stays at one wall of its channel for a while
+Offset = tuple[float, float]  # x and y, m
 
 
 @dataclass(frozen=True)
 class Circle:
     """A fitted circle.
 
-    offset: x and y, m
-    stderr: their standard errors, m
     evidence: gain of -2 log L by the offset, with its penalty
     before, after: standard deviation of r without and with the offset, m"""
 
-    offset: tuple[float, float]
-    stderr: tuple[float, float]
+    offset: Offset
+    stderr: Offset
     evidence: float
     before: float
     after: float
-
-    @property
-    def shifted(self) -> bool:
-        """Whether the offset is significant and large enough to report."""
-        return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr))
 
     def entry(self, known: Camera) -> Entry:
         """The whole offset in the picture as an effect of the document.
@@ -54,12 +48,13 @@ class Circle:
         values = {axis: round(had[axis] + known.scale * v, 6) for axis, v in zip("xy", self.offset, strict=True)}
         stderr = {axis: round(known.scale * v, 6) for axis, v in zip("xy", self.stderr, strict=True)}
         more = {"evidence": round(self.evidence, 1), "before": round(self.before, 6), "after": round(self.after, 6)}
-        return effect_entry(camera_offset, values, stderr, had) | more
+        return effect_entry(camera_offset, values, stderr, had, **more)
 
 
 def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
-    """The circle through measured (theta, r) of some rows. None if the rows are few, show only an arc, or have no
-    scatter."""
+    """The circle through measured (theta, r) of some rows, if its offset is significant and large enough to report.
+
+    None also if the rows are few, show only an arc, or have no scatter."""
     keep = rows & np.isfinite(theta) & np.isfinite(r)
     if keep.sum() < FEWEST:
         return None
@@ -72,46 +67,44 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
     before, after = float(np.std(y)), float(np.std(left))
     if not after > 0.0:  # these radii are nominal, not measured
         return None
-    share = max(1.0, _together(left))
+    blocks = left[: len(left) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    together = float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
+    share = max(1.0, together)  # neighbours are correlated: so many samples count as one
     n = len(y) / share
     evidence = n * float(np.log(before**2 / after**2)) - 2.0 * float(np.log(max(n, 2.0)))
     sigma = after * np.sqrt(share * np.diag(np.linalg.inv(X.T @ X)))
     offset, stderr = (float(w[1]), float(w[2])), (float(sigma[1]), float(sigma[2]))
+    if not (evidence > SURE and float(np.hypot(*offset)) > max(SMALLEST, 3.0 * max(stderr))):
+        return None
     return Circle(offset, stderr, evidence, before, after)
 
 
-def _together(left: Array) -> float:
-    """Correlation of neighbours: variance of block means over its value for independent samples."""
-    blocks = left[: len(left) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
-    return float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
-
-
-def true_angle_at_radius(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
+def true_angle_at_radius(theta: Array, r: Array, offset: Offset) -> Array:
     """Angle about the true centre, on the same turn as theta."""
     x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
     turn = np.arctan2(y, x) - theta
     return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def true_angle(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+def true_angle(theta: Array, radius: float, offset: Offset) -> Array:
     """Angle about the true centre, for a ball on a circle (radius, m) that a camera with an offset sees at theta."""
     return theta + np.arcsin(_sine(theta, radius, offset))
 
 
-def seen_angle(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
+def seen_angle(phi: Array, radius: float, offset: Offset) -> Array:
     """Inverse of `true_angle`: the seen angle theta from the angle about the true centre, on the same turn."""
     x, y = offset
     c, s = np.cos(phi), np.sin(phi)
     return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
 
 
-def true_angle_slope(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+def true_angle_slope(theta: Array, radius: float, offset: Offset) -> Array:
     """Derivative of `true_angle` by theta."""
     x, y = offset
     sine = _sine(theta, radius, offset)
     return 1.0 + (x * np.cos(theta) + y * np.sin(theta)) / (radius * np.sqrt(1.0 - sine**2))
 
 
-def _sine(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+def _sine(theta: Array, radius: float, offset: Offset) -> Array:
     # only a search on its way tries offsets near the radius; the ball's circle then does not surround the camera
     return np.clip((offset[0] * np.sin(theta) - offset[1] * np.cos(theta)) / radius, -0.9, 0.9)

@@ -1,12 +1,12 @@
 """Diagnose a record of a ball in one ring: stage, camera and ball, one after the other.
 
-The search and all fits see 70 % of the samples. The scores before and after use the held-out rest (`holdout`).
+The search and all fits see 70 % of the samples. The scores before and after use the held-out rest.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,22 +14,19 @@ import numpy as np
 from mazeplan.core.progress import Words, no_words
 from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord, runs
-from mazeplan.diagnosis.ring.ambiguity import confounded_effects, experiment_for
 from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
-from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS, ring_library, stage_errors
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without
-from mazeplan.diagnosis.ring.holdout import inner_folds, seen_and_held
 from mazeplan.diagnosis.ring.result import RingDiagnosis, evidence_of, verdict_of
-from mazeplan.diagnosis.ring.scores import RingScore, matched_target, score
-from mazeplan.diagnosis.ring.search import Finding, Search
-from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.ring.scores import RingScore, matched_target, score, seen_and_held
+from mazeplan.diagnosis.ring.search import Finding, Search, confounded_effects
+from mazeplan.diagnosis.ring.system import STAGE_ERRORS, RingSystem, ring_library, stage_errors
 from mazeplan.diagnosis.ring.windows import by_windows
 from mazeplan.diagnosis.stage.comparison import DECISIVE, Known, changed_gain, stage_effects
 from mazeplan.diagnosis.stage.plate_motion import Stage, Tilt, commanded, fit_stage, plate_motion
 from mazeplan.physics.effect import STAGE, Effect
 from mazeplan.physics.effects import rig
 from mazeplan.physics.effects.nameless import NAMELESS, PLACEBOS
-from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.effects.openings import Openings, closer_library, wall_library
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.sensors import Camera
 
@@ -38,32 +35,21 @@ GAP = 30  # samples; the filter starts again if the ball was not seen for longer
 
 
 def diagnose(
-    record: RingRecord,
-    radius: float,
-    declared: Values,
-    *,
-    ring: int | None = None,
-    openings: Openings | None = None,
-    more: Sequence[Effect] = (),
-    without: Container[str] = (),
-    test: RingRecord | None = None,
-    known: Known | None = None,
-    corrected: Camera | None = None,
-    progress: Words = no_words,
-) -> RingDiagnosis:
+    record: RingRecord, radius: float, declared: Values, *, openings: Openings | None = None,
+    more: Sequence[Effect] = (), test: RingRecord | None = None, known: Known | None = None,
+    corrected: Camera | None = None, progress: Words = no_words,
+) -> RingDiagnosis:  # fmt: skip
     """Find what the declared effects lack.
 
     radius: of the track, m
     declared: known effects
-    ring: number of the ring, for proposed commands
     openings: openings of the ring in the map, if a map is known
     more: effects to look for beside the library
-    without: names of effects to leave out
     test: a further record, for scores only
     known: the model's stage; None: the declared one
     corrected: camera by which the positions of `record` are corrected already; None: they are as measured
     progress: reports progress"""
-    rows, held, which = seen_and_held(record)
+    whole, (rows, held, which) = record, seen_and_held(record)
     seen = np.isfinite(record.theta)
     share = float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
     progress("stage")
@@ -72,12 +58,12 @@ def diagnose(
     tilt = plate_motion(record, stage)
     effects = stage_effects(stage, known)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
-    if circle is not None and circle.shifted:
+    if circle is not None:
         effects.append(circle.entry(corrected or Camera()))
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
-    library, closely, finer = _libraries(declared, record.r is not None, openings or Openings(), more, without)
-    everything = [*library, *closely, *finer, *nuisance]
-    whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
+    library, closely = _libraries(declared, record.r is not None, openings or Openings(), more)
+    everything = [*library, *closely, *nuisance]
+    record, (rows, held) = _with_ball(record, rows, held)
     record = _straight(record, circle)
     straight = _likelihood(record, tilt, radius, declared, everything, rows)
     gain, either = _gain_effect(stage, known, straight)
@@ -88,35 +74,34 @@ def diagnose(
             scaled = declared | {gain["name"]: values_of(gain)}
             straight = _likelihood(record, tilt, radius, scaled, everything, rows)
     if record.u is None and matched_target(straight.system) is not None:
-        folds = inner_folds(record, rows)
-        finding, judge = by_windows(straight, library, progress, closely, finer, folds)
+        finding, judge = by_windows(straight, library, progress, closely)
     else:
         finding, judge = Search(straight, library, progress, nuisance=nuisance).run(), straight
-    alike = (*finding.alike, *((either,) if either else ()))
-    if "rolling_inertia" not in without:
-        alike += tuple(confounded_effects(finding.final.values, finding.final.stderr))
+    final = finding.final
+    alike = (*finding.alike, *either, *confounded_effects(final.values, final.stderr))
     finding = replace(finding, alike=alike)
     progress("scores on what was held out")
-    effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
+    effects += [_entry(straight, judge, finding, c, held) for c in final.candidates if c.named]
     own = _model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
     plain, base, scored = _as_it_was(whole, own or tilt, radius, declared, everything, own is None)
     done = RingDiagnosis(
         verdict=verdict_of(finding, effects, everything), effects=tuple(effects), finding=finding,
-        before=scored, after=score(straight, finding.final, held), share=share,
-        evidence=(evidence_of(plain, base), evidence_of(straight, finding.final)), held=which,
-        notes=(*record.notes, *_chance(finding)), circle=circle, stage=stage, tilt_source=tilt.source,
-        apart=tuple(experiment_for(group, ring) for group in finding.alike),
+        before=scored, after=score(straight, final, held), share=share, held=which, notes=record.notes,
+        evidence=(evidence_of(plain, base), evidence_of(straight, final)), stage=stage, tilt_source=tilt.source,
     )  # fmt: skip
     if test is None:
         return done
-    was = None if own is None else _model_motion(test, stage, known)
-    return replace(done, test=_on_test(test, was, done, straight, plain, base))
+    was, moved = None if own is None else _model_motion(test, stage, known), plate_motion(test, stage)
+    before = _on_test(test, was or moved, plain, base)
+    return replace(done, test=(before, _on_test(test, moved, straight, final, circle)))
 
 
-def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> tuple[Entry | None, tuple[str, ...]]:
-    """The cause of a changed gain, and the names that this record cannot tell apart.
+def _gain_effect(
+    stage: Stage | None, known: Known, likelihood: Likelihood
+) -> tuple[Entry | None, tuple[tuple[str, str], ...]]:
+    """The cause of a changed gain, servo or tilt sensor, and a pair of names that this record cannot tell apart.
 
-    The cause is the servo or the tilt sensor, None if nothing changed. The likelier scale of the tilt decides."""
+    The likelier scale of the tilt decides. (None, ()) if nothing changed."""
     servo, sensor = changed_gain(stage, known)
     if servo is None or sensor is None:
         return None, ()
@@ -128,7 +113,7 @@ def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> t
         likelihood.minus2(values, best_q(likelihood, values)) for values in ({}, {"tilt_gain": scale})
     )
     found, other = (servo, sensor) if by_sensor >= by_servo else (sensor, servo)
-    return found, (found["name"], other["name"]) if abs(by_servo - by_sensor) < DECISIVE else ()
+    return found, ((found["name"], other["name"]),) if abs(by_servo - by_sensor) < DECISIVE else ()
 
 
 def _model_motion(record: RingRecord, stage: Stage | None, known: Known) -> Tilt | None:
@@ -139,7 +124,7 @@ def _model_motion(record: RingRecord, stage: Stage | None, known: Known) -> Tilt
 
 def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
     """The record with angles about the ring's centre, if the camera is off."""
-    if circle is None or not circle.shifted or record.r is None:
+    if circle is None or record.r is None:
         return record
     return replace(record, theta=true_angle_at_radius(record.theta, record.r, circle.offset))
 
@@ -156,7 +141,7 @@ def _as_it_was(
 ) -> tuple[Likelihood, Fit, RingScore]:
     """Likelihood, fit of the noise and scores of the declared model, on the record with the model's camera.
 
-    loose: whether to fit the errors of the stage as well (`candidates.stage_errors`)"""
+    loose: whether to fit the errors of the stage as well"""
     rows, held, _ = seen_and_held(record)
     record, (rows, held) = _with_ball(record, rows, held)
     plain = _likelihood(record, tilt, radius, declared, library, rows)
@@ -166,18 +151,13 @@ def _as_it_was(
 
 
 def _libraries(
-    declared: Values, measured: bool, openings: Openings, more: Sequence[Effect], without: Container[str]
-) -> tuple[list[Effect], list[Effect], list[Effect]]:
-    """Effects to look for, closer models of openings, and models with more parameters.
+    declared: Values, measured: bool, openings: Openings, more: Sequence[Effect]
+) -> tuple[list[Effect], list[Effect]]:
+    """Effects to look for, and closer models of openings.
 
     measured: whether the record has radii, which show the camera's offset"""
     named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
-    named = [*named, *wall_library(openings), *more]
-    plain, closely, finer = (
-        [c for c in some if c.name not in without]
-        for some in (named, closer_library(openings), finer_library(openings))
-    )
-    return [*plain, *NAMELESS, *PLACEBOS], closely, finer
+    return [*named, *wall_library(openings), *more, *NAMELESS, *PLACEBOS], closer_library(openings)
 
 
 def _from_declared(candidate: Effect, declared: Values) -> Effect:
@@ -220,32 +200,8 @@ def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effec
     return out
 
 
-def _chance(finding: Finding) -> tuple[str, ...]:
-    """A note on how much the best placebo explains."""
-    placebos = [t for t in finding.ranked if t.candidate.placebo]
-    if not placebos:
-        return ()
-    best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
-    what = best.candidate.name.removeprefix("placebo: ")
-    lost = f"by chance, a term that cannot act ({what}) explains {max(best.gain, 0.0):.0f} of -2 log L"
-    if finding.final.candidates and rest and max(rest) > 0.0:
-        lost += f", the best candidate {max(rest):.0f}"
-    return (lost,)
-
-
-def _on_test(
-    test: RingRecord, was: Tilt | None, done: RingDiagnosis, straight: Likelihood, plain: Likelihood, base: Fit
-) -> tuple[RingScore, RingScore]:
-    """Scores before and after on a further record.
-
-    was: the plate's motion by the model's stage, if the stage changed"""
-    moved, radius = plate_motion(test, done.stage), plain.system.radius
-    scores, (record, (every,)) = [], _with_ball(test, np.ones(len(test), dtype=bool))
-    for likelihood, found, circle, tilt in (
-        (plain, base, None, was or moved), (straight, done.finding.final, done.circle, moved),
-    ):  # fmt: skip
-        there = _likelihood(
-            _straight(record, circle), tilt, radius, likelihood.system.declared, straight.library, every
-        )
-        scores.append(score(there, found, every))
-    return scores[0], scores[1]
+def _on_test(test: RingRecord, tilt: Tilt, like: Likelihood, found: Fit, circle: Circle | None = None) -> RingScore:
+    """Scores on a further record, of a fit to another likelihood."""
+    record, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
+    record, system = _straight(record, circle), like.system
+    return score(_likelihood(record, tilt, system.radius, system.declared, like.library, every), found, every)

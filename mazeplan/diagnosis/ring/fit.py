@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.effect_entry import Values, changed
 from mazeplan.diagnosis.ring.kalman import Moves, innovations
-from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.ring.system import RingSystem, remembered
 from mazeplan.physics.effect import Effect, Parameter
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -23,10 +23,10 @@ PASSES = 12  # cached passes of the filter: a fit asks for some of them again
 ROUNDS, STEADY = 14, 1.0  # maximum rounds of values and process noise; minimum gain of -2 log L for a further round
 
 
+NOTHING = np.empty((0, 0))  # derivatives by no parameter
 NONE = Moves(
-    np.empty((0, 0)), np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2), dtype=np.int64)
+    NOTHING, np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2), dtype=np.int64)
 )
-NOTHING = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Fit:
 class Likelihood:
     """-2 log L of a record in a ring on some of its rows.
 
+    rows: True (N,) for rows that count
     noisy: whether it depends on the process noise
     repeats: number of residuals that count as one independent residual"""
 
     noisy, repeats = True, 1.0
 
     def __init__(self, system: RingSystem, library: Sequence[Effect], rows: np.ndarray) -> None:
-        """rows: True (N,) for rows that count"""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
         self._stop = int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0
@@ -72,16 +72,15 @@ class Likelihood:
 
     def _pass(self, values: Values, q: float) -> tuple[Array, float, np.ndarray]:
         """Whitened innovations (n,), sum of log S, and True (N,) for the rows that they are of."""
-        key = repr(values), q
-        if key not in self._passes:
-            while len(self._passes) >= PASSES:
-                del self._passes[next(iter(self._passes))]
+
+        def make() -> tuple[Array, float, np.ndarray]:
             problem, p = self.system.build(self.library, values)
             innovations(problem, p, q, self._stop, self._nu, self._S, self._states, NONE, NOTHING)
             keep = self.rows & np.isfinite(self._nu)
             S = self._S[keep]
-            self._passes[key] = self._nu[keep] / np.sqrt(S), float(np.sum(np.log(S))), keep
-        return self._passes[key]
+            return self._nu[keep] / np.sqrt(S), float(np.sum(np.log(S))), keep
+
+        return remembered(self._passes, PASSES, (repr(values), q), make)
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
         """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step)."""
@@ -94,7 +93,7 @@ class Likelihood:
         e, J = self._nu[keep] / root, J[keep] / root[:, None]
         for j, (effect, name, step) in enumerate(steps):
             if effect == "camera_offset":  # it moves the measured positions; the filter has no derivatives by these
-                moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+                moved = changed(values, effect, name, values[effect][name] + step)
                 J[:, j] = (self.whitened(moved, q) - e) / step
         return e, J
 
@@ -117,12 +116,9 @@ class Likelihood:
 
     def prior(self, values: Values) -> float:
         """Penalty in -2 log L for values that differ from their defaults, by the priors."""
-        known = {c.name: c.parameters for c in self.library}
-        return sum(
-            ((value - known[effect][name].default) / known[effect][name].prior) ** 2
-            for effect, numbers in values.items()
-            for name, value in numbers.items()
-        )
+        known = {(c.name, name): spec for c in self.library for name, spec in c.parameters.items()}
+        numbers = ((known[e, name], value) for e, given in values.items() for name, value in given.items())
+        return sum(((value - spec.default) / spec.prior) ** 2 for spec, value in numbers)
 
 
 def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -> float:
@@ -229,15 +225,10 @@ def _sigma(J: Array, variance: float, prior: Array) -> Array:
 
 
 def _gauss_newton(
-    likelihood: Likelihood,
-    values_of: Callable[[Array], Values],
-    x: Array,
-    q: float,
+    likelihood: Likelihood, values_of: Callable[[Array], Values], x: Array, q: float,
     names: Sequence[tuple[str, str, Parameter]],
-) -> tuple[Array, Array, float]:
-    """Levenberg-Marquardt steps on the whitened innovations, inside the bounds.
-
-    Returns values, last Jacobian and -2 log L."""
+) -> tuple[Array, Array, float]:  # fmt: skip
+    """Values, last Jacobian and -2 log L after Levenberg-Marquardt steps on the whitened innovations, inside bounds."""
     low, high, step, default, prior = (
         np.array([getattr(spec, field) for *_, spec in names]) for field in ("low", "high", "step", "default", "prior")
     )

@@ -11,10 +11,9 @@ import numpy as np
 
 from mazeplan.core.maths.angles import wrap
 from mazeplan.diagnosis.effect_entry import Entry, lacking, why_not_planned, with_plan
-from mazeplan.diagnosis.evidence import Evidence
-from mazeplan.diagnosis.ring.camera import Circle
+from mazeplan.diagnosis.evidence import Evidence, both_documents, rounded
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood
-from mazeplan.diagnosis.ring.scores import LABELS, RingScore, rounded
+from mazeplan.diagnosis.ring.scores import LABELS, RingScore
 from mazeplan.diagnosis.ring.search import Finding
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.physics.effect import Effect
@@ -34,10 +33,8 @@ class RingDiagnosis:
     held: which rows are held out, in words
     evidence: residuals before and after
     notes: anything odd about the record and the fits
-    circle: the ring as the camera sees it, None if it was not fitted
     stage: fits of both axes, None without commands
     tilt_source: where the plate's motion comes from, in words
-    apart: an experiment for each group of effects that this record cannot tell apart
     test: scores before and after on a further record"""
 
     verdict: str
@@ -49,10 +46,8 @@ class RingDiagnosis:
     held: str
     evidence: tuple[Evidence, Evidence]
     notes: tuple[str, ...]
-    circle: Circle | None
     stage: Stage | None
     tilt_source: str
-    apart: tuple[dict[str, str], ...]
     test: tuple[RingScore, RingScore] | None = None
 
     @property
@@ -69,13 +64,13 @@ class RingDiagnosis:
             unknown = {"depends_on": depends, "description": self._description()}
         out = {
             "verdict": self.verdict, "sentence": self.sentence(), "effects": list(map(with_plan, self.effects)),
-            "ambiguous_with": [list(group) for group in self.finding.alike], "separate_by": list(self.apart),
-            "unknown": unknown, "before": self.before.document(), "after": self.after.document(),
-            "noise_floor": rounded(self.after.floor), "held_out": round(self.share, 3), "held_out_rows": self.held,
+            "ambiguous_with": [list(group) for group in self.finding.alike], "unknown": unknown,
+            "before": self.before.document(), "after": self.after.document(),
+            "noise_floor": rounded(self.after.floor, 5), "held_out": round(self.share, 3), "held_out_rows": self.held,
+            "tilt": self.tilt_source, "notes": list(self.notes),
         }  # fmt: skip
-        out |= {"tilt": self.tilt_source, "notes": list(self.notes)}
         if self.test is not None:
-            out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))
+            out["test"] = both_documents(self.test)
         return out
 
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
@@ -88,7 +83,7 @@ class RingDiagnosis:
                  "placebo": t.candidate.placebo}
                 for t in self.finding.ranked if math.isfinite(t.gain)
             ],
-            **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
+            **both_documents(self.evidence),
         }  # fmt: skip
 
     def sentence(self) -> str:

@@ -1,4 +1,4 @@
-"""Scores of a model on held-out rows.
+"""Which rows are held out, and scores of a model on them.
 
 nRMSE compares accelerations. The record measures positions, and a smoothing turns them into accelerations. A model must
 go through the same smoothing. Otherwise a perfect model would seem wrong where the acceleration changes in a window.
@@ -25,11 +25,13 @@ import numpy as np
 
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
+from mazeplan.diagnosis.evidence import rounded
+from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood
 from mazeplan.diagnosis.ring.kalman import accelerations, roll_out
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.learning.smoothing import Smoothing, derivatives, savgol_weights
+from mazeplan.learning.split import block_split
 
 AHEAD = (20, 40)  # samples ahead at which roll-outs are scored
 EVERY = 10  # samples from one roll-out's start to the next
@@ -37,12 +39,12 @@ SETTLED = 30  # samples of a stretch before a roll-out may start
 MATCHED = Smoothing(window=7, order=2)
 SAME = 1e-2  # maximum difference between a matched column and `MATCHED` of theta, in standard deviations of the latter
 KNOWN = 2  # samples of a stretch after which the filter knows the speed
+SEEN = 0.7  # share of the record that search and fits see
+BLOCK_S = 10.0  # s
+GUARD = 8  # rows at a border that belong to neither set: windows of derivatives and states of the filter reach across
+LONGEST = 0.5  # share of the record; with a longer stretch, the record counts as one piece
+FAR_BEYOND = 2.0  # error over the noise floor; a larger error has further causes that were not found
 LABELS = {"nrmse": "nRMSE of theta_dd", **{f"rollout{n}": f"theta error after {n} samples, rad" for n in AHEAD}}
-
-
-def rounded(value: float) -> float | None:
-    """A number of the document; None if not finite."""
-    return round(value, 5) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class RingScore:
 
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None if not finite."""
-        return {name: rounded(getattr(self, name)) for name in LABELS}
+        return {name: rounded(getattr(self, name), 5) for name in LABELS}
 
     def nothing_found(self) -> str:
         """The sentence of a record in which no effect was found."""
@@ -68,8 +70,11 @@ class RingScore:
             same = f"nRMSE of theta_dd {self.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
             return f"Nothing was found, which may be the record: {same}."
         same = f"40-step error {self.rollout40:.4f} rad, noise alone would cause {self.floor:.4f}"
-        if more_than_noise(self.rollout40, self.floor):
-            return f"Nothing that is missing was found: {same}; {TOO_SELDOM}."
+        if self.rollout40 > FAR_BEYOND * self.floor:
+            rest = (
+                "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
+            )
+            return f"Nothing that is missing was found: {same}; {rest}."
         return f"Nothing is missing: {same}."
 
     def both(self, after: RingScore) -> str:
@@ -83,6 +88,20 @@ class RingScore:
         worse = math.isfinite(self.rollout40) and after.rollout40 > self.rollout40
         no_better = " where it was held out, which is no better: a longer record would tell more"
         return self.both(after) + no_better * worse
+
+
+def seen_and_held(record: RingRecord) -> tuple[np.ndarray, np.ndarray, str]:
+    """Seen rows and held-out rows (N,), and the held-out rows in words.
+
+    The last part of an uninterrupted record is held out, because a model has to predict what comes later. A record in
+    many pieces has no such order, so blocks all over the record are held out."""
+    lengths = np.diff(np.append(np.flatnonzero(record.begins), len(record)))
+    if record.u is None and lengths.max() < LONGEST * len(record):
+        split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
+        return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"
+    seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
+    rows = seen <= SEEN * seen[-1]
+    return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
 
 
 def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:

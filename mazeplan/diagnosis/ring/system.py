@@ -14,33 +14,64 @@ The definition of an effect says where it enters the problem:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
 
 from mazeplan.core.maths.compiled import KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.effect_entry import Values, changed
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
-from mazeplan.diagnosis.ring.candidates import STAGE_ERRORS
 from mazeplan.diagnosis.ring.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.stage.plate_motion import Tilt
-from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect
+from mazeplan.physics.effect import BALL, DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect, Parameter
 from mazeplan.physics.effects.nameless import PAST
+from mazeplan.physics.effects.openings import WALLS
 from mazeplan.physics.formulas.arrays import BALL_RADIUS
 from mazeplan.physics.formulas.compiled import base_functions, call_plate, term_functions
 from mazeplan.physics.formulas.symbols import INPUTS, PLATE
-from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.registry import EFFECTS, PACKAGED
 
-KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # cached motions of the plate; cached inputs
+KEPT = 4  # cached motions of the plate, and cached inputs
 LEAN_S = 0.05  # s; time constant of the low-passed tilt
 AVERAGE = np.array([[1.0, 4.0, 2.0, 4.0, 1.0], [2.0, 6.0, 2.0, 2.0, 0.0]]) / 12.0  # Simpson: of f, of 2 (1 - s) f
 COUNT = len(INPUTS)  # number of inputs; the coefficients of the plate follow them
 assert len(PLATE) == 8, "what is beside the plate begins at 8, see `_fill`"
+STAGE_ERRORS = "stage"  # the pseudo-effect of `stage_errors`
 MOTION = ("tilt_gain", "sensor_delay", STAGE_ERRORS)  # effects that change the plate's motion as the ball feels it
+# effects of the rig that the ball shows; `stage.comparison` compares stage and tilt sensor with the model
+BY_THE_BALL = ("tilt_gain", "axis_misalignment", "camera_offset", "sensor_delay")
+# named by other means: a draught looks like a table that is not level, unless somebody turns the maze; a rocking table
+# shows as a force that swings with time, as sin and cos of theta; an unbalanced ball loses its phase with every slip
+NOT_SEARCHED = ("constant_force", "table_rocking", "ball_imbalance", "local_friction", *(e.name for e in WALLS))
+Made = TypeVar("Made")
+
+
+def ring_library() -> list[Effect]:
+    """All packaged effects that a diagnosis can name on a ring without a map."""
+    known = PACKAGED.items()
+    return [e for name, e in known if name not in NOT_SEARCHED and (e.acts in BALL or name in BY_THE_BALL)]
+
+
+def stage_errors(directions: Iterable[str]) -> Effect:
+    """Errors of the fitted stage, in standard errors along independent directions (`plate_motion.Stage`).
+
+    They are fitted together with the effects where values and intervals are reported. They are never a finding."""
+    one = Parameter("1", 0.0, -10.0, 10.0, step=0.1, prior=1.0)
+    return Effect(STAGE_ERRORS, dict.fromkeys(directions, one), STAGE_ERRORS, named=False)
+
+
+def remembered(kept: dict[Any, Made], most: int, key: Any, make: Callable[[], Made]) -> Made:
+    """What was made for a key before, else what `make` makes. At most so many are kept, the latest ones."""
+    if key not in kept:
+        while len(kept) >= most:
+            del kept[next(iter(kept))]
+        kept[key] = make()
+    return kept[key]
 
 
 @njit(**KERNEL)
@@ -72,66 +103,42 @@ def _fill(motions, errors, beside, gains, p, t, radii, plate, out):
             call_plate(plate, (t[k, i], w, pointer_to(p, 0), shifted(w, COUNT)))
 
 
-def _forget(kept: dict, most: int) -> None:
-    """Drop the oldest entries until fewer than `most` are left."""
-    while len(kept) >= most:
-        del kept[next(iter(kept))]
-
-
-def _span(effect: Effect, names: Sequence[str]) -> tuple[int, int]:
-    """Range of terms that a parameter of an effect changes: (first, one behind the last).
-
-    names: effects of the terms, in order"""
-    if effect.acts == GRAVITY or effect.name == "axis_misalignment":  # these act through the first term alone
-        return 0, 1
-    if effect.name in MOTION:
-        return 0, len(names)
-    return (names.index(effect.name, 1), names.index(effect.name, 1) + 1) if effect.name in names[1:] else (0, 0)
-
-
 @dataclass
 class _Assembled:
-    """Effects with their parameters, as the filter needs them. A place is an index in p.
-
-    terms: addresses
-    names: effects of the terms
-    places: places of the terms
-    holds: (address, place) of each dry friction
-    openings: (address of the angle, address of the loss, place) of each opening
-    opening_offsets: angle that is added to that of each opening, rad
-    p: all parameters"""
+    """Effects as the filter needs them: fields as in `Problem`; names: effects of the terms; p: all parameters."""
 
     terms: list[int]
     names: list[str]
-    places: list[int]
+    place: list[int]
+    p: list[float]
     holds: list[tuple[int, int]] = field(default_factory=list)
     openings: list[tuple[int, int, int]] = field(default_factory=list)
     opening_offsets: list[float] = field(default_factory=list)
-    p: list[float] = field(default_factory=list)
 
 
 class RingSystem:
-    """Problems for `kalman`, made from a record and the values of effects."""
+    """Problems for `kalman`, made from a record and the values of effects.
+
+    t: times (N,), s
+    theta: measured angles (N,), rad, unwrapped in each stretch, NaN if not seen
+    begins: True (N,) where a stretch begins
+    radius: of the track, m
+    tilt: motion of the plate
+    declared: known effects
+    target: accelerations (N,) in the record's own column, rad/s^2"""
 
     def __init__(
         self, t: Array, theta: Array, begins: np.ndarray, radius: float, tilt: Tilt, declared: Values,
         target: Array | None = None,
     ) -> None:  # fmt: skip
-        """t: times (N,), s
-        theta: measured angles (N,), rad, unwrapped in each stretch, NaN if not seen
-        begins: True (N,) where a stretch begins
-        radius: of the track, m
-        tilt: motion of the plate
-        declared: known effects
-        target: accelerations (N,) in the record's own column, rad/s^2"""
         # contiguous, because strided arrays would make Numba compile all functions once more
         self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
         self.begins, self.radius, self.tilt = begins, radius, tilt
         self.declared, self.target = declared, target
         self.dt = float(np.median(np.diff(t)))
-        self._beside = np.hstack([self._low_passed(), self._backwards(), self._leaning()])
-        self._motions: dict[tuple[float, bool], Array] = {}
-        self._averages: dict[tuple[float, bool], Array] = {}
+        self._beside = self._beside_the_plate()
+        self._motions: dict[float, Array] = {}
+        self._averages: dict[float, Array] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
         self._gravity = tuple(e for e in EFFECTS.values() if e.acts == GRAVITY)
         self._base = base_functions(self._gravity)
@@ -140,43 +147,39 @@ class RingSystem:
     def __len__(self) -> int:
         return len(self.t)
 
-    def _low_passed(self) -> Array:
-        """Measured speeds (N, 3), low-passed with the time constants PAST."""
+    def _beside_the_plate(self) -> Array:
+        """Speeds low-passed with the time constants PAST, tilts played backwards (for placebos: no ball can feel
+        them), and tilts low-passed with LEAN_S from the beginning of each stretch on (N, 7)."""
         from scipy.signal import lfilter  # slow to import
 
-        out = np.zeros((len(self.t), len(PAST)))
         steps = np.diff(self.theta, prepend=self.theta[:1]) / self.dt
         steps = np.where(self.begins | ~np.isfinite(steps), 0.0, steps)
-        for i, tau in enumerate(PAST):
-            keep = math.exp(-self.dt / tau)
-            out[:, i] = np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps))
-        return out
-
-    def _backwards(self) -> Array:
-        """Tilts (N, 2) of the record played backwards, for placebos: no ball can feel them."""
-        return self.tilt.at(self.t[::-1])[:, [0, 3]]
-
-    def _leaning(self) -> Array:
-        """Tilts (N, 2), low-passed with LEAN_S from the beginning of each stretch on."""
-        from scipy.signal import lfilter  # slow to import
-
+        decays = [math.exp(-self.dt / tau) for tau in PAST]
+        past = [np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps)) for keep in decays]
+        backwards = self.tilt.at(self.t[::-1])[:, [0, 3]]
         tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / LEAN_S)
-        out = tilts.copy()
+        leaning = tilts.copy()
         for a, b in pairwise([*np.flatnonzero(self.begins), len(self.t)]):
-            out[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
-        return out
+            leaning[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
+        return np.column_stack([*past, backwards, leaning])
 
-    def _motion(self, delay: float, stage: bool = True) -> Array:
-        """Motion of the plate (1 + S, N, NODES, 6) from each sample to the next, `delay` s earlier.
+    def _motion(self, delay: float) -> Array:
+        """Motion of the plate, then its derivatives by the stage's S directions (1 + S, N, NODES, 6), from each sample
+        to the next, `delay` s earlier."""
 
-        stage: whether to append the derivatives by the stage's S directions; otherwise S is 0"""
-        key = (round(delay, 9), stage)
-        if key not in self._motions:
-            _forget(self._motions, KEPT_MOTIONS)
+        def make() -> Array:
             grid = (self.t[:, None] + self.dt * np.arange(NODES) / (NODES - 1) - delay).ravel()
-            parts = [self.tilt.at(grid, name) for name in (None, *(self.tilt.by_stage if stage else ()))]
-            self._motions[key] = np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
-        return self._motions[key]
+            parts = [self.tilt.at(grid, name) for name in (None, *self.tilt.by_stage)]
+            return np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
+
+        return remembered(self._motions, KEPT, round(delay, 9), make)
+
+    def _averaged(self, delay: float) -> Array:
+        """Motions (1 + S, N, 2, 6) as `_motion`, averaged over each sample: as they act on speed and on position."""
+        return remembered(
+            self._averages, KEPT, round(delay, 9),
+            lambda: np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay), AVERAGE)),
+        )  # fmt: skip
 
     def _parts(self, values: Values) -> tuple[float, Array, Array, Array]:
         """Delay of the camera (s), errors of the stage (standard errors), scales of the tilt sensor, parameters.
@@ -202,26 +205,18 @@ class RingSystem:
         """Inputs of the terms (N, NODES, W): motion of the plate, past speeds, coefficients of the plate."""
         parts = self._parts(values)
         key = (parts[0], *(number for part in parts[1:] for number in part))
-        if key not in self._inputs:
-            _forget(self._inputs, KEPT_INPUTS)
-            out = np.empty((len(self.t), NODES, self._width))
-            self._inputs[key] = self._filled(self._motion(parts[0]), parts, out)
-        return self._inputs[key]
 
-    def _averaged(self, delay: float, stage: bool = True) -> Array:
-        """Motions (1 + S, N, 2, 6) as `_motion`, averaged over each sample: as they act on speed and on position."""
-        key = (round(delay, 9), stage)
-        if key not in self._averages:
-            _forget(self._averages, KEPT_MOTIONS)
-            self._averages[key] = np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay, stage), AVERAGE))
-        return self._averages[key]
+        def make() -> Array:
+            return self._filled(self._motion(parts[0]), parts, np.empty((len(self.t), NODES, self._width)))
+
+        return remembered(self._inputs, KEPT, key, make)
 
     def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
         """The problem and its parameters, with these effects at these values; other effects stay as declared."""
         built = self._assembled(candidates, values)
         problem = Problem(
             self.position(values), np.isfinite(self.theta), self.begins, self.t, self.dt, self.inputs(values),
-            np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64),
+            np.array(built.terms, dtype=np.int64), np.array(built.place, dtype=np.int64),
             np.array(built.holds, dtype=np.int64).reshape(-1, 2),
             np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.opening_offsets, dtype=np.float64),
         )  # fmt: skip
@@ -230,8 +225,8 @@ class RingSystem:
     def _assembled(self, candidates: Sequence[Effect], values: Values) -> _Assembled:
         """Terms, friction and openings of the effects, each with its place in the parameters."""
         merged = {**self.declared, **values}
-        out = _Assembled([self._base.address["base"]], ["gravity"], [0])
-        out.p.append(merged.get("axis_misalignment", {}).get("angle", 0.0))
+        angle = merged.get("axis_misalignment", {}).get("angle", 0.0)
+        out = _Assembled([self._base.address["base"]], ["gravity"], [0], [angle])
         known = {c.name: c for c in candidates}
         for name, numbers in merged.items():
             effect = known.get(name)
@@ -239,18 +234,15 @@ class RingSystem:
                 continue
             address = term_functions(effect).address
             if effect.acts == OPENING:
-                for i, angle in enumerate(effect.pattern):
-                    out.openings.append((address["angle"], address["loss"], len(out.p)))
-                    out.opening_offsets.append(angle)
-                    out.p.extend(effect.of_opening(numbers, i))
-                continue
-            if effect.acts in (DRY, WALL):
+                out.openings += [(address["angle"], address["loss"], len(out.p))] * len(effect.pattern)
+                out.opening_offsets += effect.pattern
+            elif effect.acts in (DRY, WALL):
                 out.holds.append((address["hold"], len(out.p)))
             else:
                 out.terms.append(address["term"])
                 out.names.append(name)
-                out.places.append(len(out.p))
-            out.p.extend(effect.numbers(numbers))
+                out.place.append(len(out.p))
+            out.p += effect.numbers(numbers)
         return out
 
     def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
@@ -264,42 +256,43 @@ class RingSystem:
         self._filled(self._averaged(delay), parts, w[0])
         p, which = [], []
         for (effect, name, step), out in zip(steps, outside, strict=True):
-            moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+            moved = changed(values, effect, name, values[effect][name] + step)
             p.append(self._assembled(candidates, moved).p)
             which.append(1 + sum(outside[: len(which)]) if out else -1)
             if not out:
                 continue
-            there = self._parts(moved)
-            motions = self._averaged(delay)
+            there, motions = self._parts(moved), self._averaged(delay)
             if effect == "sensor_delay":  # the derivatives by the stage hardly depend on the delay
                 motions = motions.copy()
-                motions[0] += self._averaged(there[0], False)[0] - self._averaged(delay, False)[0]
+                motions[0] += self._averaged(there[0])[0] - motions[0]
             self._filled(motions, there, w[which[-1]])
         return Moves(
             np.array(p).reshape(len(steps), -1), w, np.array(which, dtype=np.int64),
             np.array([step for *_, step in steps]), np.array(spans, dtype=np.int64).reshape(-1, 2),
         )  # fmt: skip
 
-    def offset(self, values: Values) -> tuple[float, float] | None:
-        """The camera's offset from the centre of the ring (m), None without one."""
-        found = {**self.declared, **values}.get("camera_offset")
-        return None if found is None else (found["x"], found["y"])
+    def _offset(self, values: Values) -> tuple[float, float]:
+        """The camera's offset from the centre of the ring, m."""
+        found = {**self.declared, **values}.get("camera_offset", {})
+        return found.get("x", 0.0), found.get("y", 0.0)
 
     def position(self, values: Values) -> Array:
         """Angles (N,) about the true centre."""
-        offset = self.offset(values)
-        return self.theta if offset is None else true_angle(self.theta, self.radius, offset)
+        return true_angle(self.theta, self.radius, self._offset(values))
 
     def seen_at(self, values: Values, angle: Array) -> Array:
         """Angles that the camera sees, from angles about the true centre; any shape."""
-        offset = self.offset(values)
-        return angle if offset is None else seen_angle(angle, self.radius, offset)
-
-    def slope(self, values: Values) -> Array:
-        """Derivative (N,) of `position` by the measured angle."""
-        offset = self.offset(values)
-        return np.ones(len(self.t)) if offset is None else true_angle_slope(self.theta, self.radius, offset)
+        return seen_angle(angle, self.radius, self._offset(values))
 
     def volume(self, values: Values, rows: np.ndarray) -> float:
         """-2 log of the determinant of the change of variables from measured angles to `position`, of some rows."""
-        return 0.0 if self.offset(values) is None else -2.0 * float(np.sum(np.log(self.slope(values)[rows])))
+        return -2.0 * float(np.sum(np.log(true_angle_slope(self.theta, self.radius, self._offset(values))[rows])))
+
+
+def _span(effect: Effect, names: Sequence[str]) -> tuple[int, int]:
+    """First of the terms (effects `names`) that a parameter of an effect changes, and the one behind the last."""
+    if effect.acts == GRAVITY or effect.name == "axis_misalignment":  # these act through the first term alone
+        return 0, 1
+    if effect.name in MOTION:
+        return 0, len(names)
+    return (names.index(effect.name, 1), names.index(effect.name, 1) + 1) if effect.name in names[1:] else (0, 0)

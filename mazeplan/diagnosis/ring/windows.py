@@ -32,14 +32,12 @@ import numpy as np
 
 from mazeplan.core.progress import Words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.effect_entry import Values, changed
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
-from mazeplan.diagnosis.ring.holdout import Folds
 from mazeplan.diagnosis.ring.kalman import accelerations, midpoint_roll_outs
 from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target
-from mazeplan.diagnosis.ring.screening import ACCEPT, price
-from mazeplan.diagnosis.ring.search import Finding, Search, still_alike
-from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.ring.search import ACCEPT, Finding, Search, price, still_alike
+from mazeplan.diagnosis.ring.system import RingSystem, remembered
 from mazeplan.learning.smoothing import acceleration_kernel, savgol_weights
 from mazeplan.physics.effect import DRAG, FORCE, GRAVITY, Effect
 
@@ -47,21 +45,20 @@ TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
 ASIDE = (-0.05, 0.0, 0.05)  # rad, by which openings may seem rotated if blows come at one edge only
 SHARE = 0.1  # minimum further gain of a closer model, as a share of the effect's gain
-WORTH_IT = 0.99  # maximum share of the squared residuals that a model with more parameters may leave
 SMOOTH = (FORCE, DRAG, GRAVITY)  # they change the acceleration without jumps
 KEPT = 100  # cached residuals, so that the same values are not computed twice
 
 
 class WindowLikelihood(Likelihood):
-    """-2 log L of smoothed accelerations on some rows. It does not depend on the process noise."""
+    """-2 log L of smoothed accelerations on some rows. It does not depend on the process noise.
+
+    tails: degrees of freedom of Student's distribution
+
+    Raises ValueError for a record without accelerations of its own."""
 
     noisy = False
 
     def __init__(self, system: RingSystem, library: Sequence[Effect], rows: np.ndarray, tails: float = TAILS) -> None:
-        """Raises ValueError for a record without accelerations of its own.
-
-        rows: True (N,) for rows that count
-        tails: degrees of freedom of Student's distribution"""
         super().__init__(system, library, rows)
         self.tails, target = tails, matched_target(system)
         if target is None:
@@ -81,14 +78,13 @@ class WindowLikelihood(Likelihood):
 
     def residuals(self, values: Values) -> Array:
         """Residuals e (n,), rad/s^2."""
-        key = repr(values)
-        if key not in self._kept:
-            if len(self._kept) >= KEPT:
-                del self._kept[next(iter(self._kept))]
+
+        def make() -> Array:
             problem, p = self.system.build(self.library, values)
             angles = midpoint_roll_outs(problem, p, self.windows - MATCHED.window // 2, MATCHED.window - 1)
-            self._kept[key] = self.target - self.system.seen_at(values, angles) @ self.weights
-        return self._kept[key]
+            return self.target - self.system.seen_at(values, angles) @ self.weights
+
+        return remembered(self._kept, KEPT, repr(values), make)
 
     def whitened(self, values: Values, q: float) -> Array:
         """Weighted residuals (n,), rad/s^2: each is multiplied by the square root of its weight."""
@@ -103,7 +99,7 @@ class WindowLikelihood(Likelihood):
         smooth = {c.name for c in self.library if c.acts in SMOOTH or c.name in ("tilt_gain", "axis_misalignment")}
         here = self._averaged(values)
         for j, (effect, name, step) in enumerate(steps):
-            moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+            moved = changed(values, effect, name, values[effect][name] + step)
             if effect in smooth:
                 J[:, j] = (here - self._averaged(moved)) / step
             else:
@@ -188,67 +184,29 @@ def _closer(squares: WindowLikelihood, rest: Sequence[Effect], c: Effect, values
     return min((fit(squares, [*rest, c], start) for start in starts), key=lambda found: found.minus2)
 
 
-def refined(
-    squares: WindowLikelihood, found: Fit, finer: Sequence[Effect], folds: Folds
-) -> tuple[Fit, dict[str, float]]:
-    """Use models with more parameters where they lower the error on held-out blocks.
-
-    Returns the fit and the gain of -2 log L of each such model. More parameters always fit the seen rows better, so
-    held-out blocks decide."""
-    current, gains = found, dict[str, float]()
-    for c in finer:
-        if c.name not in current.values or not folds:
-            continue
-        usual = {name: spec.default for name, spec in c.parameters.items()}
-        start = {**current.values, c.name: {**usual, **current.values[c.name]}}
-        richer = [c if x.name == c.name else x for x in current.candidates]
-        plain = _left(squares, current.candidates, current.values, folds)
-        if _left(squares, richer, start, folds) < WORTH_IT * plain:
-            better = fit(squares, richer, start)
-            gains[c.name] = current.minus2 - better.minus2
-            current = better
-    return current, gains
-
-
-def _left(squares: WindowLikelihood, candidates: Sequence[Effect], start: Values, folds: Folds) -> float:
-    """Sum of squared residuals, (rad/s^2)^2, on the test rows of all folds, by fits to the training rows."""
-    total = 0.0
-    for pair in folds:
-        learn, tried = (WindowLikelihood(squares.system, squares.library, rows, squares.tails) for rows in pair)
-        e = tried.residuals(fit(learn, candidates, start).values)
-        total += float(e @ e)
-    return total
-
-
 def by_windows(
     likelihood: Likelihood, library: Sequence[Effect], tell: Words, closely: Sequence[Effect],
-    finer: Sequence[Effect], folds: Folds,
 ) -> tuple[Finding, Likelihood]:  # fmt: skip
     """The finding of a record of smoothed accelerations without commands, and the likelihood of its fit.
 
     Forces that act all the time come first, then effects of blows. At the end, the filter finds the noise of the final
     model, for roll-outs.
 
-    closely: closer models that may replace plain ones; only blows show the difference
-    finer: models with more parameters
-    folds: what must confirm the models in `finer`"""
+    closely: closer models that may replace plain ones; only blows show the difference"""
     system, rows = likelihood.system, likelihood.rows
     tell("forces")
     steady = Search(WindowLikelihood(system, library, rows), library, tell).run()
     had, values = steady.final.candidates, steady.final.values
     tell("blows")
-    squares = WindowLikelihood(system, [*library, *closely, *finer], rows, math.inf)
+    squares = WindowLikelihood(system, [*library, *closely], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
     found = Search(squares, rest, tell, free=[c for c in had if c.named]).run(values)
-    closer, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
-    tell("models with more parameters")
-    best, more = refined(squares, closer, finer, folds)
+    best, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
     values = best.values
     q = best_q(likelihood, values)
     e = likelihood.whitened(values, q)
     final = replace(best, q=q, noise=float(np.sqrt(np.mean(e * e))))
     worth = {**steady.worth, **found.worth}
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
-    worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
     alike = still_alike(steady.alike + found.alike, values)
     return replace(steady, final=final, alike=alike, worth=worth), squares

@@ -26,15 +26,12 @@ from typing import Any
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.effect import OPENING, Effect, Parameter
-from mazeplan.physics.effects.ball import RIPPLES, TURN, pressing, ripple, wave_parameters
+from mazeplan.physics.effects.ball import TURN, pressing
 from mazeplan.physics.formulas.symbols import clip, cos, exp, sin
 
 WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
 SLOWEST = 1e-9  # rad^2/s^2
 BEHIND = 0.02  # rad, minimum distance of the far edge behind the middle of an opening
-ALIKE = 0.1  # standard deviation between the losses of openings of one wall
-FINE = 0.25  # rad/s^2; guess of the standard deviation of ripples of high harmonics
-FINEST = 18  # finer ripples have harmonics below this one
 STARTS = 8  # minimum number of start angles for `rotation`, within one period of the openings of a wall
 EDGES = "the prediction meets the edges of the map's openings themselves, and a plan along a ring ends in front of one"
 
@@ -137,19 +134,6 @@ def closer_library(openings: Openings) -> list[Effect]:
             source="geometry of a ball at a corner, inelastic impact",
         ))  # fmt: skip
     return found
-
-
-def finer_library(openings: Openings) -> list[Effect]:
-    """Effects with many more parameters: sinking with one loss for each opening of a wall, and ripples of the floor up
-    to harmonic 17. Each added parameter has a prior around zero."""
-    found = []
-    for plain in closer_library(openings):
-        if plain.name.endswith("edges"):
-            own = tuple(f"loss{i + 1}" for i in range(len(plain.pattern)))
-            beyond = dict.fromkeys(own, Parameter("1", 0.0, -1.0, 1.0, step=1e-3, prior=ALIKE))
-            found.append(replace(plain, parameters={**plain.parameters, **beyond}, own=own))
-    further = wave_parameters(range(RIPPLES.stop, FINEST), prior=FINE)
-    return [*found, ripple(range(RIPPLES.start, FINEST), {**wave_parameters(RIPPLES), **further})]
 
 
 def _period(angles: Sequence[float]) -> float:

@@ -11,9 +11,9 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, as_table, name_of
 from mazeplan.diagnosis.record import centred, record_of, turned_round
 from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
-from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.diagnosis.update import base_model, left_out, updated
+from mazeplan.diagnosis.update import base_model, updated
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
@@ -48,7 +48,6 @@ def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> Diagnos
         stage = None if done.stage is None else StageModel(*done.stage.axes)
         old = base_model(number, known, stage) if model is None else model
         new = updated(old, {number or 1: done.effects})
-        document["notes"] += left_out(done.effects)
         document["model"] = str(save_model(new, request.output / "model").parent)
     return finish(done, document, request, f"ring {number} of {name_of(log)}" if number else name_of(log))
 
@@ -84,7 +83,7 @@ def _diagnose(
         in_ring = np.ones(len(other), dtype=bool) if openings is None else rings_of(other, maze) == ring
         test = record_of(other, in_ring, ring=ring)
     done = ring_diagnosis.diagnose(
-        record_of(table, rows, odd, ring), radius, of_angles, ring=ring, openings=openings, more=added, test=test,
+        record_of(table, rows, odd, ring), radius, of_angles, openings=openings, more=added, test=test,
         progress=request.progress, corrected=camera,
         known=None if model is None else _known_stage(model, known, request.declare),
     )  # fmt: skip

@@ -114,11 +114,7 @@ def finish(
     on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
     ring, sentence = document.get("ring"), done.sentence()
     lines = [f"Ring {ring}: {sentence}" if ring else sentence, *lines_of_test(on_test)]
-    for way in document.get("separate_by", []):
-        first = f"{way['first']}, then " if way["first"] else ""
-        lines.append(f"to separate them: {first}{way['command']}")
-    lines += lines_of_files(document)
-    return DiagnosisResult(document, evidence, tuple(dict.fromkeys(lines)))
+    return DiagnosisResult(document, evidence, (*lines, *lines_of_files(document)))
 
 
 def lines_of_test(errors: str) -> list[str]:
