@@ -42,7 +42,7 @@ def determined(parameter: Parameter, value: float, stderr: float | None) -> bool
     return inside and (stderr is None or stderr <= high - low)
 
 
-def values_of(entry: Entry) -> dict[str, float]:
+def values_of(entry: Mapping[str, Any]) -> dict[str, float]:
     """The values of an entry, by parameter."""
     return {name: number["value"] for name, number in entry["parameters"].items()}
 

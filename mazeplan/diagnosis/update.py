@@ -7,7 +7,6 @@
 | of the ball, others | in the rings where the effect was found |
 | friction_drift | viscous friction at the end of the record |
 
-An effect with one value for all rings gets the mean over the rings where it was found, weighted by the standard errors.
 A value outside the model's bounds becomes the nearest bound. Gaussian processes stay: they learned the edges and joints
 of the maze on top of the old effects, and these edges and joints have not moved.
 """
@@ -19,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from mazeplan.diagnosis.effect_entry import values_of
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import BALL
@@ -26,7 +26,6 @@ from mazeplan.physics.registry import EFFECTS, make_term
 from mazeplan.physics.rig.entries import with_part
 from mazeplan.physics.rig.stage import StageModel
 
-Parameters = dict[str, dict[str, Any]]  # parameter -> {"value", "stderr", "unit"}
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis
 DRIFT, FRICTION, UNTIL = "friction_drift", "viscous_friction", "until_s"
 
@@ -43,73 +42,27 @@ def base_model(ring: int | None, declared: Mapping[str, Mapping[str, float]], st
     return model
 
 
-def merged(found: Found, name: str) -> Parameters:
-    """Weighted means and standard errors of an effect that is the same in all rings."""
-    entries = [e["parameters"] for effects in found.values() for e in effects if e["name"] == name]
-    out: Parameters = {}
-    for key in entries[0] if entries else ():
-        numbers = [(e[key]["value"], e[key]["stderr"]) for e in entries]
-        weights = [1.0 / s**2 if s and math.isfinite(s) else 0.0 for _, s in numbers]
-        known = sum(weights) > 0.0
-        stderr = 1.0 / math.sqrt(sum(weights)) if known else math.inf
-        weights = weights if known else [1.0] * len(numbers)
-        value = sum(w * v for w, (v, _) in zip(weights, numbers, strict=True)) / sum(weights)
-        out[key] = {"value": value, "stderr": stderr, "unit": entries[0][key]["unit"]}
-    return out
-
-
 def updated(model: RigModel, found: Found) -> RigModel:
     """The model with the found effects."""
-    for name in dict.fromkeys(str(e["name"]) for effects in found.values() for e in effects):
-        effect = EFFECTS.get(name)
+    for ring, entry in ((ring, entry) for ring, effects in found.items() for entry in effects):
+        effect = EFFECTS.get(entry["name"])
         if effect is None:
             continue
+        values = values_of(entry)
+        stderr = {key: p["stderr"] or math.inf for key, p in entry["parameters"].items()}
+        if effect.name == DRIFT:
+            effect, until = EFFECTS[FRICTION], entry.get(UNTIL, 0.0)
+            was = model.ball(ring).parameter(FRICTION, "coefficient", 0.0)
+            values = {"coefficient": max(was + values["start"] + values["rate"] * until, 0.0)}
+            start, rate = (entry["parameters"][key]["stderr"] or 0.0 for key in ("start", "rate"))
+            stderr = {"coefficient": math.hypot(start, rate * until)}
         if effect.acts not in BALL:
-            p = merged(found, name)
-            model = with_part(model, effect, _values(p), _stderr(p))
-        elif name == DRIFT:
-            model = _balls(model, FRICTION, _at_the_end(model, found))
-        else:
-            model = _balls(model, name, found)
+            model = with_part(model, effect, values, stderr)
+            continue
+        rings = model.balls if effect.common else (ring,)
+        balls = {number: with_effect(model.ball(number), effect.name, values, stderr) for number in rings}
+        model = replace(model, balls={**model.balls, **balls})
     return model
-
-
-def _at_the_end(model: RigModel, found: Found) -> Found:
-    """Viscous friction at the end of the record, after its drift."""
-    out: dict[int, list[dict[str, Any]]] = {}
-    for ring, effects in found.items():
-        for e in effects:
-            if e["name"] == DRIFT:
-                rate, start, until = e["parameters"]["rate"], e["parameters"]["start"], e.get(UNTIL, 0.0)
-                was = model.ball(ring).parameter(FRICTION, "coefficient", 0.0)
-                value = max(was + start["value"] + rate["value"] * until, 0.0)
-                stderr = math.hypot(start["stderr"] or 0.0, (rate["stderr"] or 0.0) * until)
-                numbers = {"coefficient": {"value": value, "stderr": stderr, "unit": "1/s"}}
-                out[ring] = [{"name": FRICTION, "parameters": numbers}]
-    return out
-
-
-def _values(p: Parameters) -> dict[str, float]:
-    return {key: float(number["value"]) for key, number in p.items()}
-
-
-def _stderr(p: Parameters) -> dict[str, float]:
-    return {key: math.inf if number["stderr"] is None else float(number["stderr"]) for key, number in p.items()}
-
-
-def _balls(model: RigModel, name: str, found: Found) -> RigModel:
-    """The model with a found effect on the ball in its rings."""
-    if EFFECTS[name].common:
-        p = merged(found, name)
-        balls = {ring: with_effect(ball, name, _values(p), _stderr(p)) for ring, ball in model.balls.items()}
-        return replace(model, balls=balls)
-    balls = {ring: model.ball(ring) for ring in {*model.balls, *found}}
-    here: dict[int, Parameters] = {
-        ring: e["parameters"] for ring, effects in found.items() for e in effects if e["name"] == name
-    }
-    for ring, p in here.items():
-        balls[ring] = with_effect(balls[ring], name, _values(p), _stderr(p))
-    return replace(model, balls=balls)
 
 
 def with_effect(ball: BallModel, name: str, values: Mapping[str, float], stderr: Mapping[str, float]) -> BallModel:

@@ -12,7 +12,7 @@ import yaml
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import centred
 from mazeplan.diagnosis.ring.camera import fit_circle
-from mazeplan.diagnosis.update import base_model, merged, updated
+from mazeplan.diagnosis.update import base_model, updated
 from mazeplan.learning.modelfile import load_model, model_document, save_model
 from mazeplan.physics.rig.sensors import Camera
 
@@ -83,14 +83,6 @@ def test_friction_that_drifted_is_in_the_new_model_as_it_was_in_the_end():
     assert new.ball(2).parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(had + 0.05 + 0.2)
     assert new.ball(2).stderr["viscous_friction"]["coefficient"] == pytest.approx(math.hypot(0.01, 0.02))
     assert all(term.name != "friction_drift" for term in new.ball(2).effects)
-
-
-def test_the_mean_of_several_rings_is_weighted_by_their_errors():
-    found = {1: [effect("sensor_delay", delay=(0.10, 0.001))], 2: [effect("sensor_delay", delay=(0.20, 0.002))]}
-    delay = merged(found, "sensor_delay")["delay"]
-    assert delay["value"] == pytest.approx(0.12)
-    assert delay["stderr"] == pytest.approx(1.0 / math.hypot(1000.0, 500.0))
-    assert updated(TOY, found).camera_delay == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize("known", [Camera(), Camera(offset_x=0.002, offset_y=-0.001, scale=1.1, angle=0.05)])
