@@ -12,9 +12,8 @@ from machine_records import Pendulum, Slider, play
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table_checks import Rows
 from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
-from mazeplan.diagnosis.engine.model import Model
+from mazeplan.diagnosis.engine.model import Model, scales
 from mazeplan.diagnosis.engine.record import Record, noise_of, record_of, resolution
-from mazeplan.diagnosis.engine.sizes import scales
 from mazeplan.diagnosis.engine.system import system_of
 from mazeplan.diagnosis.engine.windows import Windows, cut
 from mazeplan.physics import Effect, Parameter, sin

@@ -11,8 +11,12 @@ import pytest
 from mazeplan.diagnosis.effect_entry import values_of
 from mazeplan.diagnosis.stage import navigation
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.diagnosis.stage.held_out import nearer_by_coupling
-from mazeplan.diagnosis.stage.navigation import gain_in_navigation, hidden_gain, servos_look_changed
+from mazeplan.diagnosis.stage.navigation import (
+    gain_in_navigation,
+    hidden_gain,
+    nearer_by_coupling,
+    servos_look_changed,
+)
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.rig.stage import StageAxis, StageModel

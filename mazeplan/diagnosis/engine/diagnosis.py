@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry, lacking
-from mazeplan.diagnosis.engine.judge import LOST, WITHIN_A_SAMPLE
-from mazeplan.diagnosis.engine.levels import Trial, least_left
-from mazeplan.diagnosis.engine.model import Model
+from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, lacking
+from mazeplan.diagnosis.engine.judge import LOST, WITHIN_A_SAMPLE, Trial, least_left
+from mazeplan.diagnosis.engine.model import Model, divide, scales, thinned
 from mazeplan.diagnosis.engine.record import Record, least_noise, noise_of
 from mazeplan.diagnosis.engine.search import Finding, Search
-from mazeplan.diagnosis.engine.sizes import divide, scales, thinned
-from mazeplan.diagnosis.engine.system import System, Values
+from mazeplan.diagnosis.engine.system import System
 from mazeplan.diagnosis.engine.windows import Fit, Windows
 from mazeplan.diagnosis.evidence import Evidence
 

@@ -23,9 +23,10 @@ import numpy as np
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.records import Array
+from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.system import System, Values, system_of
+from mazeplan.diagnosis.engine.system import System, system_of
 from mazeplan.physics.effect import Parameter
 
 COLUMNS, GAIN = ("t", "qm", "vir"), "gtau"
@@ -125,8 +126,7 @@ def force_error(record: Record, values: Values) -> float:
             continue
         effect = next(e for e in system.effects if e.name == name)
         for term in system.terms[name]:
-            plain = term.code.vectorised(np)["hold" if term.held else "term"]
-            size = np.broadcast_to(plain(q, v, record.t, [force], effect.numbers(numbers)), q.shape)
+            size = np.broadcast_to(term.values(q, v, record.t, [force], effect.numbers(numbers)), q.shape)
             needed = needed + (size * np.sign(v) if term.held else -size)
     every = max(1, round(rate / PARALLEL))
     e, y = needed - force, force

@@ -1,21 +1,29 @@
-"""A record under a system: the problem of its simulation, and its inputs after delay, lag and gain."""
+"""A record under a system: the problem of its simulation, its inputs after delay, lag and gain, and how large a
+parameter has to be to matter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.simulation import LEFT, Problem, decayed, simulate
-from mazeplan.diagnosis.engine.system import System, Values
-from mazeplan.physics.effect import Effect
+from mazeplan.diagnosis.engine.system import System
+from mazeplan.physics.effect import INPUT, Effect
 
 Free = tuple[tuple[str, str], ...]  # effect and parameter
 FEWEST, SMOOTH = 20, 0.5  # samples; error of cubics over that of lines, of an input that changes smoothly
 GAP = 3.0  # median steps; a longer step is a gap
+KEPT = 40  # cached inputs
+START, BOW = 6, 3  # samples whose line, and whose parabola, is a first guess of an initial state
+CLEAR = 20.0  # times the noise: differences over a lag that show speeds
+FINE, MOST_PARTS = 0.05, 16  # times the noise: error of the integration; parts of a step
 
 
 class Model:
@@ -27,7 +35,7 @@ class Model:
         span = np.nanmax(record.y, axis=0) - np.nanmin(record.y, axis=0)
         self.limit = LEFT * np.maximum(span, np.nanmax(np.abs(record.y), axis=0))
         self.divide = np.ones(len(record), dtype=np.int64)
-        self._inputs: dict[tuple[float, ...], Array] = {}
+        self._shaped = lru_cache(maxsize=KEPT)(partial(_shaped, record, system))
         self._layouts: dict[tuple[str, ...], tuple[IntArray, IntArray]] = {}
 
     def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
@@ -37,13 +45,11 @@ class Model:
         if names not in self._layouts:
             self._layouts[names] = self._layout(names)
         terms, holds = self._layouts[names]
-        p = [
-            number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0)
-            for name, numbers in values.items()
-            for number, parameter in zip(
-                self.effects[name].numbers(numbers), self.effects[name].parameters.values(), strict=True
-            )
-        ]
+        p = []
+        for name, given in values.items():
+            effect = self.effects[name]
+            for number, parameter in zip(effect.numbers(given), effect.parameters.values(), strict=True):
+                p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
         w = self.inputs(values)
         return Problem(self.record.t, w, terms, holds, self.divide, windows, self.limit), np.array(p or [0.0])
 
@@ -58,18 +64,9 @@ class Model:
 
     def inputs(self, values: Values) -> Array:
         """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
-        delay, lag, gain = (
-            values.get(name, {}).get(key, default)
-            for name, key, default in (
-                ("input_delay", "delay", 0.0), ("input_lag", "time_constant", 0.0), ("input_gain", "factor", 1.0)
-            )
-        )  # fmt: skip
-        key = (delay, lag, gain)
-        if key not in self._inputs:
-            if len(self._inputs) > 40:
-                self._inputs.clear()
-            self._inputs[key] = gain * shaped(self.record, self.system, delay, lag)
-        return self._inputs[key]
+        delay = values.get("input_delay", {}).get("delay", 0.0)
+        lag = values.get("input_lag", {}).get("time_constant", 0.0)
+        return values.get("input_gain", {}).get("factor", 1.0) * self._shaped(delay, lag)
 
     def simulate(self, values: Values, windows: IntArray, states: Array) -> Array:
         """Simulated states (N, 2 C)."""
@@ -77,7 +74,7 @@ class Model:
         return simulate(problem, p, states)
 
 
-def shaped(record: Record, system: System, delay: float, lag: float) -> Array:
+def _shaped(record: Record, system: System, delay: float, lag: float) -> Array:
     """Inputs at begin and end of each step (N, 2, W), late by `delay` and through a lag (s)."""
     t, n = record.t, len(record)
     out = np.zeros((n, 2, record.u.shape[1]))
@@ -150,11 +147,6 @@ def _held_behind_lag(t: Array, u: Array, lag: float) -> Array:
     return u[:, None] + away[:, None] * (mean[:, None] + 6.0 * moment[:, None] * np.array([-1.0, 1.0]))
 
 
-def changed(values: Values, effect: str, name: str, number: float) -> Values:
-    """The values with one number changed."""
-    return {**values, effect: {**values[effect], name: number}}
-
-
 def with_numbers(values: Values, free: Sequence[tuple[str, str]], numbers: Array) -> Values:
     """The values with numbers for the free parameters."""
     out = {name: dict(numbers_) for name, numbers_ in values.items()}
@@ -168,3 +160,101 @@ def free_of(effects: Sequence[Effect], known: Values) -> Free:
     return tuple(
         (e.name, n) for e in effects for n, p in e.parameters.items() if not p.fixed and n not in known.get(e.name, {})
     )
+
+
+def first_states(record: Record, windows: IntArray, degree: int = 1) -> Array:
+    """First guess of the initial states (M, 2 C): lines or parabolas through the first samples."""
+    c = record.y.shape[1]
+    out = np.zeros((len(windows), 2 * c))
+    for m, (a, b) in enumerate(windows):
+        count = max(START, (b - a) // 25) if degree == 1 else BOW
+        for i in range(c):
+            seen = a + np.flatnonzero(np.isfinite(record.y[a:b, i]))[:count]
+            *_, slope, level = np.polyfit(record.t[seen] - record.t[a], record.y[seen, i], degree)
+            out[m, i], out[m, c + i] = level, slope
+    return out
+
+
+def scales(system: System, record: Record, noise: Array) -> dict[tuple[str, str], float]:
+    """The size of each parameter at which its effect is as large as the acceleration of the record.
+
+    Raises InputError for a formula that gives no finite number."""
+    t, y, v, a = _crude(record, noise)
+    w = list(record.u[np.searchsorted(record.t, t)].T)
+    if len(system.positions) > 1:
+        w += [part for i in range(y.shape[1]) for part in (y[:, i], v[:, i])]
+    strong = np.sqrt(np.mean(a**2, axis=0)) + 1e-300
+    out: dict[tuple[str, str], float] = {}
+    for effect in system.library:
+        first = [p.default for p in effect.parameters.values()]
+        for j, (name, p) in enumerate(effect.parameters.items()):
+            out[effect.name, name] = abs(p.default) or (p.step if effect.places else 1.0)
+            if effect.acts == INPUT:
+                out[effect.name, name] = 1.0 if name == "factor" else 4.0 * record.step
+            if effect.acts == INPUT or effect is system.motion or name in effect.places or p.fixed:
+                continue
+            step = p.step if first[j] + p.step <= p.high else -p.step
+            numbers, changes = (first, [*first[:j], first[j] + step, *first[j + 1 :]]), []
+            for term in system.terms[effect.name]:
+                i = term.coordinate
+                one, two = (np.broadcast_to(term.values(y[:, i], v[:, i], t, w, given), t.shape) for given in numbers)
+                if (bad := ~np.isfinite(one + two)).any():
+                    k = int(np.argmax(bad))
+                    where = f"position {y[k, i]:.4g}, speed {v[k, i]:.4g}"
+                    raise InputError(f"the formula of {effect.name} gives no finite number at {where}")
+                changes.append(np.sqrt(np.mean((two - one) ** 2)) / strong[i])
+            per, heavy = max(changes) / abs(step), 1.0
+            if system.inertia and p.unit.startswith("N"):
+                heavy = system.motion.parameters[system.inertia].default
+            if per > 0.0:
+                out[effect.name, name] = heavy / per
+    return out
+
+
+def _crude(record: Record, noise: Array) -> tuple[Array, Array, Array, Array]:
+    """Crude speeds and accelerations: t (K,), coordinates, speeds and accelerations (K, C)."""
+    rows, t = np.arange(len(record)), record.t
+    y = np.column_stack([np.interp(rows, rows[np.isfinite(x)], x[np.isfinite(x)]) for x in record.y.T])
+    lag = 1
+    while lag < len(record) // 12:
+        moved = np.sqrt(np.mean((y[lag:] - y[:-lag]) ** 2, axis=0))
+        if (moved > CLEAR * noise).all():
+            break
+        lag *= 2
+    v = (y[lag:] - y[:-lag]) / (t[lag:] - t[:-lag])[:, None]
+    a = (v[lag:] - v[:-lag]) / (0.5 * (t[2 * lag :] - t[: -2 * lag]))[:, None]
+    middle = slice(lag, len(record) - lag)
+    return t[middle], y[middle], 0.5 * (v[lag:] + v[:-lag]), a
+
+
+def divide(model: Model, values: Values, windows: IntArray) -> None:
+    """Divide the steps of the integration until its error is small beside the noise."""
+    states, c, usual = first_states(model.record, windows), len(model.noise), model.record.step
+    longer = np.append(np.diff(model.record.t), usual) / usual
+    parts, fine, before = 1, model.divide, None
+    while parts <= MOST_PARTS:
+        coarse = fine
+        model.divide = fine = np.maximum(np.round(parts * longer), 1.0).astype(np.int64)
+        after = model.simulate(values, windows, states)[:, :c]
+        if before is not None:
+            error = np.abs(after - before)[np.isfinite(after).all(axis=1)] / model.noise
+            if np.quantile(error, 0.95) < FINE:
+                model.divide = coarse
+                return
+        parts, before = 2 * parts, after
+
+
+def thinned(record: Record, most: int, held: Array) -> Record:
+    """A record with at most about this many rows: each k-th one; inputs keep their means over the steps.
+
+    held: inputs (W,) that keep their value until the next sample"""
+    every = int(np.ceil(len(record) / most))
+    if every == 1:
+        return record
+    keep = np.arange(0, len(record), every)
+    over = np.where(held, record.u[:-1], 0.5 * (record.u[1:] + record.u[:-1]))
+    total = np.vstack([np.zeros(record.u.shape[1]), np.cumsum(over * np.diff(record.t)[:, None], axis=0)])
+    span = np.diff(record.t[keep])[:, None]
+    mean = np.diff(total[keep], axis=0) / span
+    u = np.vstack([mean, mean[-1:]]) if len(mean) else record.u[keep]
+    return Record(record.t[keep], record.y[keep], u, record.notes, means=True)

@@ -21,10 +21,19 @@ from itertools import combinations
 
 import numpy as np
 
-from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, LEAVES_MOST, Judge, gain_of
-from mazeplan.diagnosis.engine.levels import Level, Trial, levels_of, track_of
+from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.engine.judge import (
+    DRIVES,
+    EXPLAINS,
+    LEAVES_MOST,
+    Judge,
+    Level,
+    Trial,
+    gain_of,
+    levels_of,
+    track_of,
+)
 from mazeplan.diagnosis.engine.model import Free, Model, free_of
-from mazeplan.diagnosis.engine.system import Values
 from mazeplan.diagnosis.engine.windows import Point
 from mazeplan.physics.effect import INPUT
 

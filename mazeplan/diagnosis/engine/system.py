@@ -24,8 +24,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from mazeplan.core.errors import InputError
 from mazeplan.core.user_modules import reason
+from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
 from mazeplan.physics.formulas.compiled import term_functions
@@ -38,17 +41,19 @@ TAKEN = ("theta", "theta_dot", "position", "velocity", "t", "speed", "direction"
 # unit of a parameter of an acceleration, and its unit for a force in {0} and a position in {1}
 STRENGTHS = {"1/s": "{0} s/{1}", "rad/s^2": "{0}", "1/rad": "{0} s^2/{1}^2", "1/s^2": "{0}/{1}"}
 
-Values = dict[str, dict[str, float]]  # effect -> parameter -> value
-
 
 @dataclass(frozen=True)
 class Term:
-    """A part of an effect: its compiled function and the coordinate on which it acts."""
+    """A part of an effect: its compiled function and the coordinate on which it acts; held: whether it is friction."""
 
     address: int
     coordinate: int
     held: bool
-    code: Any = field(repr=False, compare=False, default=None)  # keeps the compiled function alive
+    code: Any = field(repr=False, compare=False)  # keeps the compiled function alive
+
+    def values(self, *state: Any) -> Any:
+        """Values for arrays: position, speed, time, inputs, parameters."""
+        return self.code.vectorised(np)["hold" if self.held else "term"](*state)
 
 
 @dataclass(frozen=True)
@@ -74,11 +79,6 @@ class System:
         """All effects that the diagnosis can name, the motion first."""
         return [self.motion, *self.effects]
 
-    @property
-    def scored(self) -> str:
-        """The quantity in which models are compared: force or acceleration."""
-        return "force" if self.inertia else "acceleration"
-
     def inertia_of(self, values: Values) -> float:
         """The inertia that divides forces; 1 if effects are accelerations."""
         return values[self.motion.name][self.inertia] if self.inertia else 1.0
@@ -98,22 +98,19 @@ def system_of(described: Any, more: Sequence[Effect] = ()) -> System:
         raise InputError(f"parameters: got {parameters!r}, expected a dictionary of Parameter by name")
     name = getattr(described, "name", "motion")
     motion = Effect(name, parameters, FORCE, described.motion, text="the motion that is known")
-    for key, found, allowed in (
-        ("held", held, inputs),
-        *(((("force", [force], inputs)), ("inertia", [inertia], tuple(parameters))) if force or inertia else ()),
-    ):
-        for one in found:
-            if one not in allowed:
-                raise InputError(f"{key}: got {one!r}, expected one of {', '.join(allowed) or 'none'}")
+    chosen = [("held", one, inputs) for one in held]
+    if force or inertia:
+        chosen += [("force", force, inputs), ("inertia", inertia, tuple(parameters))]
+    for key, one, allowed in chosen:
+        if one not in allowed:
+            raise InputError(f"{key}: got {one!r}, expected one of {', '.join(allowed) or 'none'}")
     plain = System(positions, units, motion, inputs, held, (), force, inertia)
-    candidates = [*_effects(effects, plain), *_effects(more, plain)]
-    return _compiled(plain, candidates)
+    return _compiled(plain, [*_effects(effects, plain), *_effects(more, plain)])
 
 
 def _coordinates(described: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Columns and units of the coordinates."""
-    several = hasattr(described, "positions")
-    names = described.positions if several else (getattr(described, "position", ""),)
+    names = getattr(described, "positions", getattr(described, "position", ""))
     names = (names,) if isinstance(names, str) else tuple(names)
     units = getattr(described, "units", getattr(described, "unit", ""))
     units = (units,) * len(names) if isinstance(units, str) else tuple(units)
@@ -130,33 +127,32 @@ def _coordinates(described: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def _names(described: Any, key: str) -> tuple[str, ...]:
     """Names of inputs. A single name may stand without brackets."""
     found = getattr(described, key, ())
-    found = (found,) if isinstance(found, str) else found
-    for name in found if isinstance(found, Sequence) else [found]:
+    found = tuple(found) if isinstance(found, list | tuple) else (found,)
+    for name in found:
         if not (isinstance(name, str) and name.isidentifier()) or name in TAKEN:
             raise InputError(f"{key}: got {name!r}, expected names of columns but {', '.join(TAKEN)}")
-    return tuple(found)
+    return found
 
 
 def _effects(found: Any, system: System) -> list[tuple[Effect, int | None]]:
     """The effects that a class names or brings, each with its coordinate (None: a formula for all coordinates)."""
     known = {name: e for name, e in EFFECTS.items() if e.acts in ACTS} | {e.name: e for e in (*FAMILY, *INPUTS)}
     out: list[tuple[Effect, int | None]] = []
-    for one in found if isinstance(found, Sequence) and not isinstance(found, str) else [found]:
+    for one in found if isinstance(found, list | tuple) else [found]:
         effect = known.get(one) if isinstance(one, str) else one
         if not isinstance(effect, Effect):
             raise InputError(f"effects: got {one!r}, expected an Effect or one of {', '.join(known)}")
         if effect is not known.get(effect.name) or effect.acts == INPUT:
             out.append((effect, None))
-            continue
-        out += [(in_units(effect, system, i), i) for i in range(len(system.positions))]
+        else:
+            out += [(_in_units(effect, system, i), i) for i in range(len(system.positions))]
     return out
 
 
-def in_units(effect: Effect, system: System, coordinate: int = 0) -> Effect:
+def _in_units(effect: Effect, system: System, coordinate: int) -> Effect:
     """An effect of the library in the units of a coordinate.
 
-    It loses its smallest sizes and its bounds, except a lower bound of 0, because they belong to a ball. Dry friction
-    has no asymmetry where a constant force is a candidate: while it moves, both are the same."""
+    It loses its smallest sizes and its bounds, except a lower bound of 0, because they belong to a ball."""
     length = system.units[coordinate]
     strength = {"m": "N"}.get(length, "N m") if system.inertia else f"{length}/s^2"
 
@@ -172,8 +168,9 @@ def in_units(effect: Effect, system: System, coordinate: int = 0) -> Effect:
 
 
 def _compiled(system: System, candidates: Sequence[tuple[Effect, int | None]]) -> System:
-    """The system with its candidates and their compiled terms. Raises InputError for what cannot be used."""
-    several = len(system.positions) > 1
+    """The system with its candidates and their compiled terms. Raises InputError for what cannot be used.
+
+    Dry friction has no asymmetry where a constant force is a candidate: while it moves, both are the same."""
     given = {effect.name for effect, _ in candidates}
     steady = any(name.startswith("constant_") for name in given)
     further = [(e, None) for e in INPUTS if system.inputs and e.name not in given]
@@ -181,34 +178,30 @@ def _compiled(system: System, candidates: Sequence[tuple[Effect, int | None]]) -
     on: dict[str, str] = {}
     effects: list[Effect] = []
     for effect, coordinate in [(system.motion, None), *candidates, *further]:
-        one, column = effect, ""
-        if coordinate is not None and several:
+        one = effect
+        if coordinate is not None and len(system.positions) > 1:
             column = system.positions[coordinate]
             one = replace(one, name=f"{effect.name}_{column}")
+            on[one.name] = column
         if effect.name == "dry_friction" and coordinate is not None and steady:
-            free = replace(one.parameters["asymmetry"], fixed=True)
-            one = replace(one, parameters={**one.parameters, "asymmetry": free})
+            fixed = replace(one.parameters["asymmetry"], fixed=True)
+            one = replace(one, parameters={**one.parameters, "asymmetry": fixed})
         _check(one, set(terms), effect is system.motion)
         terms[one.name] = () if one.acts == INPUT else _terms(one, system, coordinate)
-        if column:
-            on[one.name] = column
         effects.append(one)
     return replace(system, motion=effects[0], effects=tuple(effects[1:]), terms=terms, on=on)
 
 
 def _terms(effect: Effect, system: System, coordinate: int | None) -> tuple[Term, ...]:
     """The compiled terms of an effect. A formula for all coordinates gives one acceleration for each."""
-    count = len(system.positions)
-    inputs = system.inputs
-    if count > 1:
+    inputs, held = system.inputs, effect.acts == DRY
+    if len(system.positions) > 1:
         inputs = (*inputs, *(part for name in system.positions for part in (f"{name}_at", f"{name}_at_dot")))
-    where = range(count) if coordinate is None else [coordinate]
     out = []
-    for i in where:
+    for i in range(len(system.positions)) if coordinate is None else [coordinate]:
         try:
             own = effect.formula if coordinate is not None else _formula(effect.formula, system, i)
-            part = replace(effect, formula=own)
-            code = term_functions(part, inputs)
+            code = term_functions(replace(effect, formula=own), inputs)
         except Exception as problem:  # a user's formula may raise anything
             why = str(problem) if isinstance(problem, ValueError) else reason(problem)
             known = ", ".join(effect.parameters) or "none"
@@ -217,32 +210,30 @@ def _terms(effect: Effect, system: System, coordinate: int | None) -> tuple[Term
                 "that returns a number, by sin, cos, sqrt, size, sign of mazeplan.physics, without if; "
                 f"parameters: {known}"
             ) from None
-        held = effect.acts == DRY
         out.append(Term(code.address["hold" if held else "term"], i, held, code))
     return tuple(out)
 
 
 def _formula(formula: Any, system: System, coordinate: int) -> Callable[[Any, Any], Any]:
     """The formula with the names of the coordinates as symbols; of several accelerations, that of one coordinate."""
-    count = len(system.positions)
+    names, alone = system.positions, len(system.positions) == 1
 
     def named(s: Any) -> Any:
-        own = {"theta": s.theta, "theta_dot": s.theta_dot, "position": s.theta, "velocity": s.theta_dot, "t": s.t}
-        own |= {"speed": s.speed, "direction": s.direction}
-        if count == 1:
-            own |= {system.positions[0]: s.theta, f"{system.positions[0]}_dot": s.theta_dot}
-        else:
-            own = {"t": s.t}
-            for name in system.positions:
-                own |= {name: getattr(s, f"{name}_at"), f"{name}_dot": getattr(s, f"{name}_at_dot")}
+        own = {"t": s.t}
+        for name in names:
+            place, rate = (s.theta, s.theta_dot) if alone else (getattr(s, f"{name}_at"), getattr(s, f"{name}_at_dot"))
+            own |= {name: place, f"{name}_dot": rate}
+        if alone:
+            own |= {key: getattr(s, key) for key in TAKEN}
         return Symbols(**own)
 
     def one(s: Any, p: Any) -> Any:
         found = formula(named(s), p)
-        if count == 1:
-            return found[0] if isinstance(found, tuple) else found
-        if not isinstance(found, tuple | list) or len(found) != count:
-            raise ValueError(f"got {found!r}, expected {count} accelerations, one for each coordinate")
+        several = isinstance(found, tuple | list)
+        if alone:
+            return found[0] if several else found
+        if not several or len(found) != len(names):
+            raise ValueError(f"got {found!r}, expected {len(names)} accelerations, one for each coordinate")
         return found[coordinate]
 
     return one
@@ -254,10 +245,8 @@ def _check(effect: Effect, names: set[str], motion: bool) -> None:
         raise InputError(f"{effect.name}: got an effect on {effect.acts}, expected a formula of {', '.join(ACTS)}")
     if effect.name in names or not str(effect.name).isidentifier():
         raise InputError(f"got the effect {effect.name!r}, expected names of letters, each of them once")
-    if not isinstance(effect.parameters, Mapping):
+    if not isinstance(effect.parameters, Mapping) or not (effect.parameters or motion):
         raise InputError(f"{effect.name}: got parameters {effect.parameters!r}, expected a dictionary of Parameter")
-    if not effect.parameters and not motion:
-        raise InputError(f"{effect.name}: got no parameters, expected at least one")
     for key, p in effect.parameters.items():
         if not isinstance(p, Parameter):
             raise InputError(f"{effect.name}.{key}: got {p!r}, expected Parameter(unit, value, lowest, highest)")

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.engine.model import Free, Model, changed, with_numbers
+from mazeplan.diagnosis.effect_entry import Values, changed
+from mazeplan.diagnosis.engine.model import START, Free, Model, first_states, with_numbers
 from mazeplan.diagnosis.engine.record import Record
-from mazeplan.diagnosis.engine.system import Values
 
 STEP = 1e-5  # of numeric derivatives, as a share of a parameter's scale
 ITERATIONS = 40
@@ -29,7 +29,6 @@ SECANTS = 3  # passes of the covariance; each takes the standard errors of the o
 STRAIGHT, BENT = 0.75, 0.25  # gain of a step over the foreseen one: a longer or a shorter step is tried next
 STRAY = 9.0  # times the usual mean square of a held-out window
 GROWN, FEWEST = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0), 20  # shares of a window that grows; samples of its first part
-START, BOW = 6, 3  # samples whose line, and whose parabola, is a first guess of an initial state
 
 
 class Point(NamedTuple):
@@ -100,19 +99,6 @@ def cut(record: Record, rows: int) -> IntArray:
     found = np.array(out, dtype=np.int64).reshape(-1, 2)
     seen = np.array([np.isfinite(record.y[a:b]).sum(axis=0).min() for a, b in found], dtype=np.int64)
     return found[seen > 2 * START] if len(found) else found
-
-
-def first_states(record: Record, windows: IntArray, degree: int = 1) -> Array:
-    """First guess of the initial states (M, 2 C): lines or parabolas through the first samples."""
-    c = record.y.shape[1]
-    out = np.zeros((len(windows), 2 * c))
-    for m, (a, b) in enumerate(windows):
-        count = max(START, (b - a) // 25) if degree == 1 else BOW
-        for i in range(c):
-            seen = a + np.flatnonzero(np.isfinite(record.y[a:b, i]))[:count]
-            *_, slope, level = np.polyfit(record.t[seen] - record.t[a], record.y[seen, i], degree)
-            out[m, i], out[m, c + i] = level, slope
-    return out
 
 
 class Windows:
@@ -186,13 +172,18 @@ class Windows:
             by_s[:, j] = (self.residual(values, moved) - r) / far[self.which, j]
         return by_p, by_s
 
-    def _eliminated(self, by_s: Array, *others: Array, damping: Array | float = 0.0) -> list[Array]:
-        """For each other column the states that cancel it, window by window: (M, 2 C, ...)."""
+    def _eliminated(self, by_s: Array, x: Array, damping: Array | float = 0.0) -> Array:
+        """The states that cancel columns x, window by window: (M, 2 C, ...)."""
         gram = self.sums(by_s[:, :, None] * by_s[:, None, :])
         diagonal = np.einsum("mii->mi", gram) * (1e-9 + np.reshape(damping, (-1, 1)))
         diagonal += self.state_floor * (1e-9 + np.reshape(damping, (-1, 1)))
         gram = gram + diagonal[:, :, None] * np.eye(self.size)
-        return [np.linalg.solve(gram, self.sums(by_s[:, :, None] * x[:, None, :])) for x in others]
+        return np.linalg.solve(gram, self.sums(by_s[:, :, None] * x[:, None, :]))
+
+    def _cleaned(self, by_p: Array, by_s: Array, damping: Array | float = 0.0) -> tuple[Array, Array]:
+        """Derivatives by parameters (K, P) without what the initial states can copy, and these states."""
+        states = self._eliminated(by_s, by_p, damping)
+        return by_p - np.einsum("ks,ksp->kp", by_s, states[self.which]), states
 
     def settled(self, values: Values, *near: Array | None, most: int = 12) -> tuple[Array, Array]:
         """Initial states (M, 2 C) fitted window by window, from the best of several starts, and the residual (K,)."""
@@ -203,8 +194,7 @@ class Windows:
         weight, cost = np.full(len(states), 1e-3), self.sums(r * r)
         for _ in range(most):
             _, by_s = self._columns(values, states, r, ())
-            (move,) = self._eliminated(by_s, r[:, None], damping=weight)
-            trial = states - move[:, :, 0]
+            trial = states - self._eliminated(by_s, r[:, None], weight)[:, :, 0]
             s = self.residual(values, trial)
             fresh = self.sums(s * s)
             states, r = self._better(states, r, trial, s)
@@ -235,8 +225,7 @@ class Windows:
         cost, p = point.cost, np.array([values[e][n] for e, n in free])
         for _ in range(most if free else 0):
             by_p, by_s = self._columns(values, states, r, free)
-            s_r, s_p = self._eliminated(by_s, r[:, None], by_p, damping=weight)
-            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+            s_r, (clean, s_p) = self._eliminated(by_s, r[:, None], weight), self._cleaned(by_p, by_s, weight)
             left = r - np.einsum("ks,ks->k", by_s, s_r[self.which][:, :, 0])
             gram, slope = clean.T @ clean, clean.T @ left
             by_states, full = cost - _sum(left), _bounded_step(gram, slope, 1e-9, p, low, high)
@@ -289,8 +278,7 @@ class Windows:
         steps = state_steps = None
         for _ in range(SECANTS):
             by_p, by_s = self._columns(fit.values, fit.states, r, free, steps, state_steps)
-            (s_p,) = self._eliminated(by_s, by_p)
-            clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+            clean, _ = self._cleaned(by_p, by_s)
             out[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums, self.count)
             steps = np.sqrt(np.diag(out))
             gram = self.sums(by_s[:, :, None] * by_s[:, None, :]) + 1e-9 * np.diag(self.state_floor)
@@ -302,8 +290,7 @@ class Windows:
         """The share of a parameter's influence that free parameters and initial states cannot copy."""
         r = self.residual(values, states)
         by_p, by_s = self._columns(values, states, r, (own, *free))
-        (s_p,) = self._eliminated(by_s, by_p)
-        clean = by_p - np.einsum("ks,ksp->kp", by_s, s_p[self.which])
+        clean, _ = self._cleaned(by_p, by_s)
         column, others = clean[:, 0], clean[:, 1:] / np.maximum(np.linalg.norm(clean[:, 1:], axis=0), 1e-300)
         left = column - others @ np.linalg.lstsq(others, column, rcond=1e-10)[0]
         return float(np.linalg.norm(left)) / max(float(np.linalg.norm(column)), 1e-300)

@@ -79,6 +79,14 @@ class Known:
         values[rig.rate_limit.name] = {axis: min(getattr(kind, axis).rate_limit, most[axis]) for axis in AXES}
         return replace(self, kind=kind, values=values)
 
+    def looseness(self, stage: Stage) -> dict[str, tuple[float, float]]:
+        """Play and dead band together of each axis, rad: in a record, and as known.
+
+        They count together, because a little play looks like a little dead band."""
+        seen = [axis.backlash + axis.deadband for axis in stage.axes]
+        known = [sum(self.values.get(e.name, {}).get(axis, 0.0) for e in PLAY_AND_DEADBAND) for axis in AXES]
+        return dict(zip(AXES, zip(seen, known, strict=True), strict=True))
+
     def axes(self) -> StageModel | None:
         """The axes, in measured tilt; None if only a part of them is known."""
         if "servo_gain" not in self.values or "servo_lag" not in self.values:
@@ -196,29 +204,24 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
         return any(one.rms > DIFFERENT * max(fit.rms, fit.noise) for one, fit in zip(fits, free, strict=True))
 
     names, fits = (), fitted(())
-    ways = [name for name, keys in NUMBERS_OF.items() if any(_differ(stage, was, key) for key in keys)]
+    pairs = list(zip(stage.axes, olds, strict=True))
+    ways = [
+        name for name, keys in NUMBERS_OF.items()
+        if any(getattr(now, key) != getattr(old, key) for key in keys for now, old in pairs)
+    ]  # fmt: skip
     while unexplained(fits):
         tried = {name: fitted((*names, name)) for name in ways if name not in names}
         if not tried or len(names) == MOST_CHANGES:
             return stage
         name, fits = min(tried.items(), key=lambda way: math.hypot(*(fit.rms for fit in way[1])))
         names = (*names, name)
-    if not names and all(
-        math.isfinite(fit.axis.rate_limit) == math.isfinite(old.rate_limit) for fit, old in zip(free, olds, strict=True)
-    ):
+    if not names and all(math.isfinite(now.rate_limit) == math.isfinite(old.rate_limit) for now, old in pairs):
         return stage
     beta, gamma = (
         replace(one, axis=replace(one.axis, stderr={**fit.axis.stderr, **one.axis.stderr}))
         for one, fit in zip(fits, free, strict=True)
     )
     return replace(stage, beta=beta, gamma=gamma, differs=frozenset(names))
-
-
-def _differ(stage: Stage, was: StageModel, key: str) -> bool:
-    """Whether a number of an axis differs at all from the known one."""
-    return any(
-        getattr(now, key) != getattr(old, key) for now, old in zip(stage.axes, (was.beta, was.gamma), strict=True)
-    )
 
 
 def moved_by(stage: Stage | None, known: Known) -> StageModel | None:
@@ -249,26 +252,16 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
     """Effects of the stage that differ from the known ones, except the gain."""
     if stage is None:
         return []
-    like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or _looser(stage, known)]
+    smallest = {axis: rig.backlash.parameters[axis].smallest for axis in AXES}
+    looser = any(abs(now - was) > smallest[axis] for axis, (now, was) in known.looseness(stage).items())
+    like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or looser]
     found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
     names = {effect.name for effect in PLAY_AND_DEADBAND}
-    gears = {made["name"]: _largest_change(made) for made in found if made["name"] in names}
+    gears = {
+        made["name"]: max(abs(value - made["known_before"][key]) for key, value in values_of(made).items())
+        for made in found if made["name"] in names
+    }  # fmt: skip
     return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
-
-
-def _largest_change(effect: Entry) -> float:
-    return float(max(abs(value - effect["known_before"][key]) for key, value in values_of(effect).items()))
-
-
-def _looser(stage: Stage, known: Known) -> bool:
-    """Whether play and dead band together changed by more than their smallest size.
-
-    They count together, because a little play looks like a little dead band."""
-    for axis, seen in zip(AXES, stage.axes, strict=True):
-        was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in PLAY_AND_DEADBAND)
-        if abs(seen.backlash + seen.deadband - was) > rig.backlash.parameters[axis].smallest:
-            return True
-    return False
 
 
 def changed_gain(stage: Stage | None, known: Known) -> tuple[Entry | None, Entry | None]:

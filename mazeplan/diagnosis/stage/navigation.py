@@ -3,28 +3,28 @@
 No linear lag describes such servos, so the fit of the stage is wrong: servos look slower and later, and play looks like
 a dead band. But a healthy rig looks nearly the same each time. The limits below lie outside of what 47 records of
 navigation showed (simulated, rigs `toy` and `rough`).
+
+The ball is then predicted from the measured tilt, which is the same with the old numbers of the servos and with the new
+ones. But the commands predict the tilt, so held-out blocks of measured tilt can judge a changed gain or coupling.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, values_of
 from mazeplan.diagnosis.record import RingRecord
-from mazeplan.diagnosis.stage.comparison import (
-    AXES,
-    COUPLINGS,
-    PLAY_AND_DEADBAND,
-    SURE,
-    Known,
-    changed,
-    changed_gain,
-)
-from mazeplan.diagnosis.stage.held_out import nearer_by_coupling, nearer_tilt
+from mazeplan.diagnosis.stage.comparison import AXES, COUPLINGS, SURE, Known, changed, changed_gain
 from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.stage_axes import BLOCK_S
 from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.stage import StageAxis
+from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
 
 BETTER = 2.0  # standard errors by which held-out blocks of measured tilt have to be predicted better
 GAIN_ERROR, COUPLING_ERROR = 0.015, 0.01  # standard errors that overtaxed servos cause
@@ -50,7 +50,7 @@ def gain_in_navigation(record: RingRecord, stage: Stage, known: Known) -> tuple[
 
 def hidden_gain(stage: Stage, known: Known) -> bool:
     """Whether play or a dead band, seen or known, hide a changed gain."""
-    return any(_loose(stage, axis) > 0.0 or _known_loose(known, axis) > 0.0 for axis in AXES)
+    return any(max(pair) > 0.0 for pair in known.looseness(stage).values())
 
 
 def coupling_in_navigation(record: RingRecord, stage: Stage, known: Known) -> list[Entry]:
@@ -66,19 +66,18 @@ def coupling_in_navigation(record: RingRecord, stage: Stage, known: Known) -> li
 
 def servos_look_changed(stage: Stage, known: Known) -> list[str]:
     """What the servos do that they did not do before, in words; such a record does not show its cause or its size."""
-    looser = [axis for axis in AXES if _loose(stage, axis) - _known_loose(known, axis) > LOOSER]
+    looser = [axis for axis, (now, old) in known.looseness(stage).items() if now - old > LOOSER]
     words = [f"the servo of {axis} has play or a dead band" for axis in looser]
     was = known.axes()
     if was is None:
         return words
     axes = list(zip(AXES, stage.axes, (was.beta, was.gamma), strict=True))
-    slower = [
-        name for name, now, old in axes
+    words += [
+        f"the servo of {axis} is slower" for axis, now, old in axes
         if now.order == old.order and now.natural_frequency < SLOWER * old.natural_frequency
     ]  # fmt: skip
     # a first-order lag with a dead time looks like a second-order servo: their sum counts
     later = min(_linear_lag(now) - _linear_lag(old) for _, now, old in axes)
-    words += [f"the servo of {axis} is slower" for axis in slower]
     return [*words, "the plate follows commands later"] if later > LATER else words
 
 
@@ -87,17 +86,67 @@ def _linear_lag(axis: StageAxis) -> float:
     return axis.dead_time + replace(axis, rate_limit=math.inf).lag
 
 
-def _loose(stage: Stage, axis: str) -> float:
-    """Play and dead band of an axis in a record, rad."""
-    seen = stage.axes[AXES.index(axis)]
-    return seen.backlash + seen.deadband
-
-
-def _known_loose(known: Known, axis: str) -> float:
-    return sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in PLAY_AND_DEADBAND)
-
-
 def _less_certain(entry: Entry, error: float) -> Entry:
     """The entry, with a further error in each number."""
     numbers = {key: n | {"stderr": math.hypot(n["stderr"], error)} for key, n in entry["parameters"].items()}
     return entry | {"parameters": numbers}
+
+
+def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
+    """Standard errors by which the record's gains predict blocks of measured tilt better than the old gains.
+
+    was: old gains of beta and gamma
+
+    Both predictions use the lag of the fitted stage, each with its own offsets. Offsets and new gains for one half of
+    the record come from the other half. Raises ValueError without commands."""
+    second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))
+    for axis, u, angle, old in zip(stage.axes, _commands(record).T, (record.beta, record.gamma), was, strict=True):
+        follows = _follows(axis, u, record.dt)
+        for rows in (second, ~second):
+            known = angle - old * follows
+            errors = known[rows] - np.mean(known[~rows]), _left(angle, [follows], rows)
+            gain[rows] += errors[0] ** 2 - errors[1] ** 2
+    return _standard_errors(gain, record.dt)
+
+
+def nearer_by_coupling(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
+    """As `nearer_tilt`, for couplings: the share of the other axis' command that an axis follows.
+
+    was: old couplings of beta and gamma
+
+    Gains come from the other half of the record in both predictions."""
+    second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))
+    u = _commands(record)
+    for axis, own, other, angle, old in zip(
+        stage.axes, u.T, u.T[::-1], (record.beta, record.gamma), was, strict=True
+    ):  # fmt: skip
+        follows = [_follows(axis, command, record.dt) for command in (own, other)]
+        for rows in (second, ~second):
+            before = _left(angle, [follows[0] + old * follows[1]], rows)
+            gain[rows] += before**2 - _left(angle, follows, rows) ** 2
+    return _standard_errors(gain, record.dt)
+
+
+def _commands(record: RingRecord) -> Array:
+    if record.u is None:
+        raise ValueError("got a record without commands u_beta, u_gamma")
+    return record.u
+
+
+def _standard_errors(gain: Array, dt: float) -> float:
+    """Mean of gains (N,) over blocks of BLOCK_S s, in standard errors of this mean."""
+    blocks = np.arange(len(gain)) // max(round(BLOCK_S / dt), 1)
+    by_block = np.bincount(blocks, weights=gain)
+    return float(by_block.mean()) / max(float(by_block.std(ddof=1)) / math.sqrt(len(by_block)), 1e-12)
+
+
+def _follows(axis: StageAxis, u: Array, dt: float) -> Array:
+    """Angles (N,) of the axis under commands u (N,), with gain one and without offset."""
+    return simulate_axis(replace(axis, gain=1.0, offset=0.0), actuator_output(u, axis), dt)
+
+
+def _left(angle: Array, follows: Sequence[Array], rows: np.ndarray) -> Array:
+    """Measured minus predicted angle (K,) in some rows. Offset and factors of `follows` come from the other rows."""
+    columns = np.column_stack([*follows, np.ones(len(angle))])
+    fitted, *_ = np.linalg.lstsq(columns[~rows], angle[~rows], rcond=None)
+    return np.asarray(angle[rows] - columns[rows] @ fitted)
