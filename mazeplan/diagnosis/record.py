@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -65,9 +66,8 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
     columns, notes = dict(table.columns), []
     for axis, sign in zip(("beta", "gamma"), orientation(samples), strict=True):
         if sign < 0:
-            notes.append(
-                f"{axis} is counted the other way round in this record (gravity pulls uphill); it was turned round"
-            )
+            turned = "is counted the other way round in this record (gravity pulls uphill); it was turned round"
+            notes.append(f"{axis} {turned}")
             for name in (axis, f"{axis}_dot", f"{axis}_ddot", f"u_{axis}"):
                 if name in columns:
                     columns[name] = -columns[name]
@@ -93,8 +93,7 @@ def record_of(
     """The record of the rows in which the ball is in the ring.
 
     rows: True (N,) for these rows; None: all rows
-    notes: notes that exist already
-    ring: number of the ring, for messages
+    notes: notes that exist already; ring: its number, for messages
 
     Raises TableError for a ball that is seldom in the ring, or a plate that does not move."""
     dt, notes = table.dt, list(notes)
@@ -102,10 +101,10 @@ def record_of(
     starts = np.zeros(len(table), dtype=bool)
     for part in stretches(table):
         starts[part.start] = True
-    theta = np.where(rows, table["theta"], np.nan) if "theta" in table else np.full(len(table), np.nan)
-    if not np.isfinite(theta).any() and "x" in table:
-        theta = np.where(rows, np.arctan2(table["y"], table["x"]), np.nan)
-    theta, frozen = _without_frozen(theta, starts)
+    theta = table["theta"] if "theta" in table else np.full(len(table), np.nan)
+    if "x" in table and not np.isfinite(theta[rows]).any():
+        theta = np.arctan2(table["y"], table["x"])
+    theta, frozen = _without_frozen(np.where(rows, theta, np.nan), starts)
     if frozen:
         notes.append(f"{frozen} samples repeat the one before for {FROZEN} samples or more and were left out")
     gone = ~np.isfinite(theta)
@@ -114,12 +113,11 @@ def record_of(
     starts[1:] |= rows[1:] != rows[:-1]  # the ball comes back into the ring, or leaves it
     seen = int(np.isfinite(theta).sum())
     if seen < FEWEST:
-        where = f" in ring {ring}" if ring is not None else "" if rows.all() else " in this ring"
+        where = "" if ring is None else f" in ring {ring}"
         problem = f"got {seen} samples of the ball{where}, expected at least {FEWEST} ({FEWEST * dt:.0f} s)"
         raise TableError(f"{problem}: record for longer: {LONGER}", file=table.place)
     if max(np.ptp(table["beta"][rows]), np.ptp(table["gamma"][rows])) < STILL:
-        problem = "the plate hardly moves, so that nothing can be learned about the ball"
-        raise TableError(problem, file=table.place)
+        raise TableError("the plate hardly moves, so that nothing can be learned about the ball", file=table.place)
     u = np.column_stack([table["u_beta"], table["u_gamma"]]) if "u_beta" in table and "u_gamma" in table else None
     if u is None:
         notes.append(
@@ -138,8 +136,8 @@ def record_of(
 
 def _unwrapped(theta: Array, begins: np.ndarray) -> Array:
     """theta without jumps of whole turns inside a stretch; NaN stays NaN."""
-    out, starts = theta.copy(), np.flatnonzero(begins)
-    for a, b in zip(starts, [*starts[1:], len(theta)], strict=True):
+    out = theta.copy()
+    for a, b in pairwise([*np.flatnonzero(begins), len(theta)]):
         seen = np.flatnonzero(np.isfinite(theta[a:b])) + a
         out[seen] = np.unwrap(theta[seen])
     return out

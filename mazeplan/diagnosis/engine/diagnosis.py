@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, lacking
 from mazeplan.diagnosis.engine.judge import LOST, WITHIN_A_SAMPLE, Trial, least_left
@@ -17,7 +18,7 @@ from mazeplan.diagnosis.engine.record import Record, least_noise, noise_of
 from mazeplan.diagnosis.engine.search import Finding, Search
 from mazeplan.diagnosis.engine.system import System
 from mazeplan.diagnosis.engine.windows import Fit, Windows
-from mazeplan.diagnosis.evidence import Evidence
+from mazeplan.diagnosis.evidence import Evidence, both_documents, rounded
 
 MOST_ROWS = 9000  # of a record that are simulated; of a cart at 1 kHz, half as many gave 15 % more friction
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
@@ -32,53 +33,40 @@ OPEN = 0.5  # standard error over the size of a parameter that the record leaves
 class MotionScore:
     """Errors of a model on a record.
 
-    nrmse: error of the held-out windows over the movement in them
+    nrmse: error of the held-out windows over the movement in them; forces: a relative error of the force instead
     free_run: rms error of one simulation from the first sample to the last one; NaN if it leaves the record
-    over_noise: error of the held-out windows, in times the noise
     window: length of the windows, s; seconds: length of the record, s"""
 
     nrmse: float
     free_run: float
-    over_noise: float
     window: float
     seconds: float
     unit: str
-    forces: bool = False  # nrmse is a relative error of the force
-
-    @property
-    def _error(self) -> str:
-        return "force error" if self.forces else f"error in windows of {self.window:.2g} s"
+    forces: bool = False
 
     def labels(self) -> dict[str, str]:
         """Words with the unit for each error."""
+        error = f"position error in windows of {self.window:.2g} s, over the movement in them"
         return {
-            "nrmse": "relative force error ||e|| / ||y||"
-            if self.forces
-            else f"position error in windows of {self.window:.2g} s, over the movement in them",
+            "nrmse": "relative force error ||e|| / ||y||" if self.forces else error,
             "free_run": f"position error of the free run (root mean square), {self.unit}",
         }
 
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None where the simulation leaves the record."""
-        return {
-            "nrmse": _rounded(self.nrmse if self.nrmse < DIVERGED else math.nan),
-            "free_run": _rounded(self.free_run),
-        }
+        nrmse = self.nrmse if self.nrmse < DIVERGED else math.nan
+        return {"nrmse": rounded(nrmse, 6), "free_run": rounded(self.free_run, 6)}
 
-    def both(self, after: MotionScore) -> str:
-        """These errors and those after the effects were found, in words."""
-        one, two = (f"{s.nrmse:.2%}" if s.nrmse < 1.0 else "beyond the movement itself" for s in (self, after))
-        runs = " -> ".join(self._run(s.free_run) for s in (self, after))
-        return f"{self._error} {one} -> {two}, {self.seconds:.3g} s of free run {runs}"
-
-    def alone(self) -> str:
-        """These errors in words."""
-        error = f"{self.nrmse:.2%}" if self.nrmse < 1.0 else "beyond the movement itself"
-        return f"{self._error} {error}, {self.seconds:.3g} s of free run {self._run(self.free_run)}"
-
-    def _run(self, off: float) -> str:
+    def both(self, *after: MotionScore) -> str:
+        """These errors, and those after the effects were found, in words."""
+        error = "force error" if self.forces else f"error in windows of {self.window:.2g} s"
         times, unit = (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
-        return f"{times * off:.3g} {unit} off" if math.isfinite(off) else "(the simulation leaves the record)"
+        sizes, runs = [], []
+        for s in (self, *after):
+            sizes.append(f"{s.nrmse:.2%}" if s.nrmse < 1.0 else "beyond the movement itself")
+            off = f"{times * s.free_run:.3g} {unit} off"
+            runs.append(off if math.isfinite(s.free_run) else "(the simulation leaves the record)")
+        return f"{error} {' -> '.join(sizes)}, {self.seconds:.3g} s of free run {' -> '.join(runs)}"
 
 
 @dataclass(frozen=True)
@@ -117,15 +105,13 @@ class MotionDiagnosis:
             "verdict": self.verdict, "sentence": self.sentence(), "effects": list(self.effects),
             "fitted": list(self.fitted), "ambiguous_with": [list(group) for group in self.finding.alike],
             "unknown": self.unknown, "before": self.before.document(), "after": self.after.document(),
-            "noise_floor": _rounded(self.noise_floor), "held_out": 0.5, "remaining": _rounded(self.remaining, 3),
-            "fits": {"reference": None, "record": _rounded(self.remaining, 3)},
-            "tried": [
-                {"name": t.name, "gain": _rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried
-            ],
+            "noise_floor": rounded(self.noise_floor, 6), "held_out": 0.5, "remaining": rounded(self.remaining, 3),
+            "fits": {"reference": None, "record": rounded(self.remaining, 3)},
+            "tried": [{"name": t.name, "gain": rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried],
             "notes": list(self.notes),
         }  # fmt: skip
         if self.test is not None:
-            out["test"] = dict(zip(("before", "after"), (score.document() for score in self.test), strict=True))
+            out["test"] = both_documents(self.test)
         return out
 
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
@@ -137,18 +123,18 @@ class MotionDiagnosis:
             "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(),
             "axes": [f"position, {unit}", f"speed, {unit}/s"],
             "candidates": [*found, *tried],
-            **dict(zip(("before", "after"), (part.document() for part in self.evidence), strict=True)),
+            **both_documents(self.evidence),
         }  # fmt: skip
 
     def sentence(self) -> str:
         """The finding in one sentence."""
         left = f"{self.remaining:.3g} times the noise remains" if math.isfinite(self.remaining) else "all remains"
         if self.verdict == "nothing_missing":
-            return f"Nothing is missing: {self.before.alone()}."
+            return f"Nothing is missing: {self.before.both()}."
         names = ", ".join(map(_words, self.effects))
-        change = f"{self.before.both(self.after)}; {left}" if self.effects else f"{self.after.alone()}; {left}"
+        change = self.before.both(self.after) if self.effects else self.after.both()
         description = (self.unknown or {}).get("description", "")
-        return lacking(self.verdict, names, description, self.finding.alike, change)
+        return lacking(self.verdict, names, description, self.finding.alike, f"{change}; {left}")
 
 
 def _words(effect: Entry) -> str:
@@ -162,28 +148,23 @@ def _words(effect: Entry) -> str:
     return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(numbers)})"
 
 
-def _rounded(value: float, digits: int = 6) -> float | None:
-    return round(float(value), digits) if math.isfinite(value) else None
-
-
 def diagnose_motion(
     system: System, record: Record, known: Values, along: Sequence[str] = (), *, test: Record | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Words = no_words,
 ) -> MotionDiagnosis:  # fmt: skip
     """Find what the known motion lacks.
 
     known: effects with values; of the motion, parameters that are not known are fitted
     along: effects that exist and are fitted; test: a further record, for scores only"""
-    tell = progress or (lambda text: None)
-    model, search = _prepared(system, record, known, along, tell)
+    model, search = _prepared(system, record, known, along, progress)
     finding = search.run()
     for _ in range(QUIETER):
         noise = np.maximum(model.noise * least_left(finding.levels, finding.final), least_noise(model.record))
         if (noise > BELOW * model.noise).all():
             break
-        model, search = _prepared(system, record, known, along, tell, noise)
+        model, search = _prepared(system, record, known, along, progress, noise)
         finding = search.run()
-    tell("scores")
+    progress("scores")
     level = _judged(search, finding)
     base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
     places = [system.positions.index(system.on[name]) for name in finding.found if name in system.on]
@@ -197,33 +178,26 @@ def diagnose_motion(
     lost = {name: _whole(search, trial, level) for name, trial in without.items()}
     effects = tuple(
         _entry(search, finding, final, name)
-        | {"before": _rounded(_relative(search, without[name], level)), "after": _rounded(after.nrmse)}
+        | {"before": rounded(_relative(search, without[name], level), 6), "after": rounded(after.nrmse, 6)}
         for name in finding.found
     )
-    fitted = tuple(
-        _entry(search, finding, final, name)
-        for name in search.always
-        if any(effect == name for effect, _ in final.free)
-    )
+    free = {effect for effect, _ in final.free}
+    fitted = tuple(_entry(search, finding, final, name) for name in search.always if name in free)
     loose = [f"{e['name']}.{n}" for e in fitted for n, p in e["parameters"].items() if not p.get("determined", True)]
-    verdict = _verdict(effects, finding, remaining, after, loose)
-    unknown = None
-    if verdict == "unknown_effect":
-        unknown = _unknown(finding, remaining, loose)
-    further = None
-    if test is not None:
-        further = _tested(search, base, final, test)
+    unknown = None if effects else _unknown(finding, remaining, loose)
+    verdict = "unknown_effect" if unknown else "nothing_missing"
+    if effects:
+        verdict = "ambiguous" if finding.alike else "effect_found"
     floor = math.sqrt(float(np.sum(finding.base.count[level])) / max(float(np.sum(search.levels[level].movement)), 1.0))
     return MotionDiagnosis(
         verdict, effects, fitted, finding, before, after, remaining, unknown,
-        _notes(search, finding, final, remaining, loose, after), (_evidence(model, base), _evidence(model, final)),
-        floor, (base, final), lost, further,
+        _notes(search, finding, final, remaining, loose), (_evidence(model, base), _evidence(model, final)),
+        floor, (base, final), lost, None if test is None else _tested(search, (base, final), test),
     )  # fmt: skip
 
 
 def _prepared(
-    system: System, record: Record, known: Values, along: Sequence[str], tell: Callable[[str], None],
-    noise: Array | None = None,
+    system: System, record: Record, known: Values, along: Sequence[str], tell: Words, noise: Array | None = None,
 ) -> tuple[Model, Search]:  # fmt: skip
     """The model of a record, with steps that are fine enough, and the search. noise: (C,), None: that of the record"""
     held = np.array([name in system.held for name in system.inputs], dtype=bool)
@@ -256,7 +230,7 @@ def _score(search: Search, trial: Trial, fit: Fit, level: int, shown: int) -> Mo
     nrmse, seconds = _relative(search, trial, level), search.model.record.seconds
     run = free_run(search.model, fit.values, shown)
     unit = search.model.system.units[shown]
-    return MotionScore(nrmse, run, trial.rms(level), search.levels[level].seconds, seconds, unit)
+    return MotionScore(nrmse, run, search.levels[level].seconds, seconds, unit)
 
 
 def _relative(search: Search, trial: Trial, level: int) -> float:
@@ -292,46 +266,32 @@ def _entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
             if (name, n) in fit.at_bound:
                 entry["parameters"][n]["stderr"] = None
     if name in finding.found:
-        entry["evidence"] = _rounded(finding.gains.get(name, math.nan), 3)
+        entry["evidence"] = rounded(finding.gains.get(name, math.nan), 3)
     return entry
 
 
-def _verdict(
-    effects: Sequence[Entry], finding: Finding, remaining: float, after: MotionScore, loose: Sequence[str]
-) -> str:
-    if effects:
-        return "ambiguous" if finding.alike else "effect_found"
-    if not finding.valid or not remaining < NOISE_LEFT or loose:
-        return "unknown_effect"
-    return "nothing_missing"
-
-
-def _unknown(finding: Finding, remaining: float, loose: Sequence[str]) -> dict[str, Any]:
-    """What is known about an effect without a name."""
+def _unknown(finding: Finding, remaining: float, loose: Sequence[str]) -> dict[str, Any] | None:
+    """What is known about an effect without a name; None if nothing is missing."""
     if not finding.valid:
         text = "the simulation leaves the record with every effect that was tried"
-    elif remaining >= NOISE_LEFT:
+    elif not remaining < NOISE_LEFT:
         text = "an error that no effect of the list explains"
-    else:
+    elif loose:
         text = f"the record leaves {', '.join(loose)} open"
+    else:
+        return None
     return {"depends_on": [], "description": text}
 
 
-def _notes(
-    search: Search, finding: Finding, final: Fit, remaining: float, loose: Sequence[str], after: MotionScore
-) -> tuple[str, ...]:
+def _notes(search: Search, finding: Finding, final: Fit, remaining: float, loose: Sequence[str]) -> tuple[str, ...]:
     """What a reader of the numbers should know."""
     out = list(search.model.record.notes)
     for effect, n in final.at_bound:
-        p = search.model.effects[effect].parameters[n]
-        value = final.values[effect][n]
+        p, value = search.model.effects[effect].parameters[n], final.values[effect][n]
         out.append(f"{effect}.{n} stands at its bound ({value:g} of {p.low:g} to {p.high:g} {p.unit}): not determined")
     bounds = {f"{e}.{n}" for e, n in final.at_bound}
-    open_ = [name for name in loose if name not in bounds]
-    if open_:
+    if open_ := [name for name in loose if name not in bounds]:
         out.append(f"the record leaves {', '.join(open_)} open: the standard error is as large as the number")
-    if finding.found and remaining > NOISE_LEFT:
-        out.append(f"{remaining:.2g} times the noise remains: further causes have no name here")
     if len(finding.valid) < len(finding.levels):
         lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
@@ -341,13 +301,6 @@ def _notes(
             "the inputs act later by a part of a sample: if each keeps its value until the next sample, say so in the "
             f"class, as held = ({names},)"
         )
-    if not math.isfinite(after.free_run):
-        out.append("the free run leaves the record: small errors grow in this motion, or something is missing")
-    values = final.values
-    if "viscous_friction" in values and "viscous_asymmetry" in values:
-        middle, half = values["viscous_friction"]["coefficient"], values["viscous_asymmetry"]["coefficient"]
-        unit = search.model.effects["viscous_friction"].parameters["coefficient"].unit
-        out.append(f"viscous friction: {middle + half:.4g} {unit} forwards, {middle - half:.4g} {unit} backwards")
     return tuple(out)
 
 
@@ -359,23 +312,14 @@ def _evidence(model: Model, fit: Fit) -> Evidence:
     return Evidence(fit.residual[:, 0], filled, np.gradient(filled, model.record.t), model.record.t)
 
 
-def _tested(search: Search, base: Fit, final: Fit, test: Record) -> tuple[MotionScore, MotionScore]:
+def _tested(search: Search, fits: tuple[Fit, Fit], test: Record) -> tuple[MotionScore, MotionScore]:
     """Scores of both fits on a further record."""
-    model, other = _prepared(search.model.system, test, search.known, (), lambda text: None)
+    model, other = _prepared(search.model.system, test, search.known, (), no_words)
+    level = other.levels[max(len(other.levels) - 2, 0)]
     out = []
-    for fit in (base, final):
-        level = other.levels[max(len(other.levels) - 2, 0)]
-        tests = [fold.held_out(fit.values) for fold in level.folds]
-        cost, count = float(sum(t.total for t in tests)), float(sum(np.sum(t.count) for t in tests))
+    for fit in fits:
+        cost = float(sum(fold.held_out(fit.values).total for fold in level.folds))
         nrmse = math.sqrt(cost / max(float(np.sum(level.movement)), 1e-300))
-        out.append(
-            MotionScore(
-                nrmse,
-                free_run(model, fit.values),
-                math.sqrt(cost / count),
-                level.seconds,
-                test.seconds,
-                model.system.units[0],
-            )
-        )
+        run = free_run(model, fit.values)
+        out.append(MotionScore(nrmse, run, level.seconds, test.seconds, model.system.units[0]))
     return out[0], out[1]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
+from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
@@ -31,7 +32,7 @@ from mazeplan.physics.effect import Parameter
 
 COLUMNS, GAIN = ("t", "qm", "vir"), "gtau"
 FEWEST = 1000  # samples
-UNEVEN = 0.1  # share of the mean time step by which one step may differ
+UNEVEN = 0.1  # share of the mean time step by which steps may differ
 CUTOFF, PARALLEL = 100.0, 100.0  # Hz, of the filters of the force error, and rate at which it is compared
 EDGE = 0.1  # s at both ends that the filters spoil
 
@@ -66,47 +67,60 @@ def read_drive(path: Path, gain: float | None = None) -> tuple[Record, float]:
     found = _variables(path)
     if gain is not None:
         found.setdefault(GAIN, np.array([gain]))
+    columns: dict[str, Array] = {}
     for name in (*COLUMNS, GAIN):
         if name not in found:
             problem = f"got only {', '.join(sorted(found)) or 'other variables'}, expected t, qm, vir and gtau"
             raise TableError(problem, file=path, key=name)
-    t, position, volts = (_column(path, name, found[name]) for name in COLUMNS)
-    for name, column in (("qm", position), ("vir", volts)):
-        if len(column) != len(t):
-            raise TableError(f"got {len(column)} samples, expected {len(t)} as in t", file=path, key=name)
-    _check_rate(path, t)
-    for name, column, unit in (("qm", position, "m"), ("vir", volts, "V")):
-        if np.ptp(column) == 0.0:
-            problem = f"got {column[0]:g} {unit} throughout, expected an axis that moves under changing forces"
+        got = np.asarray(found[name])
+        if got.dtype.kind not in "fiu" or got.size != max(got.shape, default=0) or not np.isfinite(got).all():
+            problem = f"got {got.dtype} of shape {got.shape}, expected a column of finite real numbers"
             raise TableError(problem, file=path, key=name)
-    gains = _column(path, GAIN, found[GAIN])
+        columns[name] = got.astype(np.float64).ravel()
+    t, gains = columns["t"], columns[GAIN]
+    if len(t) < FEWEST or not np.ptp(np.diff(t)) < UNEVEN * np.mean(np.diff(t)):
+        raise TableError(f"got {len(t)} times, expected at least {FEWEST} at one rate", file=path, key="t")
+    for name in COLUMNS[1:]:
+        if len(columns[name]) != len(t) or np.ptp(columns[name]) == 0.0:
+            problem = f"got {len(columns[name])} samples, expected {len(t)} as in t, which change"
+            raise TableError(problem, file=path, key=name)
     if len(gains) != 1 or gains[0] == 0.0:
-        got = f"{len(gains)} values" if len(gains) != 1 else "0"
-        raise TableError(f"got {got}, expected one number other than 0, in N/V", file=path, key=GAIN)
-    return Record(t - t[0], position[:, None], float(gains[0]) * volts[:, None]), float(gains[0])
+        raise TableError("expected one number other than 0, in N/V", file=path, key=GAIN)
+    return Record(t - t[0], columns["qm"][:, None], float(gains[0]) * columns["vir"][:, None]), float(gains[0])
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    expected = "an intact .mat file (MATLAB 4 to 7.2) of the benchmark EMPS"
+    if not path.is_file() or not path.stat().st_size:
+        raise TableError(file_kinds.refused(path, expected), file=path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # warnings about other variables
+            found = loadmat(path, variable_names=[*COLUMNS, GAIN])
+    except Exception:  # for a damaged file, the reader may raise anything
+        raise TableError(file_kinds.refused(path, expected), file=path) from None
+    return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
 def emps_result(
     system: System, record: Record, known: Values, along: Sequence[str], test: Record | None,
-    progress: Callable[[str], None] | None = None,
+    progress: Words = no_words,
 ) -> MotionDiagnosis:  # fmt: skip
     """The diagnosis of the axis; its `nrmse` is the force error of the benchmark, over the whole record."""
     done = diagnose_motion(system, record, known, along, test=test, progress=progress)
-    before, after = done.fits
+    fits = [force_error(record, fit.values) for fit in done.fits]
     effects = tuple(
-        {**e, "before": force_error(record, done.without[e["name"]].values), "after": force_error(record, after.values)}
-        for e in done.effects
+        {**e, "before": force_error(record, done.without[e["name"]].values), "after": fits[1]} for e in done.effects
     )
-    scores = [
-        replace(s, nrmse=force_error(record, f.values), forces=True)
-        for s, f in zip((done.before, done.after), done.fits, strict=True)
-    ]
+    before, after = (replace(s, nrmse=e, forces=True) for s, e in zip((done.before, done.after), fits, strict=True))
     tests = None
     if test is not None and done.test is not None:
-        pair = zip(done.test, (before, after), strict=True)
-        one, two = (replace(s, nrmse=force_error(test, f.values), forces=True) for s, f in pair)
+        pairs = zip(done.test, done.fits, strict=True)
+        one, two = (replace(s, nrmse=force_error(test, fit.values), forces=True) for s, fit in pairs)
         tests = (one, two)
-    return replace(done, effects=effects, before=scores[0], after=scores[1], test=tests)
+    return replace(done, effects=effects, before=before, after=after, test=tests)
 
 
 def force_error(record: Record, values: Values) -> float:
@@ -135,44 +149,3 @@ def force_error(record: Record, values: Values) -> float:
     edge = round(EDGE * rate / every)
     size = float(np.linalg.norm(y[edge:-edge]))
     return float(np.linalg.norm(e[edge:-edge])) / size if size > 0.0 else math.nan
-
-
-def _check_rate(path: Path, t: Array) -> None:
-    if len(t) < FEWEST:
-        raise TableError(f"got {len(t)} samples, expected at least {FEWEST}", file=path, key="t")
-    steps = np.diff(t)
-    dt = float(np.mean(steps))
-    if not (dt > 0.0 and np.max(np.abs(steps - dt)) < UNEVEN * dt):
-        problem = f"got steps of {steps.min():g} to {steps.max():g} s, expected samples at one rate"
-        raise TableError(problem, file=path, key="t")
-
-
-def _variables(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    expected = "a .mat file (MATLAB 4 to 7.2) of the benchmark EMPS"
-    if not path.is_file() or not path.stat().st_size:
-        raise TableError(file_kinds.refused(path, expected), file=path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings about other variables
-            found = loadmat(path, variable_names=[*COLUMNS, GAIN])
-    except Exception as error:  # for a damaged file, the reader may raise anything
-        kind = file_kinds.got(path)
-        reason = f" ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
-        raise TableError(f"got {kind}{reason if 'MATLAB' in kind else ''}, expected {expected}", file=path) from None
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
-def _column(path: Path, name: str, value: Any) -> Array:
-    """A vector (N,) of finite numbers."""
-    got = np.asarray(value)
-    if got.dtype.kind not in "fiu" or got.size != max(got.shape, default=0):
-        raise TableError(
-            f"got {got.dtype} of shape {got.shape}, expected a column of real numbers", file=path, key=name
-        )
-    out = got.astype(np.float64).ravel()
-    if not np.isfinite(out).all():
-        bad = int(np.flatnonzero(~np.isfinite(out))[0])
-        raise TableError(f"got {out[bad]} at sample {bad + 1}, expected finite numbers", file=path, key=name)
-    return out

@@ -91,22 +91,14 @@ class Search:
         out: Values = {}
         for name in names:
             effect = self.model.effects[name]
-            if like is not None and name in like:
-                out[name] = dict(like[name])
-                continue
-            out[name] = {n: p.default for n, p in effect.parameters.items()}
-            if effect.starts and effect.places:
-                out[name] = dict(zip(effect.parameters, effect.starts[0], strict=False)) | {
-                    n: out[name][n] for n in list(effect.parameters)[len(effect.starts[0]) :]
-                }
-            for n in out[name] if name not in self.always else ():
-                if effect.parameters[n].fixed or n in effect.places or (effect.acts == INPUT and n == "factor"):
-                    continue
-                one = effect.parameters[n]
-                if not at_rest:
-                    out[name][n] = min(one.default + FIRST * self.model.scale[name, n], one.high)
-            out[name] |= self.known.get(name, {})
-        return {name: out[name] | self.known.get(name, {}) for name in out}
+            own = {n: p.default for n, p in effect.parameters.items()}
+            if effect.places:
+                own |= dict(zip(effect.parameters, (effect.starts or ((),))[0], strict=False))
+            for n, p in effect.parameters.items() if not (at_rest or name in self.always) else ():
+                if not (p.fixed or n in effect.places or (effect.acts == INPUT and n == "factor")):
+                    own[n] = min(p.default + FIRST * self.model.scale[name, n], p.high)
+            out[name] = {**(own if like is None or name not in like else like[name]), **self.known.get(name, {})}
+        return out
 
     def free(self, names: Sequence[str]) -> Free:
         """Parameters that are fitted."""

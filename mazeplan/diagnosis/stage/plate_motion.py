@@ -24,9 +24,7 @@ from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives: three relative ones, s, rad
-OVERTAXED_RESIDUAL = (
-    3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
-)
+OVERTAXED_RESIDUAL = 3.5e-3  # rad, residual from which commands overtax the stage; noise of sensors is a third of it
 USUAL = StageModel()  # second-order servos
 FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # maximum of one standard error, so that the motion stays linear in it
 
@@ -112,9 +110,8 @@ def fit_stage(record: RingRecord, rows: np.ndarray, kind: StageModel = USUAL) ->
     if record.u is None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
-    breaks = record.begins[rows].astype(float)
+    breaks, kinds = record.begins[rows].astype(float), (kind.beta, kind.gamma)
     try:
-        kinds = (kind.beta, kind.gamma)
         alone = in_processes(lambda i: fit_axis(u[i][rows], angles[i][rows], record.dt, breaks, kind=kinds[i]), (0, 1))
     except ValueError:
         return None
@@ -163,9 +160,8 @@ def _directions(u: Array, found: StageFit, dt: float) -> Array:
     J = np.column_stack(columns)
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-9)
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
-    root = (
-        found.rms * (turn.T / np.maximum(sizes, 1e-9 * sizes[0])).T / scale
-    )  # rows: covariance = sum of their squares
+    # rows: the covariance is the sum of their squares
+    root = found.rms * (turn.T / np.maximum(sizes, 1e-9 * sizes[0])).T / scale
     root = root / np.maximum(np.max(np.abs(root) / FURTHEST, axis=1, keepdims=True), 1.0)
     return root[np.linalg.norm(root @ J.T, axis=1) > 0.0]  # an axis that follows at once has no frequency
 
