@@ -292,6 +292,8 @@ def _notes(search: Search, finding: Finding, final: Fit, remaining: float, loose
     bounds = {f"{e}.{n}" for e, n in final.at_bound}
     if open_ := [name for name in loose if name not in bounds]:
         out.append(f"the record leaves {', '.join(open_)} open: the standard error is as large as the number")
+    if finding.found and remaining > NOISE_LEFT:
+        out.append(f"{remaining:.2g} times the noise remains: further causes have no name here")
     if len(finding.valid) < len(finding.levels):
         lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
