@@ -109,6 +109,7 @@ def policy_section(quick: bool) -> Section:
     training.add("mean error of its commands, held-out samples", f"{facts['error_deg']:.2f} deg")
     low, high = statistics.median(times), np.quantile(times, 0.9)
     training.add("one decision (numpy, one core)", f"median {low:.0f} us, 90 % within {high:.0f} us")
-    training.add("size", f"{policy.size} numbers, {policy.size * 4 / 1024:.1f} KiB as `float`")
+    size = sum(weights.size + bias.size for weights, bias in policy.layers)
+    training.add("size", f"{size} numbers, {size * 4 / 1024:.1f} KiB as `float`")
     notes = (f"`{command}`.", f"Counted runs: seeds from {SEED}; no choice was made by these seeds.")
     return Section("A policy that imitates the planner (simulated)", notes, (arrival_table(quick), training))

@@ -16,7 +16,7 @@ from mazeplan.behavior.trees import choices_of
 from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import shown
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.estimation.rim_watch import Out
+from mazeplan.control.estimation.sample_check import Out
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy

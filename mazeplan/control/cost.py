@@ -8,7 +8,7 @@ The errors are e = theta - theta*, v = theta_dot - theta_dot* and c = lean(s) - 
 The final state costs the first line again, with the final weights but the same w_arrival. phi is the smooth absolute
 value
 
-    phi(e; a) = sqrt(e^2 + a^2) - a        (near e = 0: e^2 / 2a)        or, with quadratic=True,  phi = e^2 / 2
+    phi(e; a) = sqrt(e^2 + a^2) - a        (near e = 0: e^2 / 2a)
 
 The absolute value pulls equally strongly at any distance from the goal, which makes the motion near time-optimal. cosh
 is quadratic for small commands and steep towards the limit. Both are from Tassa, Erez, Todorov, IROS 2012.
@@ -40,65 +40,36 @@ from mazeplan.core.maths.compiled import CALLEE, KERNEL
 from mazeplan.core.records import Array
 
 _THETA, _SPEED, _ARRIVAL, _LEAN, _RATE, _CONTROL, _SCALE, _A_THETA, _A_SPEED, _A_LEAN = range(10)
-_ZONE, _PAST, _F_THETA, _F_SPEED, _F_LEAN, _QUADRATIC, _GOAL, _GOAL_SPEED, _GOAL_LEAN = range(10, 19)
+_ZONE, _PAST, _F_THETA, _F_SPEED, _F_LEAN, _GOAL, _GOAL_SPEED, _GOAL_LEAN = range(10, 18)
 _PACKED = (
     *("theta", "speed", "arrival", "lean", "rate", "control", "control_scale", "width_theta", "width_speed"),
-    *("width_lean", "arrival_zone", "past", "final_theta", "final_speed", "final_lean", "quadratic"),
+    *("width_lean", "arrival_zone", "past", "final_theta", "final_speed", "final_lean"),
 )  # in this order
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepWeights:
-    """Weights of each step.
-
-    theta:          weight of the angle error, 1/rad
-    speed:          weight of the speed error, s/rad
-    arrival:        additional weight of the speed error near the goal, s/rad
-    lean:           weight of the lean error, 1/rad
-    rate:           weight of the tilt rates, (s/rad)^2
-    control:        weight of the commands, no unit
-    control_scale:  scale of the commands in cosh, rad"""
-
-    theta: float = 1.0
-    speed: float = 0.1
-    arrival: float = 0.2
-    lean: float = 1.0
-    rate: float = 0.0
-    control: float = 0.003
-    control_scale: float = 0.06
-
-
-@dataclass(frozen=True, kw_only=True)
-class PenaltyShapes:
-    """Shapes of the penalties.
-
-    width_theta, width_speed, width_lean:  widths a of the smooth absolute values, rad, rad/s, rad
-    arrival_zone:                          width z of the zone around the goal, rad
-    past:                                  factor of the angle's weight behind the goal"""
-
-    width_theta: float = 0.03
-    width_speed: float = 0.2
-    width_lean: float = 0.02
-    arrival_zone: float = 0.06
-    past: float = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class CostParameters(PenaltyShapes, StepWeights):
-    """All settings of the cost. Raises SettingsError for a negative value.
-
-    final_theta, final_speed, final_lean:  weights of the last state
-    quadratic:                             errors of theta, speed and lean cost e^2 / 2
-    prompt, prompt_s, late_s:              see `seen_late`
+class CostParameters:
+    """All settings of the cost: weights of each step and of the last state, shapes of the penalties, and how the price
+    of speed depends on the delay (`seen_late`). Raises SettingsError for a negative value.
 
     With the defaults and 5 degrees of tilt, a ball travels pi/4 along ring 2 of the packaged map in 0.65 s, without
-    overshoot.
-    """
+    overshoot."""
 
+    theta: float = 1.0  # weight of the angle error, 1/rad
+    speed: float = 0.1  # of the speed error, s/rad
+    arrival: float = 0.2  # in addition, of the speed error near the goal, s/rad
+    lean: float = 1.0  # of the lean error, 1/rad
+    rate: float = 0.0  # of the tilt rates, (s/rad)^2
+    control: float = 0.003  # of the commands, no unit
+    control_scale: float = 0.06  # scale of the commands in cosh, rad
+    width_theta: float = 0.03  # widths a of the smooth absolute values, rad, rad/s, rad
+    width_speed: float = 0.2
+    width_lean: float = 0.02
+    arrival_zone: float = 0.06  # width z of the zone around the goal, rad
+    past: float = 0.05  # factor of the angle's weight behind the goal
     final_theta: float = 5.0
     final_speed: float = 0.5
     final_lean: float = 0.0
-    quadratic: bool = False
     prompt: float = 1.0
     prompt_s: float = 0.0
     late_s: float = 0.06
@@ -130,10 +101,8 @@ def lean_of(theta, beta, gamma):
 
 
 @njit(**KERNEL)
-def penalty(e, a, quadratic):
+def penalty(e, a):
     """(phi, phi', phi'') of an error e with width a."""
-    if quadratic > 0.0:
-        return 0.5 * e * e, e, 1.0
     root = math.sqrt(e * e + a * a)
     return e * e / (root + a), e / root, a * a / (root * root * root)
 
@@ -153,38 +122,33 @@ def _arrival(e, q):
 @njit(**CALLEE)
 def _state_cost(s, q, theta, speed, lean):
     """Cost of the three errors with the given weights."""
-    quadratic = q[_QUADRATIC]
     e = s[0] - q[_GOAL]
-    cost = theta * _theta_weight(e, q) * penalty(e, q[_A_THETA], quadratic)[0]
-    cost += (speed + _arrival(e, q)) * penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED], quadratic)[0]
+    cost = theta * _theta_weight(e, q) * penalty(e, q[_A_THETA])[0]
+    cost += (speed + _arrival(e, q)) * penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED])[0]
     if lean > 0.0:
-        cost += lean * penalty(lean_of(s[0], s[2], s[4]) - q[_GOAL_LEAN], q[_A_LEAN], quadratic)[0]
+        cost += lean * penalty(lean_of(s[0], s[2], s[4]) - q[_GOAL_LEAN], q[_A_LEAN])[0]
     return cost
 
 
 @njit(**CALLEE)
 def _state_derivatives(s, q, theta, speed, lean, lx, lxx):
     """Gradient (6,) and Gauss-Newton Hessian (6, 6) of `_state_cost`."""
-    quadratic = q[_QUADRATIC]
     lx[:] = 0.0
     lxx[:] = 0.0
     e = s[0] - q[_GOAL]
-    _, d, dd = penalty(e, q[_A_THETA], quadratic)
+    _, d, dd = penalty(e, q[_A_THETA])
     weight = theta * _theta_weight(e, q)
     lx[0], lxx[0, 0] = weight * d, weight * dd
     near = _arrival(e, q)
-    c, d, dd = penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED], quadratic)
+    c, d, dd = penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED])
     lx[0] -= near * c * e / (q[_ZONE] * q[_ZONE])
     lx[1], lxx[1, 1] = (speed + near) * d, (speed + near) * dd
     if lean > 0.0:
         sin, cos = math.sin(s[0]), math.cos(s[0])
         sin_b, cos_b, sin_c, cos_c = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
-        _, d, dd = penalty(sin_b * cos - sin_c * cos_b * sin - q[_GOAL_LEAN], q[_A_LEAN], quadratic)
-        by_theta, by_beta, by_gamma = (
-            -sin_b * sin - sin_c * cos_b * cos,
-            cos_b * cos + sin_c * sin_b * sin,
-            -cos_c * cos_b * sin,
-        )
+        _, d, dd = penalty(sin_b * cos - sin_c * cos_b * sin - q[_GOAL_LEAN], q[_A_LEAN])
+        by_theta = -sin_b * sin - sin_c * cos_b * cos
+        by_beta, by_gamma = cos_b * cos + sin_c * sin_b * sin, -cos_c * cos_b * sin
         d, dd = lean * d, lean * dd
         lx[0] += d * by_theta
         lx[2] += d * by_beta

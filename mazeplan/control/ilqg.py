@@ -7,13 +7,13 @@ linearises along the trajectory and goes backwards through the steps, with a box
 it rolls out the new policy with shorter and shorter steps alpha until the cost falls enough. The cost never rises.
 `Plan.reason` says why the search stopped:
 
-    1. CONVERGED     regularisation is at most mu_min, and one of these is small enough:
+    1. CONVERGED     regularisation is at most MU_MIN, and one of these is small enough:
                      - the largest correction of a control: below control_tolerance
                      - the expected or the actual reduction of the cost: below tolerance * (1 + |cost|)
                      - the reduction by the last PATIENCE iterations together: below the same limit
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
-    4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
+    4. NO_DESCENT    regularisation above MU_MAX and still no step that lowers the cost
     5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity; the controls are then level (the allowed
                      controls nearest zero)
 
@@ -25,15 +25,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import typeof
 
 from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
-from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.control.deadline import Stopwatch
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.maths.compiled import address_of
 from mazeplan.core.records import Array, Plan, StopReason
 
@@ -52,11 +53,6 @@ class IlqgOptions:
     warm_tolerance     the same for a search from the last tick's plan, which the next tick improves again
     warm_iterations    iterations after which a search from the last plan may stop early (see `Planner.solve`)
     control_tolerance  a search stops if the largest correction of a control is smaller, rad
-    min_ratio          minimum of the actual reduction of the cost over the expected reduction
-    mu                 first regularisation, added to the control Hessian
-    mu_min, mu_max     bounds of the regularisation
-    mu_factor          first factor of a change of the regularisation; repeated changes in one direction get larger
-    shorter, tries     factor from one tried step length to the next, and number of step lengths tried
     deadline_ms        time limit of one search, ms
     """
 
@@ -66,26 +62,10 @@ class IlqgOptions:
     warm_tolerance: float = 3e-4
     warm_iterations: int = 4
     control_tolerance: float = 1e-7
-    min_ratio: float = 1e-4
-    mu: float = 0.0
-    mu_min: float = 1e-6
-    mu_max: float = 1e10
-    mu_factor: float = 1.6
-    shorter: float = 0.4
-    tries: int = 8
     deadline_ms: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "max_iterations", "warm_iterations", "tries"):
-            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
-                raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
-        for name in ("tolerance", "warm_tolerance", "control_tolerance", "min_ratio", "mu", "mu_min", "deadline_ms"):
-            if not getattr(self, name) >= 0.0:
-                raise SettingsError(f"got {getattr(self, name)!r}, expected a number >= 0", key=name)
-        if not self.mu_factor > 1.0 or not self.mu_max > self.mu_min:
-            raise SettingsError("expected mu_factor > 1 and mu_max > mu_min", key="mu_factor")
-        if not 0.0 < self.shorter < 1.0:
-            raise SettingsError(f"got {self.shorter!r}, expected a number between 0 and 1", key="shorter")
+        check_numbers(self, positive=("horizon", "max_iterations", "warm_iterations"), most={"deadline_ms": math.inf})
 
 
 @dataclass(frozen=True)
@@ -95,32 +75,22 @@ class Dynamics:
     Without the cache, each Python process would compile it again.
 
     linearise:   linearise(s, u, p, out, A, B) -> None: writes the next state into out (n,), from s (n,) and u (2,), and
-                 all of its derivatives A (n, n) and B (n, 2)
-    parameters:  p, a float64 vector that the solver only passes on; its tail may serve as scratch space
-    n:           number of states
-    """
+                 all of its derivatives A (n, n) and B (n, 2)"""
 
     linearise: Any
-    parameters: Array
-    n: int
+    parameters: Array  # p, a float64 vector that the solver only passes on; its tail may serve as scratch space
+    n: int  # number of states
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """l_k and l_T and their derivatives, compiled like `Dynamics`. q: the vector given to `solve`.
 
-    running:              running(k, s, u, q) -> float
-    running_derivatives:  running_derivatives(k, s, u, q, lx, lu, lxx, luu) -> None
-    final:                final(s, q) -> float
-    final_derivatives:    final_derivatives(s, q, lx, lxx) -> None
+    Hessians must be positive semidefinite, l_uu positive definite. The cost must have no mixed term of s and u."""
 
-    Hessians must be positive semidefinite, l_uu positive definite. The cost must have no mixed term of s and u.
-    """
-
-    running: Any
-    running_derivatives: Any
-    final: Any
-    final_derivatives: Any
+    running: Any  # running(k, s, u, q) -> float
+    running_derivatives: Any  # running_derivatives(k, s, u, q, lx, lu, lxx, luu) -> None
+    final: Any  # final(s, q) -> float
+    final_derivatives: Any  # final_derivatives(s, q, lx, lxx) -> None
 
 
 _REASONS = {
@@ -149,20 +119,14 @@ class Planner:
         dt:     duration of a step, s, for the plans
         watch:  stopwatch for deadlines"""
         self.options = options or IlqgOptions()
-        self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Live()
+        self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Stopwatch()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):
             raise SettingsError(f"got limits {low} to {high}, expected two finite numbers each, low <= high")
         self._p = np.ascontiguousarray(dynamics.parameters, dtype=float)
         self._w = workspace.make_workspace(self.options.horizon, dynamics.n, low, high)
-        self._f = workspace.Functions(
-            linearise=address_of(dynamics.linearise, workspace.LINEARISE),
-            running=address_of(cost.running, workspace.RUNNING),
-            running_derivatives=address_of(cost.running_derivatives, workspace.RUNNING_DERIVATIVES),
-            final=address_of(cost.final, workspace.FINAL),
-            final_derivatives=address_of(cost.final_derivatives, workspace.FINAL_DERIVATIVES),
-        )
-        self._rules = rules_of(self.options)
+        compiled = zip((dynamics.linearise, *cost), workspace.SIGNATURES, strict=True)
+        self._f = workspace.Functions(*(address_of(function, signature) for function, signature in compiled))
 
     def solve(
         self,
@@ -191,23 +155,21 @@ class Planner:
         w.states[:] = s0
         code = workspace.NOT_FINITE
         if warm is not None:
-            code = core.begin(w, f, self._p, q, self._guess(warm, t0), self.options.mu)
+            code = core.begin(w, f, self._p, q, self._guess(warm, t0))
         if code != workspace.GO_ON:  # no guess, or its roll-out is not finite: start from level
             w.states[:] = s0
-            code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
-        rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
+            code = core.begin(w, f, self._p, q, self._guess(None, t0))
+        tolerance = self.options.tolerance if tolerance is None else tolerance
         if isinstance(warm, Plan) and float(w.numbers[workspace.COST]) > MAX_COST_RATIO * (1.0 + warm.cost):
             early_stop_after = None
-        reason, done = self._improve(q, rules, code, early_stop_after)
+        reason, done = self._improve(q, tolerance, code, early_stop_after)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
         ms, cost = self._watch.end(), float(w.numbers[workspace.COST])
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt)
 
-    def _improve(
-        self, q: Array, rules: workspace.Rules, code: int, early_stop_after: int | None
-    ) -> tuple[StopReason, int]:
+    def _improve(self, q: Array, tolerance: float, code: int, early_stop_after: int | None) -> tuple[StopReason, int]:
         """Iterate until a stopping rule holds. Returns the reason and the number of iterations."""
         w = self._w
         done, reason = 0, StopReason.MAX_ITERATIONS
@@ -216,36 +178,32 @@ class Planner:
             if self._watch.over(done):
                 reason = StopReason.DEADLINE
                 break
-            code = core.iterate(w, self._f, self._p, q, rules)
+            code = core.iterate(w, self._f, self._p, q, tolerance, self.options.control_tolerance)
             done += 1
             costs.append(float(w.numbers[workspace.COST]))
             got = costs[-2] - costs[-1]
-            if (
-                code == workspace.GO_ON
-                and early_stop_after is not None
-                and done >= early_stop_after
-                and got < WORTHWHILE_GAIN * (1.0 + abs(costs[-1]))
-            ):
+            late = early_stop_after is not None and done >= early_stop_after
+            if code == workspace.GO_ON and late and got < WORTHWHILE_GAIN * (1.0 + abs(costs[-1])):
                 break
-            if code == workspace.GO_ON and self._stalls(costs, rules):
+            if code == workspace.GO_ON and self._stalls(costs, tolerance):
                 code = workspace.CONVERGED
         if code != workspace.NOT_FINITE:
-            code = max(code, self._finish(q, rules))
+            code = max(code, self._finish(q))
         return _REASONS.get(code, reason), done
 
-    def _finish(self, q: Array, rules: workspace.Rules) -> int:
+    def _finish(self, q: Array) -> int:
         """Compute the gains of the final plan, without the curvature M. Returns a code."""
         numbers = self._w.numbers
         if numbers[workspace.SECANT] == 0.0 and numbers[workspace.STALE] == 0.0:
             return workspace.GO_ON  # no candidate since the last policy
         numbers[workspace.SECANT] = 0.0
-        return core.policy(self._w, self._f, q, rules)
+        return core.policy(self._w, self._f, q)
 
-    def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:
-        """Whether the last PATIENCE iterations gained almost nothing, with regularisation at most mu_min."""
-        if len(costs) <= PATIENCE or self._w.numbers[workspace.MU] > rules.mu_min:
+    def _stalls(self, costs: list[float], tolerance: float) -> bool:
+        """Whether the last PATIENCE iterations gained almost nothing, with regularisation at most MU_MIN."""
+        if len(costs) <= PATIENCE or self._w.numbers[workspace.MU] > core.MU_MIN:
             return False
-        return costs[-1 - PATIENCE] - costs[-1] < rules.tolerance * (1.0 + abs(costs[-1]))
+        return costs[-1 - PATIENCE] - costs[-1] < tolerance * (1.0 + abs(costs[-1]))
 
     def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
         """Put the first guess into the workspace (controls, K). Returns the reference states for K, shape (T+1, n)."""
@@ -264,20 +222,11 @@ class Planner:
         w.K[:] = np.where((np.arange(T) + shift < had)[:, None, None], warm.gains[index], 0.0)
         return warm.states[np.minimum(np.arange(T + 1) + shift, had)]
 
-    def warm_up(self, s0: Array, cost_parameters: Array) -> None:
-        """Compile or load everything before the first solve."""
-        self.solve(s0, cost_parameters)
-
 
 def compile_solver() -> None:
     """Compile the solver for plans of a ring (6 states), apart from dynamics and cost; runs nothing."""
     w = workspace.make_workspace(1, 6, np.zeros(2), np.zeros(2))
-    f, rules, p = workspace.Functions(0, 0, 0, 0, 0), rules_of(IlqgOptions()), np.zeros(1)
-    core.begin.compile(tuple(map(typeof, (w, f, p, p, w.states, 0.0))))
-    core.iterate.compile(tuple(map(typeof, (w, f, p, p, rules))))
-    core.policy.compile(tuple(map(typeof, (w, f, p, rules))))
-
-
-def rules_of(options: IlqgOptions) -> workspace.Rules:
-    """The options that an iteration needs."""
-    return workspace.Rules(*(getattr(options, name) for name in workspace.Rules._fields))
+    f, p = workspace.Functions(0, 0, 0, 0, 0), np.zeros(1)
+    core.begin.compile(tuple(map(typeof, (w, f, p, p, w.states))))
+    core.iterate.compile(tuple(map(typeof, (w, f, p, p, 0.0, 0.0))))
+    core.policy.compile(tuple(map(typeof, (w, f, p))))

@@ -2,7 +2,8 @@
 
 All kernels work in place on one `Workspace`, so an iteration allocates nothing. They call dynamics and cost through
 addresses (`mazeplan.core.maths.compiled`), so one cached compilation serves every model. The method is control-limited
-DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014.
+DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014. Its inner problem is a
+quadratic programme in two variables (`box_qp`), in which a variable is free unless the gradient holds it at a bound.
 
 Second derivatives of the dynamics are estimated from the candidates alone. A matrix M stands for V f_ss. Without M,
 most full steps fail on a rough learned model. A candidate moves the state by s and changes A by D. M should then
@@ -22,10 +23,13 @@ import math
 from numba import njit
 
 from mazeplan.control import ilqg_workspace as ws
-from mazeplan.control.boxqp import box_qp
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, caller, copy_into
 
 ILL_CONDITIONED = 0.03  # maximum cosine between r and s
+MIN_RATIO = 1e-4  # of the actual reduction of the cost over the expected reduction
+MU_MIN, MU_MAX = 1e-6, 1e10  # bounds of the regularisation, which is added to the control Hessian
+MU_FACTOR = 1.6  # first factor of a change of the regularisation; repeated changes in one direction get larger
+SHORTER, TRIES = 0.4, 8  # factor from one tried step length to the next, and number of step lengths tried
 _linearise = caller(ws.LINEARISE)
 _running, _running_derivatives = caller(ws.RUNNING), caller(ws.RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(ws.FINAL), caller(ws.FINAL_DERIVATIVES)
@@ -57,12 +61,12 @@ def roll_out(w, f, p, q, reference, alpha):
 
 
 @njit(**KERNEL)
-def begin(w, f, p, q, reference, mu):
+def begin(w, f, p, q, reference):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
     cost = roll_out(w, f, p, q, reference, 0.0)
     _accept_candidate(w)
-    w.numbers[ws.COST], w.numbers[ws.MU], w.numbers[ws.FACTOR] = cost, mu, 1.0
+    w.numbers[ws.COST], w.numbers[ws.MU], w.numbers[ws.FACTOR] = cost, 0.0, 1.0
     w.numbers[ws.SECANT] = 0.0
     w.numbers[ws.ALPHA] = 1.0
     w.curvature[:] = 0.0
@@ -84,10 +88,8 @@ def derivatives(w, f, q):
     """Derivatives of the cost along the plan."""
     T = w.controls.shape[0]
     for t in range(T):
-        _running_derivatives(
-            f.running_derivatives,
-            (t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t]),
-        )
+        at = t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t]
+        _running_derivatives(f.running_derivatives, at)
     _final_derivatives(f.final_derivatives, (w.states[T], q, w.lx[T], w.lxx[T]))
     w.numbers[ws.STALE] = 0.0
 
@@ -178,6 +180,40 @@ def _expand(w, t):
     return g0, g1, h00, h01, h11
 
 
+@njit(**KERNEL)
+def box_qp(h00, h01, h11, g0, g1, low0, high0, low1, high1):
+    """Minimise 1/2 x' H x + g' x in the box lower <= x <= upper. Returns (x0, x1, free0, free1, ok).
+
+    The objective is convex: if its unconstrained minimum lies outside the box, its minimum in the box lies on one of
+    the four edges, each a problem in one variable.
+
+    x0, x1:        the minimiser; it meets the bounds exactly
+    free0, free1:  whether the variable is free; it is not free if its bounds coincide, or if it is at a bound and the
+                   objective would fall beyond this bound
+    ok:            whether H is positive definite; if not (also for NaN), the other results are zero and False
+    """
+    det = h00 * h11 - h01 * h01
+    if not (h00 > 0.0 and h11 > 0.0 and det > 0.0):
+        return 0.0, 0.0, False, False, False
+    x0, x1 = (h01 * g1 - h11 * g0) / det, (h01 * g0 - h00 * g1) / det
+    if not (low0 <= x0 <= high0 and low1 <= x1 <= high1):
+        best = math.inf
+        for edge in range(4):
+            if edge < 2:
+                e0 = low0 if edge == 0 else high0
+                e1 = min(max(-(g1 + h01 * e0) / h11, low1), high1)
+            else:
+                e1 = low1 if edge == 2 else high1
+                e0 = min(max(-(g0 + h01 * e1) / h00, low0), high0)
+            cost = 0.5 * (h00 * e0 * e0 + h11 * e1 * e1) + h01 * e0 * e1 + g0 * e0 + g1 * e1
+            if cost < best:
+                best, x0, x1 = cost, e0, e1
+    slope0, slope1 = h00 * x0 + h01 * x1 + g0, h01 * x0 + h11 * x1 + g1
+    held0 = low0 >= high0 or (x0 <= low0 and slope0 > 0.0) or (x0 >= high0 and slope0 < 0.0)
+    held1 = low1 >= high1 or (x1 <= low1 and slope1 > 0.0) or (x1 >= high1 and slope1 < 0.0)
+    return x0, x1, not held0, not held1, True
+
+
 @njit(**CALLEE)
 def _feedback(w, t, h00, h01, h11, free0, free1):
     """K of the step: -Quu^-1 Qux on the free rows, zero on the rows at a limit."""
@@ -241,68 +277,68 @@ def backward(w, mu):
 
 
 @njit(**CALLEE)
-def _raise_mu(numbers, rules):
-    """Raise the regularisation. Returns whether it is still at most mu_max."""
-    numbers[ws.FACTOR] = max(rules.mu_factor, numbers[ws.FACTOR] * rules.mu_factor)
-    numbers[ws.MU] = max(rules.mu_min, numbers[ws.MU] * numbers[ws.FACTOR])
-    return numbers[ws.MU] <= rules.mu_max
+def _raise_mu(numbers):
+    """Raise the regularisation. Returns whether it is still at most MU_MAX."""
+    numbers[ws.FACTOR] = max(MU_FACTOR, numbers[ws.FACTOR] * MU_FACTOR)
+    numbers[ws.MU] = max(MU_MIN, numbers[ws.MU] * numbers[ws.FACTOR])
+    return numbers[ws.MU] <= MU_MAX
 
 
 @njit(**CALLEE)
-def _lower_mu(numbers, rules):
-    """Lower the regularisation. Below mu_min it becomes zero."""
-    numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, numbers[ws.FACTOR] / rules.mu_factor)
+def _lower_mu(numbers):
+    """Lower the regularisation. Below MU_MIN it becomes zero."""
+    numbers[ws.FACTOR] = min(1.0 / MU_FACTOR, numbers[ws.FACTOR] / MU_FACTOR)
     mu = numbers[ws.MU] * numbers[ws.FACTOR]
-    numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
+    numbers[ws.MU] = mu if mu >= MU_MIN else 0.0
 
 
 @njit(**KERNEL)
-def policy(w, f, q, rules):
+def policy(w, f, q):
     """Policy for the plan; raises the regularisation until a policy exists. Returns a code."""
     if w.numbers[ws.STALE] > 0.0:
         derivatives(w, f, q)
     code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
-    while code == ws.NO_DESCENT and _raise_mu(w.numbers, rules):
+    while code == ws.NO_DESCENT and _raise_mu(w.numbers):
         code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
     w.numbers[ws.SLOPE], w.numbers[ws.CURVATURE], w.numbers[ws.LARGEST] = slope, curvature, largest
     return code
 
 
 @njit(**CALLEE)
-def _try(w, f, p, q, rules, alpha):
+def _try(w, f, p, q, alpha):
     """Roll out a candidate and accept it if its cost is low enough. Returns the reduction; NaN if refused."""
     n = w.numbers
     expected = -alpha * (n[ws.SLOPE] + alpha * n[ws.CURVATURE])
     reduction = n[ws.COST] - roll_out(w, f, p, q, w.states, alpha)
     if math.isfinite(reduction):
         _secant(w)
-    if not (reduction > rules.min_ratio * expected and reduction > 0.0):
+    if not (reduction > MIN_RATIO * expected and reduction > 0.0):
         return math.nan
     _accept_candidate(w)
     n[ws.COST] -= reduction
     n[ws.ALPHA] = alpha
-    _lower_mu(n, rules)
+    _lower_mu(n)
     return reduction
 
 
 @njit(**KERNEL)
-def iterate(w, f, p, q, rules):
+def iterate(w, f, p, q, tolerance, control_tolerance):
     """One iteration: policy, then a line search; only a lower cost replaces the plan. Returns a code.
 
     The roll-out linearises each candidate, so an accepted candidate needs no second pass. A refused candidate shows the
     curvature of the dynamics, which the policy for the shorter step uses. The first step length is twice the last
     accepted one, at most 1."""
     n = w.numbers
-    small, alpha = rules.tolerance * (1.0 + abs(n[ws.COST])), min(1.0, 2.0 * n[ws.ALPHA])
-    for _ in range(rules.tries):
-        code = policy(w, f, q, rules)
+    small, alpha = tolerance * (1.0 + abs(n[ws.COST])), min(1.0, 2.0 * n[ws.ALPHA])
+    for _ in range(TRIES):
+        code = policy(w, f, q)
         if code != ws.GO_ON:
             return code
         expected = -(n[ws.SLOPE] + n[ws.CURVATURE])
-        if n[ws.MU] <= rules.mu_min and (n[ws.LARGEST] < rules.control_tolerance or expected < small):
+        if n[ws.MU] <= MU_MIN and (n[ws.LARGEST] < control_tolerance or expected < small):
             return ws.CONVERGED
-        reduction = _try(w, f, p, q, rules, alpha)
+        reduction = _try(w, f, p, q, alpha)
         if math.isfinite(reduction):
-            return ws.CONVERGED if reduction < small and n[ws.MU] <= rules.mu_min and alpha > 0.5 else ws.GO_ON
-        alpha *= rules.shorter
-    return ws.GO_ON if _raise_mu(w.numbers, rules) else ws.NO_DESCENT
+            return ws.CONVERGED if reduction < small and n[ws.MU] <= MU_MIN and alpha > 0.5 else ws.GO_ON
+        alpha *= SHORTER
+    return ws.GO_ON if _raise_mu(w.numbers) else ws.NO_DESCENT

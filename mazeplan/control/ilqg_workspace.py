@@ -15,6 +15,7 @@ RUNNING = REAL(INTEGER, VECTOR, VECTOR, VECTOR)  # k, s, u, p
 RUNNING_DERIVATIVES = types.void(INTEGER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)
 FINAL = REAL(VECTOR, VECTOR)  # s, p
 FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
+SIGNATURES = (LINEARISE, RUNNING, RUNNING_DERIVATIVES, FINAL, FINAL_DERIVATIVES)  # in the order of `Functions`
 
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
 # columns of `Workspace.numbers`: cost of the plan; regularisation and the factor that changes it; 1 if the derivatives
@@ -32,19 +33,6 @@ class Functions(NamedTuple):
     running_derivatives: int
     final: int
     final_derivatives: int
-
-
-class Rules(NamedTuple):
-    """The options that an iteration needs; see `IlqgOptions`."""
-
-    tolerance: float
-    control_tolerance: float
-    min_ratio: float
-    mu_min: float
-    mu_max: float
-    mu_factor: float
-    shorter: float
-    tries: int
 
 
 class Workspace(NamedTuple):
@@ -100,33 +88,9 @@ class Workspace(NamedTuple):
 def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
     """Allocate a workspace for a horizon (steps), n states and the control limits low, high (2,)."""
     T, z = horizon, np.zeros
-    return Workspace(
-        states=z((T + 1, n)),
-        controls=z((T, 2)),
-        new_states=z((T + 1, n)),
-        new_controls=z((T, 2)),
-        low=np.array(low, dtype=float),
-        high=np.array(high, dtype=float),
-        A=z((T, n, n)),
-        B=z((T, n, 2)),
-        new_a=z((T, n, n)),
-        new_b=z((T, n, 2)),
-        delta_s=z((T, n)),
-        delta_a=z((T, n, n)),
-        curvature=z((T, n, n)),
-        secant_residual=z(n),
-        lx=z((T + 1, n)),
-        lu=z((T, 2)),
-        lxx=z((T + 1, n, n)),
-        luu=z((T, 2, 2)),
-        k=z((T, 2)),
-        K=z((T, 2, n)),
-        V=z(n),
-        VV=z((n, n)),
-        VA=z((n, n)),
-        VB=z((n, 2)),
-        Qx=z(n),
-        Qxx=z((n, n)),
-        Qux=z((2, n)),
-        numbers=z(NUMBERS),
-    )
+    plan = z((T + 1, n)), z((T, 2)), z((T + 1, n)), z((T, 2)), np.array(low, dtype=float), np.array(high, dtype=float)
+    dynamics = z((T, n, n)), z((T, n, 2)), z((T, n, n)), z((T, n, 2))
+    secant = z((T, n)), z((T, n, n)), z((T, n, n)), z(n)
+    cost = z((T + 1, n)), z((T, 2)), z((T + 1, n, n)), z((T, 2, 2))
+    backward = z((T, 2)), z((T, 2, n)), z(n), z((n, n)), z((n, n)), z((n, 2)), z(n), z((n, n)), z((2, n))
+    return Workspace(*plan, *dynamics, *secant, *cost, *backward, z(NUMBERS))

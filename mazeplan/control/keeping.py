@@ -3,10 +3,10 @@
 A ball in the disc leaves it when the plate tilts towards the opening of the disc. Therefore every command for another
 ball goes through this filter. It predicts each kept ball with the planar model:
 
-    the command for hold_s, then the rescue for rescue_s: the plate tilts away from the opening, as far as the limit
+    the command for HOLD_S, then the rescue for RESCUE_S: the plate tilts away from the opening, as far as the limit
 
 The predictions start from several states around the ball's estimate. A command is safe if, in all of them, the ball
-goes at most margin_mm further out than where the wall stops it: the rescue can then follow the command. A safe command
+goes at most MARGIN further out than where the wall stops it: the rescue can then follow the command. A safe command
 goes out unchanged. Otherwise the filter takes, from a set of commands, the nearest one that keeps the ball. Commands of
 the set have a share of the wanted tilt along the ring of the other ball. Across that ring they differ freely, because a
 wall holds the other ball. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
@@ -16,59 +16,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
-from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
 
-
-@dataclass(frozen=True)
-class SafetyFilterOptions:
-    """Settings of the filter. Raises SettingsError.
-
-    hold_s:               time that a command acts before the rescue, s
-    rescue_s:             duration of the rescue, s
-    margin_mm:            how much further out a ball may go than where the wall stops it, mm
-    doubt_mm, doubt_m_s:  offsets of the starts around the estimate, mm and m/s
-    across:               price of a change across the ring of the other ball; a change along the ring has price 1
-    leans:                number of commands tried across the ring, besides the wanted one"""
-
-    hold_s: float = 0.067
-    rescue_s: float = 0.35
-    margin_mm: float = 2.0
-    doubt_mm: float = 1.5
-    doubt_m_s: float = 0.02
-    across: float = 0.2
-    leans: int = 9
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=("hold_s", "rescue_s", "leans"), most={"leans": 50, "rescue_s": 5.0})
-
-
+HOLD_S, RESCUE_S = 0.067, 0.35  # s; for which a command acts before the rescue, and the rescue
+MARGIN = 2e-3  # m; how much further out a ball may go than where the wall stops it
+DOUBT, DOUBT_SPEED = 1.5e-3, 0.02  # m, m/s; offsets of the starts around the estimate
+ACROSS = 0.2  # price of a change across the ring of the other ball; a change along the ring has price 1
+LEANS = 9  # number of commands tried across the ring, besides the wanted one
 SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # shares of the wanted command along the ring of the other ball
 
 
 class SafetyFilter:
     """Keeps balls in the disc of one maze, on one model; see the module."""
 
-    def __init__(
-        self, maze: Maze, planar: PlanarModel, plate: Plate, options: SafetyFilterOptions | None = None
-    ) -> None:
-        self._options = o = options or SafetyFilterOptions()
-        self._planar, self._plate = planar.arrays(), plate
+    def __init__(self, maze: Maze, planar: PlanarModel, plate: Plate) -> None:
+        self._planar, self._plate = planar, plate
         disc = maze.rings[-1]
         self._openings = [opening.angle for opening in maze.openings_of(disc.number)]
         self._out = disc.outer_radius + maze.ball.radius  # m: a ball that far out is not predicted further
-        self._limit = disc.outer_radius - maze.ball.radius + 1e-3 * o.margin_mm
-        self._steps = np.array([round(o.hold_s / SUBSTEP), round(o.rescue_s / SUBSTEP)])
+        self._limit = disc.outer_radius - maze.ball.radius + MARGIN
+        self._steps = np.array([round(HOLD_S / SUBSTEP), round(RESCUE_S / SUBSTEP)])
 
     def command(self, wanted: Command, kept: Sequence[State], led: State) -> Command:
         """The command `wanted` for the ball `led`, or the nearest command that keeps the balls `kept`.
@@ -88,14 +64,13 @@ class SafetyFilter:
 
     def farthest(self, command: Command, kept: Sequence[State]) -> float:
         """Largest distance of any kept ball from the centre, m, under a command and the rescue that follows."""
-        return max(self._farthest(command, state) for state in kept)
-
-    def _farthest(self, command: Command, state: State) -> float:
-        o = self._options
-        rescue = self._rescue(state)
-        commands = np.array([[command.u_beta, command.u_gamma], [rescue.u_beta, rescue.u_gamma]])
-        starts = _around(state, 1e-3 * o.doubt_mm, o.doubt_m_s, self._nearest(state))
-        return _max_radius(starts, commands, self._steps, self._out, *self._planar)
+        most = 0.0
+        for state in kept:
+            rescue = self._rescue(state)
+            commands = np.array([[command.u_beta, command.u_gamma], [rescue.u_beta, rescue.u_gamma]])
+            starts = _around(state, DOUBT, DOUBT_SPEED, self._nearest(state))
+            most = max(most, _max_radius(starts, commands, self._steps, self._out, *self._planar))
+        return most
 
     def _nearest(self, state: State) -> float:
         """Angle of the opening nearest to a ball, rad."""
@@ -107,20 +82,17 @@ class SafetyFilter:
 
     def _candidates(self, wanted: Command, kept: Sequence[State], led: State) -> list[Command]:
         """Commands to try: the nearest to the wanted one first, then the rescue of each kept ball."""
-        plate, o = self._plate, self._options
-        ax, ay = GRAVITY * (wanted.u_beta + plate.offset_beta), -GRAVITY * (wanted.u_gamma + plate.offset_gamma)
+        plate = self._plate
+        ax, ay = plate.acceleration(wanted)
         c, s = math.cos(led.theta), math.sin(led.theta)
         across, along = c * ax + s * ay, -s * ax + c * ay
         most = GRAVITY * math.sqrt(2.0) * plate.limit
         priced = []
         for share in SHARES:
-            for lean in (across, *np.linspace(-most, most, o.leans).tolist()):
+            for lean in (across, *np.linspace(-most, most, LEANS).tolist()):
                 command = plate.command(c * lean - s * share * along, s * lean + c * share * along)
-                bx, by = (
-                    GRAVITY * (command.u_beta + plate.offset_beta),
-                    -GRAVITY * (command.u_gamma + plate.offset_gamma),
-                )
-                price = (-s * bx + c * by - along) ** 2 + o.across * (c * bx + s * by - across) ** 2
+                bx, by = plate.acceleration(command)
+                price = (-s * bx + c * by - along) ** 2 + ACROSS * (c * bx + s * by - across) ** 2
                 priced.append((price, command))
         priced.sort(key=lambda item: item[0])
         return [command for _, command in priced] + [self._rescue(state) for state in kept]

@@ -13,15 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Command, State
 from mazeplan.maze.geometry import Opening
-
-if TYPE_CHECKING:
-    from mazeplan.control.tilt import Plate
 
 AWAY = 0.2  # of the tilt limit, away from an edge that holds the ball
 
@@ -31,21 +28,17 @@ class OpeningOptions:
     """Settings `gate` of the passage. Raises SettingsError.
 
     kp, kd:                       PD gains across the opening, 1/s^2 and 1/s
-    push_deg:                     tilt towards the other ring, deg
     window_mm, window_speed_m_s:  offset and speed across the opening, mm and m/s; a ball inside both is aligned and
-                                  may be pushed
-    lead_s:                       lag of the servo to look ahead, s
-    entry_s:                      the next move begins this long before the ball enters the next ring, s
-    entry_doubt_mm:               condition for that: a ball this far to either side would enter, too, mm"""
+                                  may be pushed"""
 
     kp: float = 90.0
     kd: float = 16.0
-    push_deg: float = 5.0
+    push_deg: float = 5.0  # tilt towards the other ring, deg
     window_mm: float = 12.0
     window_speed_m_s: float = 0.10
-    lead_s: float = 0.08
-    entry_s: float = 0.12
-    entry_doubt_mm: float = 0.6
+    lead_s: float = 0.08  # lag of the servo to look ahead, s
+    entry_s: float = 0.12  # the next move begins this long before the ball enters the next ring, s
+    entry_doubt_mm: float = 0.6  # condition for that: a ball this far to either side would enter, too, mm
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -75,11 +68,8 @@ def opening_frame(state: State, opening: Opening) -> OpeningFrame:
 def aligned(state: State, opening: Opening, options: OpeningOptions) -> bool:
     """Whether the ball is in front of the opening and slow enough to be pushed."""
     frame = opening_frame(state, opening)
-    return (
-        frame.along > 0.0
-        and abs(frame.across) <= 1e-3 * options.window_mm
-        and abs(frame.across_speed) <= options.window_speed_m_s
-    )
+    near = frame.along > 0.0 and abs(frame.across) <= 1e-3 * options.window_mm
+    return near and abs(frame.across_speed) <= options.window_speed_m_s
 
 
 def opening_command(

@@ -35,33 +35,27 @@ LEAST_SUBSTEPS = 4
 SUBSTEPS = round(TICK / SUBSTEP)  # of a tick in a simulation of the planar model
 ASSUMED_SPEED = 0.1  # m/s; assumed speed after the horizon
 HOLD_TICKS = (1, 2, 4)  # ticks that a command is held
+_room = njit(**CALLEE)(room)
 
 
 @dataclass(frozen=True)
 class RolloutOptions:
     """Settings of the roll-outs. Raises SettingsError.
 
-    grid:                 commands per axis, between the limits
-    margin_s:             time by which a command must beat the law, s
-    doubt_mm, doubt_m_s:  offsets of the other starts across the opening, mm and m/s
-    horizon_s:            duration of one roll-out, s
-    substeps:             steps of a simulation per tick
-    late_s:               maximum delay of the measurements for roll-outs, s; with more, the position is too uncertain
-    late_body_s:          the same for a ball predicted as a rigid body, s; that prediction is more certain"""
+    doubt_mm, doubt_m_s:  offsets of the other starts across the opening, mm and m/s"""
 
-    grid: int = 5
-    margin_s: float = 0.02
+    grid: int = 5  # commands per axis, between the limits
+    margin_s: float = 0.02  # time by which a command must beat the law, s
     doubt_mm: float = 0.8
     doubt_m_s: float = 0.016
-    horizon_s: float = 0.5
-    substeps: int = SUBSTEPS
-    late_s: float = 0.08
-    late_body_s: float = 0.16
+    horizon_s: float = 0.5  # duration of one roll-out, s
+    substeps: int = SUBSTEPS  # steps of a simulation per tick
+    late_s: float = 0.08  # maximum delay of the measurements for roll-outs, s; with more, the position is too uncertain
+    late_body_s: float = 0.16  # the same for a ball predicted as a rigid body, s; that prediction is more certain
 
     def __post_init__(self) -> None:
-        check_numbers(
-            self, positive=("grid", "horizon_s", "substeps"), most={"grid": 25, "horizon_s": 5.0, "substeps": 40}
-        )
+        most = {"grid": 25, "horizon_s": 5.0, "substeps": 40}
+        check_numbers(self, positive=("grid", "horizon_s", "substeps"), most=most)
         if self.substeps < LEAST_SUBSTEPS:
             expected = f"{LEAST_SUBSTEPS} to 40: with fewer, a simulated ball jumps over walls"
             raise SettingsError(f"got {self.substeps}, expected {expected}", key="substeps")
@@ -80,7 +74,7 @@ class OpeningRollout:
         tick_s: float = TICK,
     ) -> None:  # fmt: skip
         """tick_s: time from command to command, s"""
-        self._maze, self._planar, self._limit = maze, planar.arrays(), plate.limit
+        self._maze, self._planar, self._limit = maze, planar, plate.limit
         self._options = options
         # a command is held for a tick of the rig; a faster rig simulates no finer
         tick = tick_s * max(round(TICK / tick_s), 1)
@@ -126,7 +120,7 @@ def law_command(z, gap, law, out):
     base_gamma = min(max(-c * hold / GRAVITY - gamma0, -limit), limit)
     full_beta = (-s * hold + sign * push * c) / GRAVITY - beta0
     full_gamma = -(c * hold + sign * push * s) / GRAVITY - gamma0
-    share = min(room(base_beta, full_beta, limit), room(base_gamma, full_gamma, limit))
+    share = min(_room(base_beta, full_beta, limit), _room(base_gamma, full_gamma, limit))
     out[0] = min(max(base_beta + share * (full_beta - base_beta), -limit), limit)
     out[1] = min(max(base_gamma + share * (full_gamma - base_gamma), -limit), limit)
 

@@ -15,16 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mazeplan.control.tilt import Plate
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Opening, Ring
-
-if TYPE_CHECKING:  # a check of a tree needs no plate
-    from mazeplan.control.tilt import Plate
 
 Single = NDArray[np.float32]
 
@@ -65,27 +63,16 @@ def policy_inputs(state: State, ring: Ring, opening: Opening, turn: float, passi
 class Policy:
     """A learned policy.
 
-    layers:       weights (out, in) and bias (out,) of each layer
-    mean, scale:  of the inputs, (18,)
-    centres:      centres of the scaled training inputs, (K, KNOWN)
-    reach:        scaled distance that counts as 1
-    limit:        tilt that the network calls 1, rad
-    facts:        how the policy was trained
-    source:       folder of the policy; None if no file holds it"""
+    mean, scale:  of the inputs, (18,)"""
 
-    layers: tuple[tuple[Single, Single], ...]
+    layers: tuple[tuple[Single, Single], ...]  # weights (out, in) and bias (out,) of each layer
     mean: Single
     scale: Single
-    centres: Single
-    reach: float
-    limit: float
-    facts: dict[str, Any] = field(default_factory=dict)
-    source: str | None = None
-
-    @property
-    def size(self) -> int:
-        """Number of weights and biases of the network."""
-        return sum(weights.size + bias.size for weights, bias in self.layers)
+    centres: Single  # centres of the scaled training inputs, (K, KNOWN)
+    reach: float  # scaled distance that counts as 1
+    limit: float  # tilt that the network calls 1, rad
+    facts: dict[str, Any] = field(default_factory=dict)  # how the policy was trained
+    source: str | None = None  # folder of the policy; None if no file holds it
 
     def tilt(self, inputs: Array) -> Array:
         """Tilt outwards and along the ring, (2,) or (N, 2), rad, not limited, for inputs (18,) or (N, 18)."""

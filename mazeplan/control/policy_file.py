@@ -50,14 +50,9 @@ class PolicyFile(Section):
 
 def policy_document(policy: Policy) -> dict[str, Any]:
     """The content of policy.yaml without the entry `arrays`."""
-    return {
-        "format": FORMAT,
-        "inputs": list(INPUTS),
-        "hidden": [len(bias) for _, bias in policy.layers[:-1]],
-        "limit": policy.limit,
-        "reach": policy.reach,
-        "trained": policy.facts,
-    }
+    hidden = [len(bias) for _, bias in policy.layers[:-1]]
+    numbers = {"hidden": hidden, "limit": policy.limit, "reach": policy.reach, "trained": policy.facts}
+    return {"format": FORMAT, "inputs": list(INPUTS), **numbers}
 
 
 def save_policy(policy: Policy, folder: str | Path) -> Path:

@@ -1,8 +1,16 @@
 """Planner for one ring: iLQG on the ring's dynamics and cost.
 
-A cold start begins with the commands of a simple law (`first_guess`). With a Gaussian process, a coarse plan on the
-effects alone comes next. It costs a tenth of the work and lies near the final plan, while a direct search on the rough
-learned dynamics takes many iterations.
+A cold start begins with the commands of a simple law, simulated on the effects of the ring's model (`first_guess`).
+If the solver started from level commands, it would first have to find the acceleration and then the braking. The law
+chooses a speed v from which the ball can still brake, and tilts the plate to accelerate it towards v:
+
+    v = sign(e) min(RATE |e| + |v_g|, sqrt(v_g^2 + 2 a SHARE |e|)),    theta_dd = GAIN (v - theta_dot)
+
+e: remaining angle; v_g: speed at the goal; a: acceleration at the tilt limit. The law looks LEAD ahead because the
+plate lags. The roll-out costs a fifth of an iteration and saves more than half of the iterations.
+
+With a Gaussian process, a coarse plan on the effects alone comes next. It costs a tenth of the work and lies near the
+final plan, while a direct search on the rough learned dynamics takes many iterations.
 """
 
 from __future__ import annotations
@@ -11,21 +19,25 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit, typeof
 
 from mazeplan.control import cost as ring_cost
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.deadline import Live, Stopwatch
-from mazeplan.control.first_guess import first_guess
+from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.core.maths.angles import nearest
+from mazeplan.core.maths.compiled import KERNEL, copy_into
 from mazeplan.core.records import Array, Plan
 from mazeplan.learning import fast_gp
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.physics.dynamics.ring_parameters import BETA_0, DRIVE, GAMMA_0, RingParameters
 
 COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and substeps of the coarse plan
-SHARE = 0.5  # share of the deadline that the coarse plan may take
+COARSE_SHARE = 0.5  # share of the deadline that the coarse plan may take
+RATE, GAIN = 6.0, 14.0  # 1/s
+SHARE = 0.8  # share of the deceleration that the tilt limit gives
+LEAD = 0.1  # s; about the lag of the stage
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
 
@@ -49,7 +61,7 @@ class RingPlanner:
         process:     Gaussian process, added to the effects
         watch:       stopwatch for deadlines"""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
-        limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()
+        limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Stopwatch()
 
         def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
             return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, watch=watch)
@@ -95,13 +107,10 @@ class RingPlanner:
             warm = self._same_turn(warm, float(state[0]), t0)
         target = self.cost.pack(goal_theta, goal_theta_dot, lean)
         if warm is not None:
-            wide, most = self.options.warm_tolerance, self.options.warm_iterations
-            return self._planner.solve(
-                state, target, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, early_stop_after=most
-            )
-        guess = first_guess(
-            self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
-        )
+            early = {"tolerance": self.options.warm_tolerance, "early_stop_after": self.options.warm_iterations}
+            return self._planner.solve(state, target, warm, t0=t0, deadline_ms=deadline_ms, **early)
+        horizon, limit = self.options.horizon, self.tilt_limit
+        guess = first_guess(self._effects, state, horizon, goal_theta, goal_theta_dot, lean, limit)
         if self._coarse is not None:
             return self._from_effects(self._coarse, state, target, guess, t0, deadline_ms)
         return self._planner.solve(state, target, guess, t0=t0, deadline_ms=deadline_ms)
@@ -111,7 +120,7 @@ class RingPlanner:
     ) -> Plan:
         """A cold start: the coarse plan on the effects, refined on the full model. Adds up times and iterations."""
         deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
-        first = coarse.solve(state, target, guess, t0=t0, deadline_ms=SHARE * deadline)
+        first = coarse.solve(state, target, guess, t0=t0, deadline_ms=COARSE_SHARE * deadline)
         warm = first if first.ok else None
         left = max(0.0, deadline - first.ms)
         plan = self._planner.solve(state, target, warm, t0=t0, deadline_ms=left)
@@ -138,3 +147,44 @@ class RingPlanner:
     def warm_up(self) -> None:
         """Compile or load everything before the rig moves."""
         self.plan(np.zeros(6), 0.5)
+
+
+@njit(**KERNEL)
+def _follow(p, s, goal, goal_speed, lean, limit, out, controls):
+    """Simulate the law from s (6,), which is overwritten, on packed effects p. Writes into controls (T, 2)."""
+    for t in range(controls.shape[0]):
+        theta = s[0] + LEAD * s[1]
+        left = goal - theta
+        arriving = goal_speed if goal_speed * left > 0.0 else 0.0
+        brakes = math.sqrt(arriving * arriving + 2.0 * SHARE * p[DRIVE] * limit * abs(left))
+        speed = math.copysign(min(RATE * abs(left) + abs(arriving), brakes), left)
+        along = GAIN * (speed - s[1]) / p[DRIVE]
+        sin, cos = math.sin(theta), math.cos(theta)
+        controls[t, 0] = min(max(lean * cos - along * sin - p[BETA_0], -limit), limit)
+        controls[t, 1] = min(max(-lean * sin - along * cos - p[GAMMA_0], -limit), limit)
+        ring_dynamics.step(s, controls[t], p, out)
+        copy_into(s, out)
+
+
+def first_guess(
+    packed: Array, state: Array, horizon: int, goal: float, goal_speed: float, lean: float, limit: float
+) -> Array:
+    """Commands (horizon, 2), rad, inside the tilt limit. They are level if the effects have no gravity.
+
+    packed:      `RingParameters.pack()`
+    state:       planner state (6,)
+    horizon:     number of commands
+    goal:        goal angle on the turn to be taken, rad
+    goal_speed:  speed at the goal, rad/s
+    lean:        wanted outward tilt, rad
+    limit:       tilt limit, rad"""
+    controls = np.zeros((horizon, 2))
+    if packed[DRIVE] > 0.0:
+        _follow(packed, np.array(state, dtype=float), goal, goal_speed, lean, limit, np.empty(6), controls)
+    return controls
+
+
+def compile_guess() -> None:
+    """Compile the law and its simulation; runs nothing."""
+    v = np.zeros(6)
+    _follow.compile(tuple(map(typeof, (v, v, 0.0, 0.0, 0.0, 0.0, v, np.zeros((1, 2))))))

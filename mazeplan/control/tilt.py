@@ -4,15 +4,12 @@ The inverse of the gravity part of the ball's equation at small angles, without 
 
     a_x = g (beta + beta_0),   a_y = -g (gamma + gamma_0)
 
-where (beta_0, gamma_0) is the tilt of the table. Acceleration here means tilt times g; the ball
-gets at most 5/7 of it.
+where (beta_0, gamma_0) is the tilt of the table. Acceleration here means tilt times g; the ball gets at most 5/7 of it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from numba import njit
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import Command
@@ -31,6 +28,10 @@ class Plate:
         limit = self.limit
         return Command(min(max(u_beta, -limit), limit), min(max(u_gamma, -limit), limit))
 
+    def acceleration(self, command: Command) -> tuple[float, float]:
+        """Tilt times g along x and y under a command, m/s^2."""
+        return GRAVITY * (command.u_beta + self.offset_beta), -GRAVITY * (command.u_gamma + self.offset_gamma)
+
     def command(self, ax: float, ay: float) -> Command:
         """The command for a wanted acceleration, m/s^2, clipped per axis."""
         return self.clip(ax / GRAVITY - self.offset_beta, -ay / GRAVITY - self.offset_gamma)
@@ -46,7 +47,6 @@ class Plate:
         return self.clip(base.u_beta + share * (full[0] - base.u_beta), base.u_gamma + share * (full[1] - base.u_gamma))
 
 
-@njit(cache=True)
 def room(start, end, limit):
     """Share, 0 to 1, of the way from start to end that stays within +-limit. start must be within the limit."""
     step = end - start

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.records import Array, Command, Plan, State
-
-if TYPE_CHECKING:
-    from mazeplan.control.tilt import Plate
 
 
 @dataclass(frozen=True)
@@ -26,14 +23,13 @@ class TrackingOptions:
     """Settings of the tracking laws. Raises SettingsError.
 
     kp, kd:                      gains of the PD law, as angular acceleration, 1/s^2 and 1/s
-    replan_theta, replan_speed:  deviations from the plan that call for a new plan, rad and rad/s
-    replan_every:                maximum number of ticks between plans"""
+    replan_theta, replan_speed:  deviations from the plan that call for a new plan, rad and rad/s"""
 
     kp: float = 60.0
     kd: float = 12.0
     replan_theta: float = 0.05
     replan_speed: float = 0.6
-    replan_every: int = 1
+    replan_every: int = 1  # maximum number of ticks between plans
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=("replan_every",))

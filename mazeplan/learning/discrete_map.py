@@ -19,7 +19,7 @@ from mazeplan.learning.gp_training import TrainingOptions, train
 from mazeplan.learning.rollout import STEPS, Rollout
 from mazeplan.learning.samples import RingSamples, pick
 from mazeplan.learning.split import uniform_downsample
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 
 @dataclass(frozen=True)

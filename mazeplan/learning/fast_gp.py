@@ -233,7 +233,7 @@ def linearise(s, u, p, out, A, B):
 
     The dynamics are those of `ring_dynamics` and the Gaussian process, which is evaluated once a step, at its
     beginning, and held over the step like the command. Numba caches this function by the date of this file alone:
-    touch this file if you change `ring_dynamics`."""
+    change this file, too, if you change `ring_dynamics`."""
     by_state = np.empty(6)
     p[EXTRA] = mean_and_gradient(p, np.int64(p[PROCESS]), s, by_state)
     ring_dynamics.linearise(s, u, p, out, A, B)

@@ -20,7 +20,7 @@ import numpy as np
 
 from mazeplan.core.constants import GRAVITY, WALL_ROLLING
 from mazeplan.core.records import Array
-from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part
+from mazeplan.physics.ball_model import RingKinematics, gravity_jacobian, gravity_part
 
 INPUTS = (
     "theta_dot", "beta_dot", "gamma_dot", "sin_theta", "cos_theta", "sin_beta", "cos_beta", "sin_gamma", "cos_gamma",

@@ -41,9 +41,8 @@ from mazeplan.learning.linear import LinearFit, fit_linear
 from mazeplan.learning.rollout import Accelerate
 from mazeplan.learning.samples import RingSamples
 from mazeplan.learning.split import uniform_downsample
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_terms
 from mazeplan.physics.effects.ball import rolling_inertia
-from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 
 KINDS = ("rf", "p", "pi", "np", "sp")
 MOST = 5000  # maximum number of training rows of a Gaussian process

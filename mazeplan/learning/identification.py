@@ -39,10 +39,9 @@ from mazeplan.learning.stage_axes import fit_axes
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.learning.tilt_checks import check_axes, check_follows
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
-from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 
 WINDOW_S, WINDOWS = 0.4, (7, 13)  # s; fewest and most samples of a window, below 15 Hz and from 30 Hz on

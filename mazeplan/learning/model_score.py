@@ -36,7 +36,7 @@ from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_s
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.ball_model import RingKinematics, kinematic_terms
 
 MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
 BRIDGED = 3  # pictures in a row

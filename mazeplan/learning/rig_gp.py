@@ -28,8 +28,7 @@ from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_split, uniform_downsample
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.formulas.arrays import RingKinematics, acceleration, kinematic_terms
+from mazeplan.physics.ball_model import BallModel, RingKinematics, acceleration, kinematic_terms
 
 MOST_FRICTION = 20.0  # 1/s and rad/s^2; upper bound of the effects
 FEWEST = 300  # samples; a ring with fewer gets no learned part

@@ -19,7 +19,7 @@ import numpy as np
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.samples import LAG, RingSamples, pick
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 STEPS = 40  # samples of a roll-out
 CHECKED = (20, 40)  # samples after which errors are reported

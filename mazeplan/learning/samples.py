@@ -25,7 +25,7 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import paper_features
 from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives, unwrapped
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 SLACK = 2e-3  # m; the camera's noise may move the ball this far into a wall
 SHORTEST = 8  # samples; a shorter stretch has no derivatives

@@ -28,6 +28,7 @@ GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "w
 STAGE, TILT_SENSOR, CAMERA, INPUT = "stage", "tilt sensor", "camera", "input"
 BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
 ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA, INPUT)
+NO_JUMPS = "a plan does not follow a jump of the speed"
 FINE = 0.01  # default step of numeric derivatives, as a share of `Parameter.smallest`
 
 
@@ -59,10 +60,27 @@ class Parameter:
         if self.step == 0.0:
             object.__setattr__(self, "step", FINE * self.smallest or 1e-3)
 
+    @property
+    def valid(self) -> bool:
+        """Whether bounds, default and step fit together."""
+        return self.low <= self.default <= self.high and self.low < self.high and self.step > 0.0
 
-@dataclass(frozen=True, kw_only=True)
-class FitHints:
-    """How fits and the diagnosis treat an effect.
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A physical effect. Two effects are equal only if they are the same object.
+
+    name, parameters: see `Parameter`
+    acts:       where the effect acts, such as "force"
+    formula:    function of the state's symbols and of the parameters; None for a part of the rig
+    text:       a description in one sentence
+    source:     source of the formula
+    why_not:    why the planner cannot use the effect; empty if it can. No plan uses an effect of openings
+    entry:      place of each parameter in the model of a part of the rig, such as `stage.beta.gain`
+    by_radius:  powers of the radius that scale each parameter to another ring; None if values hold for one place
+    common:     whether the effect is the same in all rings
+
+    Hints for fits and the diagnosis:
 
     starts:     start values of a fit
     places:     parameters that say where the effect is, not how large
@@ -70,43 +88,12 @@ class FitHints:
     named:      False for a term that only shows a dependence
     depends_on: the variables of such a term
     placebo:    True for an impossible term, which measures what chance can explain
+
+    The openings of a wall as one effect, see `openings`:
+
+    pattern:    angles of the openings in the map, rad
+    side:       1 for the outer wall of the ring, -1 for the inner wall
     """
-
-    starts: tuple[tuple[float, ...], ...] = ()
-    places: tuple[str, ...] = ()
-    rivals: tuple[str, ...] = ()
-    named: bool = True
-    depends_on: tuple[str, ...] = ()
-    placebo: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class WallPattern:
-    """The openings of a wall as one effect, see `openings`.
-
-    pattern: angles of the openings in the map, rad
-    side:    1 for the outer wall of the ring, -1 for the inner wall
-    """
-
-    pattern: tuple[float, ...] = (0.0,)
-    side: float = 0.0
-
-
-@dataclass(frozen=True)
-class Effect(WallPattern, FitHints):
-    """A physical effect.
-
-    name, parameters: see `Parameter`
-    acts:       where the effect acts, such as "force"
-    formula:    function of the state's symbols and of the parameters; None for a part of the rig
-    text:       a description in one sentence
-    source:     source of the formula
-    why_not:    why the planner cannot use the effect; empty if it can
-    entry:      place of each parameter in the model of a part of the rig, such as `stage.beta.gain`
-    by_radius:  powers of the radius that scale each parameter to another ring; None if values hold for one place
-    common:     whether the effect is the same in all rings
-
-    The other fields: see `FitHints` and `WallPattern`."""
 
     name: str
     parameters: Mapping[str, Parameter]
@@ -118,6 +105,18 @@ class Effect(WallPattern, FitHints):
     entry: Mapping[str, str] = field(default_factory=dict)
     by_radius: Mapping[str, int] | None = None
     common: bool = False
+    starts: tuple[tuple[float, ...], ...] = ()
+    places: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+    named: bool = True
+    depends_on: tuple[str, ...] = ()
+    placebo: bool = False
+    pattern: tuple[float, ...] = (0.0,)
+    side: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.acts == OPENING and not self.why_not:
+            object.__setattr__(self, "why_not", NO_JUMPS)
 
     def __call__(self, *values: float, **more: float) -> Term:
         """The effect with values, in the order of its parameters or by name; missing ones keep their defaults.
@@ -126,10 +125,9 @@ class Effect(WallPattern, FitHints):
         if len(values) > len(self.parameters):
             raise ValueError(f"got {len(values)} values of {self.name}, expected {len(self.parameters)} at most")
         given = dict(zip(self.parameters, values, strict=False)) | more
-        for key in given:
+        for key, value in given.items():
             if key not in self.parameters:
                 raise ValueError(f"got parameter {key!r} of {self.name}, expected {one_of(self.parameters, key)}")
-        for key, value in given.items():
             allowed = self.parameters[key]
             if not allowed.low <= value <= allowed.high:  # also refuses NaN
                 raise ValueError(f"{key}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip())
@@ -150,12 +148,8 @@ class Effect(WallPattern, FitHints):
 
     def size(self, values: Mapping[str, float], declared: Mapping[str, float]) -> float:
         """Largest deviation from the declared values, in units of `Parameter.smallest`; 1 or more is relevant."""
-        sizes = [
-            abs(values[name] - declared.get(name, p.default)) / p.smallest
-            for name, p in self.parameters.items()
-            if p.smallest > 0.0 and name in values
-        ]
-        return max(sizes, default=math.inf)
+        sized = ((name, p) for name, p in self.parameters.items() if p.smallest > 0.0 and name in values)
+        return max((abs(values[n] - declared.get(n, p.default)) / p.smallest for n, p in sized), default=math.inf)
 
 
 @dataclass(frozen=True)
@@ -173,6 +167,12 @@ class Term:
     def values(self) -> dict[str, float]:
         """Parameters by name."""
         return dict(zip(self.effect.parameters, self.numbers, strict=True))
+
+    @property
+    def idle(self) -> bool:
+        """Whether the term does nothing: all its parameters, except those that say where, have their defaults."""
+        known = zip(self.effect.parameters.items(), self.numbers, strict=True)
+        return all(name in self.effect.places or value == p.default for (name, p), value in known)
 
     def told_as(self) -> tuple[str, dict[str, float]]:
         """Name and values for a fingerprint, without the effect's code."""

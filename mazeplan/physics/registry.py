@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from itertools import product
 from typing import Any
 
 from mazeplan.core.errors import InputError
@@ -30,101 +31,69 @@ def ring_effects() -> dict[str, Effect]:
     return {name: e for name, e in EFFECTS.items() if e.acts in BALL and e.named}
 
 
-def register(effects: Iterable[Effect]) -> None:
-    """Add effects for models and diagnosis. Raises InputError for an object that is not an effect, for a name that the
-    library has, and for a formula without a finite value."""
+def register(effects: Iterable[Any]) -> list[Effect]:
+    """Add effects for models and diagnosis. Returns them.
+
+    Raises InputError for an object that is no effect on the ball with parameters, for a name that the library has or
+    that comes twice, and for a formula without a finite value."""
+    found: dict[str, Effect] = {}
     for effect in effects:
-        problem = problem_of(effect)
-        if problem is not None:
-            raise InputError(problem)
-        EFFECTS[effect.name] = effect
+        if not isinstance(effect, Effect) or effect.acts not in BALL or effect.formula is None:
+            what = effect.name if isinstance(effect, Effect) else repr(effect)
+            raise InputError(f"got {what}, expected an Effect with a formula that acts on the ball: {', '.join(BALL)}")
+        if effect.name in PACKAGED or effect.name in found or not effect.name.isidentifier():
+            expected = "letters, digits and underscores, and no name of the library or of another effect"
+            raise InputError(f"got the name {effect.name!r}, expected {expected}")
+        parameters = effect.parameters.values() if isinstance(effect.parameters, Mapping) else ()
+        if not parameters or not all(isinstance(p, Parameter) and p.valid for p in parameters):
+            expected = "a dictionary of Parameter with low <= default <= high, low < high and step > 0"
+            raise InputError(f"{effect.name}: got parameters {effect.parameters!r}, expected {expected}")
+        _try_formula(effect)
+        found[effect.name] = effect
+    EFFECTS.update(found)
+    return list(found.values())
 
 
 def own_effects(spec: str | None) -> list[Effect]:
-    """Register and return the effects of a user's module, `MODULE:FUNCTION`. Raises InputError."""
-    found = [] if spec is None else load_effects(spec)
-    names = set[str]()
-    for effect in found:
-        problem = problem_of(effect)
-        if problem is None and effect.name in names:
-            problem = f"got the name {effect.name!r} twice"
-        if problem is not None:
-            raise InputError(f"--effects: {problem}")
-        names.add(effect.name)
-    register(found)
-    return found
+    """Register and return the effects of a user's module, `MODULE:FUNCTION`; none for None. Raises InputError."""
+    try:
+        return [] if spec is None else register(load_effects(spec))
+    except InputError as problem:
+        raise problem if problem.problem.startswith("--effects") else InputError(f"--effects: {problem}") from None
 
 
 def load_effects(spec: str) -> list[Any]:
-    """The objects, not yet checked, that a user's module `MODULE:FUNCTION` offers. Raises InputError."""
+    """The objects, not yet checked, that a user's module `MODULE:FUNCTION` has: an effect, several, or a function that
+    returns them. Raises InputError."""
     module, _, name = spec.partition(":")
     if not module or not name:
         raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION{', without .py' * spec.endswith('.py')}")
     code = user_module(module, "--effects")
     try:
-        return offered(getattr(code, name))
-    except InputError as problem:
-        raise InputError(f"--effects: {spec!r} {problem.problem}") from None
+        found = getattr(code, name)
+        found = found() if callable(found) and not isinstance(found, Effect) else found
+        return [found] if isinstance(found, Effect) else list(found)
     except Exception as problem:  # foreign code may raise anything
         raise InputError(f"--effects: {spec!r} gives no effects: {reason(problem)}") from None
 
 
-def offered(found: Any) -> list[Any]:
-    """A list from one effect, from several, or from a function that returns one or several. Raises InputError."""
-    found = found if isinstance(found, Effect) or not callable(found) else found()
-    if isinstance(found, Effect):
-        return [found]
-    if not isinstance(found, Iterable):
-        raise InputError(f"gives no effects: got {found!r}, expected an Effect, several, or a function")
-    return list(found)
-
-
-def problem_of(effect: Any) -> str | None:
-    """Why an object cannot be registered as an effect; None if it can."""
-    if not isinstance(effect, Effect) or effect.acts not in BALL or effect.formula is None:
-        what = effect.name if isinstance(effect, Effect) else repr(effect)
-        return f"got {what}, expected an Effect with a formula that acts on the ball: {', '.join(BALL)}"
-    if effect.name in PACKAGED:
-        return f"got the name {effect.name!r}, which the library has; expected another"
-    if not effect.name.isidentifier():
-        return f"got the name {effect.name!r}, expected letters, digits and underscores"
-    if not (
-        isinstance(effect.parameters, Mapping) and all(isinstance(p, Parameter) for p in effect.parameters.values())
-    ):
-        return f"got parameters {effect.parameters!r} of {effect.name}, expected a dictionary of Parameter"
-    if not effect.parameters:
-        return f"got no parameters of {effect.name}, expected at least one"
-    for name, p in effect.parameters.items():
-        if not (p.low <= p.default <= p.high and p.low < p.high and p.step > 0.0):
-            return f"{effect.name}.{name}: got {p.low:g} to {p.high:g}, default {p.default:g}, step {p.step:g}"
-    return _trial(effect)
-
-
-def _trial(effect: Effect) -> str | None:
-    """What is wrong with a formula at typical states, or None."""
+def _try_formula(effect: Effect) -> None:
+    """Raises InputError if the formula gives no finite number at typical states."""
     import numpy as np
 
     from mazeplan.physics.formulas.compiled import term_functions
 
+    at = ""
     try:
         functions = term_functions(effect).vectorised(np)
-    except Exception as problem:  # foreign code may raise anything
-        return f"the formula of {effect.name} cannot be compiled: {reason(problem)}"
-    if effect.acts == "gravity":
-        return None
-    name = next(n for n in ("term", "hold", "loss") if n in functions)
-    for theta, rate, t in TRIED:
-        for off in (0.0, 1.0):
+        name = next(n for n in ("term", "hold", "loss") if n in functions)
+        for (theta, rate, t), off in product(TRIED, (0.0, 1.0)):
             p = [q.default + off * q.step for q in effect.parameters.values()]
-            try:
-                value = functions[name](theta, rate, t, TILT, p)
-                finite = math.isfinite(value)
-            except Exception as problem:  # foreign code may raise anything
-                value, finite = reason(problem), False
-            if not finite:
-                at = f"theta {theta}, theta_dot {rate}, t {t}, parameters {p}"
-                return f"the formula of {effect.name} gives {value} at {at}; expected a finite number"
-    return None
+            at = f" at theta {theta}, theta_dot {rate}, t {t}, parameters {p}"
+            if not math.isfinite(value := functions[name](theta, rate, t, TILT, p)):
+                raise ValueError(f"got {value}, expected a finite number")
+    except Exception as problem:  # foreign code may raise anything
+        raise InputError(f"the formula of {effect.name}{at}: {reason(problem)}") from None
 
 
 def document(effect: Effect) -> dict[str, Any]:

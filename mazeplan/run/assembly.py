@@ -13,17 +13,16 @@ from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.control.estimation.rim_watch import Out, RimWatch
-from mazeplan.control.first_guess import compile_guess
+from mazeplan.control.estimation.sample_check import Out, RimWatch
 from mazeplan.control.ilqg import IlqgOptions, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
 from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout
-from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.control.ring_planner import RingPlanner, compile_guess
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.maths.compiled import address_of
-from mazeplan.core.records import Command, Observation, State
+from mazeplan.core.records import LEVEL, Command, Observation, State
 from mazeplan.core.side_by_side import beside
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
@@ -174,7 +173,12 @@ class Balls:
 
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
-        self._all[0].warm_up()
+        (twin, *_), dt = self._estimators(self._setup.driving_model), 1.0 / self._rate_hz
+        radius = max(self._setup.maze.track_radius(1), 1e-3)
+        for k in range(3):
+            twin.update(Observation(k * dt, radius, 0.0, 0.0, 0.0))
+            twin.sent(LEVEL, k * dt)
+        twin.ahead(dt)  # the only prediction of queued commands where commands act at once
 
     def sent(self, command: Command, t: float) -> None:
         """Note a command given to the rig at time t."""

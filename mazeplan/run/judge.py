@@ -155,7 +155,7 @@ def _errors(
         if not math.isfinite(columns[0][then] + columns[1][then]):
             continue
         one = estimator.current if isinstance(estimator, DelayBank) else estimator
-        z = one.predicted(t, t + ahead * dt - one.moment_delay)
+        z = one.predicted(t, t + ahead * dt - one.camera_delay)
         place = model.camera.true(float(columns[0][then]), float(columns[1][then]))
         out.append((k, math.hypot(z[0] - place[0], z[1] - place[1])))
     return out

@@ -22,7 +22,7 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.builder import build
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
-from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
 from mazeplan.core.errors import RigError
@@ -89,7 +89,7 @@ class Run:
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self.chain = CommandChain(rig.rate_hz, slew)
         self._sample_check = SampleCheck(rig.rate_hz)
-        self._stopwatch = watch or Live()
+        self._stopwatch = watch or Stopwatch()
         self._slew = slew
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # read once: the file may change or vanish before the next goal

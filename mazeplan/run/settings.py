@@ -51,7 +51,7 @@ class Settings:
 def settings_from_text(text: str) -> Settings:
     """Read what `Settings.text` returned.
 
-    Raises ValueError for any other text, also from a version with other keys; SettingsError for values out of range."""
+    Keys of older versions are left out. Raises ValueError for any other text, SettingsError for values out of range."""
     return _filled(Settings(), json.loads(text))
 
 
@@ -59,9 +59,9 @@ def _filled(options: Any, values: Any) -> Any:
     """A copy with these values."""
     held = {f.name: getattr(options, f.name) for f in fields(options)}
     sections = {name for name, value in held.items() if is_dataclass(value)}
-    if not isinstance(values, dict) or not values.keys() == held.keys():
+    if not isinstance(values, dict) or not values.keys() >= held.keys():
         raise ValueError(f"expected {', '.join(sorted(held))}")
-    return replace(options, **{n: _filled(held[n], v) if n in sections else v for n, v in values.items()})
+    return replace(options, **{n: _filled(held[n], values[n]) if n in sections else values[n] for n in held})
 
 
 def load_settings(source: str | Path | None = None) -> Settings:

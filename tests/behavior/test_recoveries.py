@@ -8,7 +8,7 @@ import pytest
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.btree.status import Status
-from mazeplan.control.estimation.rim_watch import Out
+from mazeplan.control.estimation.sample_check import Out
 from mazeplan.core.events import RecoveryChosen
 from mazeplan.core.records import LEVEL, Failure, FailureKind
 

@@ -17,7 +17,7 @@ from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 from mazeplan.run.collect import Collection, run_collection
 
 MAZE, COMMANDS = load_map("cme"), ("u_beta", "u_gamma")

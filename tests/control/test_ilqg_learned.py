@@ -18,9 +18,9 @@ from mazeplan.core.records import StopReason
 from mazeplan.learning import fast_gp
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.physics.ball_model import RingKinematics
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
-from mazeplan.physics.formulas.arrays import RingKinematics
 
 P = RingParameters(0.0689)
 STEEP = numbers_of(P).rolling_factor * G / P.radius  # rad/s^2 per rad of tilt along the ring

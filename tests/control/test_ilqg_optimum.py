@@ -70,7 +70,7 @@ def symbolic_cost(c, goal, speed, lean):
     s, u = ca.SX.sym("s", 6), ca.SX.sym("u", 2)
 
     def phi(e, a):
-        return 0.5 * e**2 if c.quadratic else ca.sqrt(e**2 + a**2) - a
+        return ca.sqrt(e**2 + a**2) - a
 
     e, v = s[0] - goal, s[1] - speed
     outward = ca.sin(s[2]) * ca.cos(s[0]) - ca.sin(s[4]) * ca.cos(s[2]) * ca.sin(s[0]) - lean
@@ -115,7 +115,6 @@ PROBLEMS = {
         np.array([2.0, -1.5, 0.03, 0.2, -0.02, -0.3]),
         (1.2, 0.0, 0.02),
     ),
-    "quadratic cost": (RING_2, CostParameters(quadratic=True, lean=20.0), LEVEL, (0.6, 0.0, -0.02)),
     "passing the goal at speed": (RING_2, STOP, LEVEL, (np.pi / 4, 0.58, -0.03)),
 }
 

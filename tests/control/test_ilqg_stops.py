@@ -18,7 +18,7 @@ from ilqg_problems import (
     ring_planner,
 )
 
-from mazeplan.control.deadline import Live
+from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.core.records import Plan, StopReason
 
@@ -27,7 +27,7 @@ from mazeplan.core.records import Plan, StopReason
 
 @pytest.mark.parametrize("deadline", [0.0, 3.0, 5.5])
 def test_a_deadline_ends_the_search_before_it_is_over(deadline):
-    planner = ring_planner(watch=Live(Ticking(1.0)))
+    planner = ring_planner(watch=Stopwatch(Ticking(1.0)))
     full = ring_planner().plan(np.zeros(6), 1.0)
     plan = planner.plan(np.zeros(6), 1.0, deadline_ms=deadline)
     assert plan.reason is StopReason.DEADLINE
@@ -39,7 +39,7 @@ def test_a_deadline_ends_the_search_before_it_is_over(deadline):
 
 
 def test_the_deadline_may_stand_in_the_options():
-    planner = ring_planner(options=IlqgOptions(deadline_ms=3.0), watch=Live(Ticking(1.0)))
+    planner = ring_planner(options=IlqgOptions(deadline_ms=3.0), watch=Stopwatch(Ticking(1.0)))
     assert planner.plan(np.zeros(6), 1.0).reason is StopReason.DEADLINE
     assert planner.plan(np.zeros(6), 1.0, deadline_ms=1e9).reason is StopReason.CONVERGED
 
@@ -67,7 +67,7 @@ def test_a_warm_plan_has_its_own_end():
 @pytest.mark.parametrize("derivatives", [lying_derivatives, concave_derivatives])
 def test_no_descent_is_told(derivatives):
     problem = LinearProblem(1)
-    plan = problem.planner(1.0, cost=replace(QUADRATIC, running_derivatives=derivatives)).solve(problem.s0, problem.q)
+    plan = problem.planner(1.0, cost=QUADRATIC._replace(running_derivatives=derivatives)).solve(problem.s0, problem.q)
     assert plan.reason is StopReason.NO_DESCENT
     assert np.isfinite(plan.states).all()
     assert plan.cost == pytest.approx(problem.cost_of(problem.s0, plan.controls))
@@ -78,7 +78,7 @@ def test_no_descent_is_told(derivatives):
     [
         {"linearise": nan_both},
         {"linearise": nan_linearise},
-        {"cost": replace(QUADRATIC, running_derivatives=nan_hessian)},
+        {"cost": QUADRATIC._replace(running_derivatives=nan_hessian)},
     ],
     ids=["step", "linearise", "hessian"],
 )

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.control.keeping import SafetyFilter, SafetyFilterOptions
+from mazeplan.control.keeping import MARGIN, SafetyFilter
 from mazeplan.control.tilt import Plate
-from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Command, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -74,13 +73,13 @@ def test_a_command_is_changed_across_the_ring_first(keeper):
     wanted = Command(-0.05, 0.0)  # to -x, where the opening is
     sent = keeper.command(wanted, [at(-9.0)], led)
     assert sent.u_beta != wanted.u_beta or sent.u_gamma != wanted.u_gamma
-    limit = DISC + 1e-3 * SafetyFilterOptions().margin_mm
+    limit = DISC + MARGIN
     assert keeper.farthest(sent, [at(-9.0)]) <= limit < keeper.farthest(wanted, [at(-9.0)])
 
 
 def test_of_two_kept_balls_both_stay(keeper):
     sent = keeper.command(Command(-0.06, 0.0), [at(9.0), at(-9.0)], LED)
-    assert keeper.farthest(sent, [at(-9.0)]) <= DISC + 1e-3 * SafetyFilterOptions().margin_mm
+    assert keeper.farthest(sent, [at(-9.0)]) <= DISC + MARGIN
 
 
 def test_a_ball_beyond_help_gets_the_best_command(keeper):
@@ -98,8 +97,3 @@ def test_commands_stay_within_the_limits_and_are_plain_numbers(keeper):
         sent = keeper.command(Command(*pair.tolist()), [at(float(x), float(y), vx=float(rng.normal(0.0, 0.05)))], LED)
         assert max(abs(sent.u_beta), abs(sent.u_gamma)) <= CME.tilt_limit + 1e-12
         assert {type(sent.u_beta), type(sent.u_gamma)} == {float}
-
-
-def test_options_without_sense_are_refused():
-    with pytest.raises(SettingsError, match="hold_s"):
-        SafetyFilterOptions(hold_s=0.0)

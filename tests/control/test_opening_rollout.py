@@ -74,7 +74,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
     plate = np.array([tilt / math.sqrt(2), -tilt / math.sqrt(2)])  # the opening at 225 degrees: inwards is +x, +y
     state = beside("1-2@225", 0.0, tilt=tuple(plate - BIAS))
     z, where = vector(state), gap("1-2@225")
-    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, (1.0, steps, TICK), *PLANAR.arrays())
+    time = passing_time(z, plate - BIAS, 100, where, rollout()._law, (1.0, steps, TICK), *PLANAR)
     pull = FREE_ROLLING * GRAVITY * math.sqrt(2) * math.sin(tilt / math.sqrt(2))
     assert time == pytest.approx(math.sqrt(2 * (state.r - where[3]) / pull), rel=0.04)
     assert math.hypot(z[0], z[1]) == pytest.approx(where[3], abs=2e-3)
@@ -83,7 +83,7 @@ def test_a_ball_in_front_falls_through_as_gravity_has_it(steps):
 def test_a_ball_that_stays_is_later_than_the_horizon():
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])  # outwards at 225 degrees
     time = passing_time(
-        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10, TICK), *PLANAR.arrays()
+        vector(beside("1-2@225", 0.0)), held, 100, gap("1-2@225"), rollout()._law, (0.4, 10, TICK), *PLANAR
     )
     assert time > 0.4
 
@@ -95,15 +95,13 @@ def test_the_chosen_command_is_sooner_by_the_margin():
     for across in np.linspace(-0.012, 0.012, 9):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
         command = tries.improved_command(state, MAZE.opening("2-3@90"), 3)
-        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR.arrays())
+        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR)
         if command is None:
             continue
         chosen += 1
         u = np.array([command.u_beta, command.u_gamma])
         assert np.abs(u).max() <= MAZE.tilt_limit
-        best = min(
-            passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR.arrays()) for n in (1, 2, 4)
-        )
+        best = min(passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR) for n in (1, 2, 4))
         assert best < by_law - options.margin_s
     assert chosen >= 3
 
@@ -115,7 +113,7 @@ def test_too_few_steps_are_refused():
     for speed in (0.2, 0.5, 0.8):  # beside the opening at 225 degrees, towards the wall
         z = vector(beside("1-2@225", 0.03))
         z[2:4] = -speed * z[:2] / math.hypot(z[0], z[1])
-        assert passing_time(z, held, 100, gap("1-2@225"), rollout()._law, (0.2, 4, TICK), *PLANAR.arrays()) > 0.2
+        assert passing_time(z, held, 100, gap("1-2@225"), rollout()._law, (0.2, 4, TICK), *PLANAR) > 0.2
 
 
 def test_what_is_not_known_of_the_ball_counts():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ilqg_problems import ring_planner
 
-from mazeplan.control.deadline import Live, Recorded
+from mazeplan.control.deadline import Recorded, Stopwatch
 from mazeplan.core.records import StopReason
 
 
@@ -22,7 +22,7 @@ class Clock:
 
 
 def test_the_next_iteration_may_take_as_long_as_the_longest():
-    watch = Live(Clock(0.0, 1.0, 2.0, 3.0, 1.0, 1.0))  # begin, first look, then iterations of 2, 3 and 1 ms
+    watch = Stopwatch(Clock(0.0, 1.0, 2.0, 3.0, 1.0, 1.0))  # begin, first look, then iterations of 2, 3 and 1 ms
     watch.begin(9.5)
     assert [watch.over(done) for done in range(4)] == [False, False, False, True]  # 1 + 2 + 3 + 1 and 3 more are 10
     assert watch.end() == pytest.approx(8.0)
@@ -31,14 +31,14 @@ def test_the_next_iteration_may_take_as_long_as_the_longest():
 
 
 def test_the_first_iteration_is_always_made():
-    watch = Live(Clock(0.0, 100.0, 1.0))
+    watch = Stopwatch(Clock(0.0, 100.0, 1.0))
     watch.begin(1.0)
     assert not watch.over(0)
     assert watch.over(1)
 
 
 def test_all_searches_of_a_tick_are_told():
-    watch = Live(Clock(*(5.0,) * 20))
+    watch = Stopwatch(Clock(*(5.0,) * 20))
     for deadline in (1e9, 1.0, 1e9):
         watch.begin(deadline)
         for done in range(3):
@@ -51,7 +51,7 @@ def test_all_searches_of_a_tick_are_told():
 
 @pytest.mark.parametrize("deadline", [2.0, 4.0, 6.0, 1e9])
 def test_a_search_is_ended_again_where_it_was(deadline):
-    live, recorded = Live(Clock(*(1.0,) * 500)), Recorded()
+    live, recorded = Stopwatch(Clock(*(1.0,) * 500)), Recorded()
     then = ring_planner(watch=live).plan(np.zeros(6), 1.0, deadline_ms=deadline)
     recorded.load(live.pop_cuts())
     now = ring_planner(watch=recorded).plan(np.zeros(6), 1.0, deadline_ms=0.0)  # it is not what decides

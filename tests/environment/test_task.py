@@ -7,7 +7,7 @@ import pytest
 
 from mazeplan.apps.environment.senses import NAMES, RATE, Senses
 from mazeplan.apps.environment.task import HOLD, LOST, Judge, Potential, Task
-from mazeplan.control.estimation.rim_watch import SAMPLES
+from mazeplan.control.estimation.sample_check import SAMPLES
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
 

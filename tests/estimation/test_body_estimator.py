@@ -52,7 +52,7 @@ def played(estimators, seconds=12.0, seed=0, spoilt=lambda k, seen: seen, rig="t
             seen = spoilt(k, rig.observe())
             true = rig.truth()
             states = [e.update(seen) for e in estimators]
-            there = true[:2] + estimators[0].dead_time * true[3:5]
+            there = true[:2] + estimators[0].acts_after * true[3:5]
             errors.append([
                 (math.hypot(s.x - there[0], s.y - there[1]), math.hypot(s.vx - true[3], s.vy - true[4])) for s in states
             ])  # fmt: skip

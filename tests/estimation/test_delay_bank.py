@@ -35,7 +35,7 @@ def driven(bank, rig, seconds=3.0):
         u = Command(0.08 * math.sin(0.35 * i), 0.08 * math.cos(0.27 * i))
         rig.command(u.u_beta, u.u_gamma)
         bank.sent(u, seen.t)
-        believed.append(bank.camera_delay)
+        believed.append(bank.current.camera_delay)
     return np.array(believed)
 
 
@@ -62,7 +62,7 @@ def test_while_the_ball_stands_nothing_is_concluded():
     for _ in range(60):
         bank.update(rig.observe())
         rig.command(0.0, 0.0)
-    assert bank.camera_delay == 0.0
+    assert bank.current.camera_delay == 0.0
 
 
 def test_it_speaks_as_the_estimator_it_believes():
@@ -73,12 +73,11 @@ def test_it_speaks_as_the_estimator_it_believes():
         seen = rig.observe()
         assert bank.update(seen) == alone.update(seen)
         assert bank.filtered == alone.filtered
-        assert bank.innovation == alone.innovation
+        assert bank.current.innovation == alone.innovation
         u = Command(0.05 * math.sin(0.2 * i), 0.0)
         for one in (rig.command, lambda a, b, s=seen: [e.sent(Command(a, b), s.t) for e in (bank, alone)]):
             one(u.u_beta, u.u_gamma)
         assert bank.ahead(0.1) == alone.ahead(0.1)
-    assert bank.dead_time == alone.dead_time
 
 
 def test_who_has_a_model_keeps_its_delay():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import AxisFilter, PlateNoise
+from mazeplan.control.estimation.plate import AxisFilter
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
@@ -50,7 +50,7 @@ class Played:
         u, h = np.array([[command.u_beta, command.u_gamma]]), DT / self.parts
         for k in range(self.parts):
             t = self.t + k * h
-            predict(self.z, t, t + h, np.array([t]), u, *self.planar.arrays())
+            predict(self.z, t, t + h, np.array([t]), u, *self.planar)
             self.history.append(self.z.copy())
         self.t += DT
 
@@ -184,7 +184,7 @@ def test_the_ring_has_hysteresis():
 
 def test_plate_filter_follows_the_servo_through_noise():
     axis = RigModel.nominal(MAZE).stage.beta
-    rng, plate, truth, raw, filtered = np.random.default_rng(1), AxisFilter(axis, PlateNoise()), np.zeros(2), [], []
+    rng, plate, truth, raw, filtered = np.random.default_rng(1), AxisFilter(axis), np.zeros(2), [], []
     for k in range(300):
         u = 0.06 * math.copysign(1.0, math.sin(0.2 * k))
         target = np.array([axis.gain * u + axis.offset, 0.0])
@@ -208,7 +208,7 @@ def test_ahead_is_the_state_later_with_the_last_command_held():
     state = estimator.update(played.observation())
     twin = played.z.copy()
     last = wave(played.t - DT)
-    predict(twin, 0.0, 0.1, np.array([0.0]), np.array([[last.u_beta, last.u_gamma]]), *played.planar.arrays())
+    predict(twin, 0.0, 0.1, np.array([0.0]), np.array([[last.u_beta, last.u_gamma]]), *played.planar)
     later = estimator.ahead(0.1)
     assert later.t == pytest.approx(state.t + 0.1)
     assert (later.x, later.y) == pytest.approx((twin[0], twin[1]), abs=1e-3)
@@ -229,7 +229,7 @@ def test_commands_that_have_not_acted_yet_are_predicted_through():
         t = k * DT
         state = estimator.update(Observation(t, float(z[0]), float(z[1]), float(z[4]), float(z[6])))
         acts = z.copy()
-        predict(acts, t, t + dead_time, np.array(moments), np.array(commands), *planar.arrays())
+        predict(acts, t, t + dead_time, np.array(moments), np.array(commands), *planar)
         assert state.t == pytest.approx(t + dead_time)
         if k > 10:
             assert state.gamma == pytest.approx(acts[6], abs=2e-3)
@@ -238,7 +238,7 @@ def test_commands_that_have_not_acted_yet_are_predicted_through():
         estimator.sent(command, t)
         moments.append(t + dead_time)
         commands.append((command.u_beta, command.u_gamma))
-        predict(z, t, t + DT, np.array(moments), np.array(commands), *planar.arrays())
+        predict(z, t, t + DT, np.array(moments), np.array(commands), *planar)
 
 
 def test_before_the_first_command_the_plate_stays():

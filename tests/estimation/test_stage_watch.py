@@ -35,7 +35,7 @@ def watched(axis, *, seed=0, rate_hz=30.0, seconds=1.0, wiring=RIGHT, noise=0.0,
             adopted = stage
             if math.isfinite(stage.beta.rate_limit):
                 break
-            watch = watch.on(stage)
+            watch.adopt(stage)
         elif words:
             break
         watch.sent(Command(*map(float, u[k])))

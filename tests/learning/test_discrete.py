@@ -13,7 +13,7 @@ from mazeplan.learning.fitting import FitOptions, fit_kind
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.rollout import STEPS, choose_windows, roll_out
 from mazeplan.learning.samples import RingSamples
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 QUICK = FitOptions(most=200, training=TrainingOptions(first=80, rows=120, starts=1, iterations=12, refinement=4))
 

@@ -13,7 +13,7 @@ from mazeplan.learning import fast_gp
 from mazeplan.learning.fast_gp import BINS, mean_and_gradient, pack
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 SPREAD = np.array([math.pi, 2.0, 0.08, 0.5, 0.08, 0.5])  # of states: rad, rad/s
 SCALES = np.array([1.5, 0.8, 0.8, 0.3, 0.3, 0.1, 0.02, 0.1, 0.02])  # length scales in the order of the inputs

@@ -20,7 +20,7 @@ from mazeplan.learning.features import (
     wall_features,
 )
 from mazeplan.learning.samples import MatchedKinematics
-from mazeplan.physics.formulas.arrays import (
+from mazeplan.physics.ball_model import (
     RingKinematics,
     gravity_jacobian,
     gravity_part,

@@ -14,7 +14,7 @@ from sklearn.gaussian_process import kernels as sklearn_kernels
 from mazeplan.learning.features import effect_features, inputs
 from mazeplan.learning.gaussian_process import FAMILIES, GaussianProcess, Hyperparameters, KernelTerm, kernel
 from mazeplan.learning.gp_training import Posterior, TrainingOptions, train
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 KERNELS: Any = sklearn_kernels
 PLAIN = (((0, 1), ()),)

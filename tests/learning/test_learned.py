@@ -20,7 +20,7 @@ from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.policy_training import require_torch
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
-from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
+from mazeplan.physics.ball_model import RingKinematics, gravity_part, kinematic_terms
 
 RADIUS = 0.0892
 ROLLING, VISCOUS, DRY, NOISE = 0.58, 0.4, 0.5, 0.5

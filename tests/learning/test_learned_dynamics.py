@@ -16,12 +16,11 @@ from mazeplan.learning import fast_gp
 from mazeplan.learning.features import inputs
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.ring_parameters import PROCESS, AxisParameters, RingParameters
+from mazeplan.physics.dynamics.ring_parameters import PROCESS, RingParameters
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
-from mazeplan.physics.formulas.arrays import RingKinematics
-from mazeplan.physics.rig.stage import StageModel
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SPREAD = np.array([math.pi, 4.0, 0.09, 0.8, 0.09, 0.8])  # of start states: rad, rad/s
 FULL = ring_of(
@@ -32,8 +31,8 @@ FULL = ring_of(
     dry_width=0.2,
     offset_beta=0.004,
     offset_gamma=-0.006,
-    beta=AxisParameters(0.95, 24.0, 0.8, 0.002),
-    gamma=AxisParameters(1.1, 28.0, 1.4, -0.003),
+    beta=StageAxis(0.95, 24.0, 0.8, offset=0.002),
+    gamma=StageAxis(1.1, 28.0, 1.4, offset=-0.003),
 )
 ALONE = replace(FULL, physics=False)
 SCALES = np.array([3.0, 0.8, 0.8, 0.7, 0.7, 0.1, 0.02, 0.1, 0.02])

@@ -19,10 +19,9 @@ from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rig_gp import FEWEST, _condition, learn_processes, planned
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_terms
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
-from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.collect import multisine
 

@@ -17,7 +17,7 @@ from mazeplan.learning.rollout import (
     roll_out_delayed,
 )
 from mazeplan.learning.samples import RingSamples
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 BALL = Ball(RADII[3], viscous=0.4, wave=0.5)
 TILT = Tilt.drawn(4)

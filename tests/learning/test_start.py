@@ -10,7 +10,7 @@ from ring_record import DT, RADII, Ball, Tilt, motion
 
 from mazeplan.learning.rollout import PAST, angle_noise, causal_start
 from mazeplan.learning.samples import RingSamples
-from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.ball_model import RingKinematics
 
 BALL, TILT, N = Ball(RADII[3], viscous=0.4, wave=0.5), Tilt.drawn(4), 600
 START = np.arange(80, 560, 7)

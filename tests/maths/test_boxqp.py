@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from mazeplan.control.boxqp import box_qp
+from mazeplan.control.ilqg_core import box_qp
 
 
 def solve(H, g, low, high):

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 from numba import njit
+from test_packed_walls import overlaps
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.maths.compiled import pointer_to
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.dynamics.rigid_body import Ball, accelerated, advance, body_core, no_effects
-from mazeplan.physics.dynamics.walls import SLAB, Walls, overlaps, pack_walls
+from mazeplan.physics.dynamics.rigid_body import Ball, accelerated, advance, body_core, effects_of
+from mazeplan.physics.dynamics.walls import SLAB, Walls, pack_walls
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius
@@ -38,7 +39,7 @@ def still_rows(beta, gamma, count, start=0.0):
 def moved(ball, walls, rows, state, effects=None):
     """States (M, 5) behind each of the rows."""
     out = np.empty((len(rows), 5))
-    advance(ball, walls, effects or no_effects(), rows, H, np.array(state, dtype=float), out)
+    advance(ball, walls, effects or effects_of(), rows, H, np.array(state, dtype=float), out)
     return out
 
 
@@ -192,7 +193,7 @@ def test_newton_and_euler_in_space():
         plate = PlateMotion(-1.0, 1.0, np.tile([b, b1, b2, c, c1, c2], (3, 1)))
         rows = np.zeros((1, ROW))
         plate_rows(PlateMotion(-1.0, 1e9, plate.motion), Tilting(), np.array([-1.0]), 0.0, 1, rows)
-        ax, ay, aw, n = _accelerated(ball, open_floor(), no_effects(), rows, x, y, vx, vy, w)
+        ax, ay, aw, n = _accelerated(ball, open_floor(), effects_of(), rows, x, y, vx, vy, w)
 
         def standing(t, b=b, b1=b1, b2=b2, c=c, c1=c1, c2=c2):
             p, q = b + b1 * t + 0.5 * b2 * t * t, c + c1 * t + 0.5 * c2 * t * t

@@ -9,8 +9,7 @@ import pytest
 
 from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.dynamics.plate import ROW, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.dynamics.rigid_body import Ball, advance, no_effects
-from mazeplan.physics.dynamics.rigid_body_effects import BESIDES, effects_of
+from mazeplan.physics.dynamics.rigid_body import BESIDES, Ball, advance, effects_of
 from mazeplan.physics.dynamics.walls import SLAB, Walls
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, WALL, Effect, Parameter
 from mazeplan.physics.effects.ball import constant_force, dry_friction, quadratic_drag, surface_profile, tilt_offset
@@ -29,7 +28,7 @@ def after(start, terms=(), *, steps=1, beta=0.0, gamma=0.0, tilting=None):
     plate = PlateMotion(0.0, 1.0, np.tile([beta, 0.0, 0.0, gamma, 0.0, 0.0], (99, 1)))
     rows, out = np.zeros((steps, ROW)), np.empty((steps, 5))
     plate_rows(plate, tilting or Tilting(), START + H * np.arange(steps), H, 1, rows)
-    effects = effects_of(terms) if terms else no_effects()
+    effects = effects_of(terms) if terms else effects_of()
     advance(SMOOTH, OPEN, effects, rows, H, np.array(start, dtype=float), out)
     return out[-1]
 

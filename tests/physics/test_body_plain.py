@@ -9,7 +9,7 @@ import plainball
 import pytest
 
 from mazeplan.physics.dynamics.plate import ROW, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.dynamics.rigid_body import Ball, advance, no_effects
+from mazeplan.physics.dynamics.rigid_body import Ball, advance, effects_of
 from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
 
 TABLE = (0.003, -0.004)
@@ -36,7 +36,7 @@ def both(toy, start, seconds, *, fine=6000, coarse=6000, seed=3):
     per, h = coarse // 100, 1.0 / coarse
     rows, out = np.zeros((len(plain) * per, ROW)), np.empty((len(plain) * per, 5))
     plate_rows(plate, Tilting(tilt_beta=TABLE[0], tilt_gamma=TABLE[1]), h * np.arange(len(rows)), h, 1, rows)
-    advance(body_of(toy), channel(toy), no_effects(), rows, h, start, out)
+    advance(body_of(toy), channel(toy), effects_of(), rows, h, start, out)
     return plain, np.vstack([start, out[per - 1 :: per][:-1]])
 
 

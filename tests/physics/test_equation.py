@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics
 from mazeplan.physics.effects.ball import rolling_inertia, tilt_offset
-from mazeplan.physics.formulas.arrays import RingKinematics
 
 GRAVITY = 9.81
 NAMES = ("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot")

@@ -23,13 +23,12 @@ from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics import Effect, Parameter, cos, registry, sin
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, RingKinematics
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.planar import EFFECT_OUTPUTS, PlanarModel, ball_step, evaluate_effects, stage_step
+from mazeplan.physics.dynamics.planar import EFFECT_OUTPUTS, PlanarModel, evaluate_effects, stage_step
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
 from mazeplan.physics.effects.ball import rolling_inertia
-from mazeplan.physics.formulas.arrays import RingKinematics
 from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.stage import second_order_transition
 
@@ -127,7 +126,7 @@ def test_an_effect_on_the_ball_acts_alike_everywhere(name):
     assert arrays(model) - arrays(bare) == pytest.approx(changed, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", [*ON_BALL, "gate_loss", "servo_gain", "servo_lag", "axis_coupling", "tilt_gain"])
+@pytest.mark.parametrize("name", [*ON_BALL, "servo_gain", "servo_lag", "axis_coupling", "tilt_gain"])
 def test_the_derivatives_of_the_step_are_those_of_differences(name):
     effect = EVERY[name]
     model = model_with(effect) if effect.acts in BALL else part_with(effect)
@@ -143,25 +142,6 @@ def test_the_derivatives_of_the_step_are_those_of_differences(name):
 
     np.testing.assert_array_equal(step(x), out)
     np.testing.assert_allclose(np.hstack([A, B]), jacobian(step, x, 1e-4), rtol=1e-6, atol=1e-6)
-
-
-def test_an_opening_takes_its_share_alike_everywhere():
-    """In the planner's step, the planar prediction and the filter."""
-    effect, bare = EVERY["gate_loss"], model_with(None)
-    model, kept = model_with(effect), 1.0 - sized(effect)["loss"]
-    s = np.array([*AT, 0.0, 0.0, 0.0, 0.0])
-    after = []
-    for m in (model, bare):
-        p, out = RingParameters.from_model(m, RING, RADIUS).pack(), np.empty(6)
-        ring_dynamics.step(s, np.zeros(2), p, out)
-        planar = PlanarModel.build(MAZE, m)
-        z = np.array([math.cos(AT[0]), math.sin(AT[0]), -AT[1] * math.sin(AT[0]), AT[1] * math.cos(AT[0]), 0, 0, 0, 0])
-        z *= RADIUS
-        ball_step(z, 0.015, planar.scalars, planar.rings, planar.walls, planar.gaps, False)
-        rate = (z[0] * z[3] - z[1] * z[2]) / (z[0] ** 2 + z[1] ** 2)
-        after.append((out[1], rate))
-    assert after[0][0] == pytest.approx(kept * after[1][0], abs=1e-9)
-    assert after[0][1] == pytest.approx(kept * after[1][1], abs=1e-9)
 
 
 def part_with(effect: Effect) -> RigModel:

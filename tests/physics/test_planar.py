@@ -80,17 +80,17 @@ def test_a_wall_without_opening_holds_the_ball():
 def test_commands_act_from_their_moment_on():
     late, early = at(0.0, 0.0), at(0.0, 0.0)
     commands = np.array([[0.0, 0.0], [0.08, 0.0]])
-    predict(late, 0.0, 0.1, np.array([-1.0, 0.09]), commands, *PLANAR.arrays())
-    predict(early, 0.0, 0.1, np.array([-1.0, 0.01]), commands, *PLANAR.arrays())
+    predict(late, 0.0, 0.1, np.array([-1.0, 0.09]), commands, *PLANAR)
+    predict(early, 0.0, 0.1, np.array([-1.0, 0.01]), commands, *PLANAR)
     assert late[4] < 0.1 * early[4]
     still = at(0.0, 0.0)
-    predict(still, 0.0, 0.1, np.array([-1.0, 0.5]), commands, *PLANAR.arrays())
+    predict(still, 0.0, 0.1, np.array([-1.0, 0.5]), commands, *PLANAR)
     assert np.all(still == 0.0)
 
 
 def test_the_servo_reaches_the_command_as_a_second_order_lag():
     z = at(0.0, 0.0)
-    predict(z, 0.0, 0.1, np.array([0.0]), np.array([[0.05, -0.03]]), *PLANAR.arrays())
+    predict(z, 0.0, 0.1, np.array([0.0]), np.array([[0.05, -0.03]]), *PLANAR)
     axis = RigModel.nominal(MAZE).stage.beta
     wn, zeta, t = axis.natural_frequency, axis.damping, 0.1
     wd = wn * math.sqrt(1.0 - zeta**2)

@@ -9,7 +9,6 @@ import pytest
 from test_body_effects import START, H, after
 
 from mazeplan.core.constants import GRAVITY as G
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import local_forces as planeterms
 from mazeplan.physics.effects.local_forces import (
@@ -39,10 +38,10 @@ def gained(term, state=AT):
 @pytest.mark.parametrize("effect", TERMS, ids=lambda effect: effect.name)
 def test_without_a_size_it_does_nothing_and_says_so(effect):
     places = {name: 0.5 * p.high for name, p in effect.parameters.items() if name in effect.places}
-    assert idle(effect(**places))
+    assert effect(**places).idle
     np.testing.assert_array_equal(after(AT, [effect(**places)]), after(AT))
     sizes = [name for name in effect.parameters if name not in effect.places]
-    assert not idle(effect(**places, **{sizes[0]: 0.5 * effect.parameters[sizes[0]].high}))
+    assert not effect(**places, **{sizes[0]: 0.5 * effect.parameters[sizes[0]].high}).idle
 
 
 def test_a_warped_floor_is_a_slope():

@@ -9,7 +9,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 from thrown_ball import LIMIT_S, MAZE, RIGS, RIM, thrown_run, told
 
-from mazeplan.control.estimation.rim_watch import AGREEING, SAMPLES, RimWatch, rim_of
+from mazeplan.control.estimation.sample_check import AGREEING, SAMPLES, RimWatch, rim_of
 from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import FailureKind
 from mazeplan.run.execution import run_job

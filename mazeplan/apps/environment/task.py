@@ -24,7 +24,7 @@ from pydantic import Field
 
 from mazeplan.apps.environment.senses import Senses
 from mazeplan.control.estimation.estimator import EstimatorOptions
-from mazeplan.control.estimation.rim_watch import RimWatch
+from mazeplan.control.estimation.sample_check import RimWatch
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph

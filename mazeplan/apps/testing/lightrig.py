@@ -108,7 +108,7 @@ class LightRig:
         """The next sample. The first one is at time 0."""
         if not self._fresh:
             before, dt = self.z[:4].copy(), 1.0 / self.rate_hz
-            predict(self.z, self.t, self.t + dt, np.array([self.t]), self.u, *self._planar.arrays())
+            predict(self.z, self.t, self.t + dt, np.array([self.t]), self.u, *self._planar)
             if self.glued:
                 self.z[:4] = *before[:2], 0.0, 0.0
             self.t += dt

@@ -18,6 +18,7 @@ from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import load_tree
+from mazeplan.control.estimation.estimator import LOST_AFTER
 from mazeplan.control.policy import Policy
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
@@ -130,7 +131,7 @@ def tick_tree(
     for key, value in {"goal": goal, **(keys or {})}.items():
         loaded.blackboard.set_external(key, value)
     Watch(record, leaves)(loaded, context)
-    path = _states(ball or (lambda t: (1, 0.0)), maze, options.estimator.lost_after)
+    path = _states(ball or (lambda t: (1, 0.0)), maze)
     for state, _ in zip(path, range(ticks), strict=False):
         context.begin(state.t, state, state)
         record.reason = loaded.tick().name
@@ -140,10 +141,8 @@ def tick_tree(
     return record
 
 
-def _states(ball: Ball, maze: Maze, lost_after: float) -> Iterator[State]:
-    """The states that an estimator without errors gives, one for each sample.
-
-    lost_after: time without the ball after which it counts as lost, s"""
+def _states(ball: Ball, maze: Maze) -> Iterator[State]:
+    """The states that an estimator without errors gives, one for each sample."""
 
     def place(k: int) -> Array | None:
         there = ball(k / RATE)
@@ -162,7 +161,7 @@ def _states(ball: Ball, maze: Maze, lost_after: float) -> Iterator[State]:
             last, last_seen = now, t
         (x, y), (vx, vy) = map(float, last), map(float, velocity)
         ring = maze.ring_at(math.hypot(x, y))
-        yield State(t, x, y, vx, vy, 0.0, 0.0, 0.0, 0.0, ring, now is not None, t - last_seen > lost_after)
+        yield State(t, x, y, vx, vy, 0.0, 0.0, 0.0, 0.0, ring, now is not None, t - last_seen > LOST_AFTER)
 
 
 def _rolled_on(state: State, seconds: float, maze: Maze) -> State:

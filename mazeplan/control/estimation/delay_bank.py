@@ -9,7 +9,9 @@ hard switching; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tr
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.control.estimation.plate import PlateFilter
 from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of
-from mazeplan.core.records import Command, Observation, State
+from mazeplan.core.records import Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 
@@ -29,37 +31,49 @@ MOST = 0.01  # m; limit of one innovation, so that an outlier does not decide
 CLEARLY = 12.0  # minimum gain of -2 log likelihood for a switch, with the variance of the innovations unknown
 
 
+class EstimatorBank:
+    """Estimators of one ball that differ in delay or pictures, on one filter of the plate.
+
+    squares (N,): sums of squares of their innovations, m^2; count: number of samples in the sums"""
+
+    def __init__(self, maze: Maze, models: Sequence[RigModel], options: EstimatorOptions, rate_hz: float) -> None:
+        self.plate = PlateFilter(models[0])  # the delay of the camera leaves it as it is
+        self.each = [Estimator(maze, model, options, rate_hz, self.plate) for model in models]
+        self.squares, self.count = np.zeros(len(models)), 0.0
+
+    def update(
+        self, observation: Observation, used: Estimator, pictures: Iterable[Observation] | None = None,
+        memory: float = 1.0,
+    ) -> bool:  # fmt: skip
+        """Take in a sample. Returns whether the ball moves, so that the sample counts.
+
+        used:      the estimator whose ball it is
+        pictures:  the sample as each estimator sees it
+        memory:    share of the sums that is kept"""
+        doubts = self.plate.update(observation)
+        for estimator, picture in zip(self.each, pictures or repeat(observation), strict=False):
+            estimator.follow(observation, doubts)
+            estimator.correct(picture)
+        moves = observation.seen and math.hypot(*used.ball()[2:4]) > MOVING
+        if moves:
+            innovations = np.minimum([estimator.innovation for estimator in self.each], MOST)
+            self.squares, self.count = memory * self.squares + innovations**2, memory * self.count + 1.0
+        return moves
+
+
 class DelayBank:
-    """Has the interface of `Estimator`; `camera_delay` is the delay in use, s."""
+    """Has the interface of `Estimator`; current: the estimator in use."""
 
     def __init__(
         self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
     ) -> None:
-        self._options = options or EstimatorOptions()
-        least = -model.stage.dead_time - 0.5 / rate_hz if model.stage.dead_time > 0.5 / rate_hz else 0.0
-        self._delays = [max(delay, -model.stage.dead_time) for delay in DELAYS if delay >= least]
-        self._plate = PlateFilter(model, self._options.plate)  # one for all: the delay of the camera leaves it as it is
-        self._bank = [
-            Estimator(maze, replace(model, camera_delay=delay), self._options, rate_hz, self._plate)
-            for delay in self._delays
-        ]
-        self._scores, self._samples = np.zeros(len(self._bank)), 0.0
-        self._best = self._delays.index(min(self._delays, key=abs))
-
-    @property
-    def camera_delay(self) -> float:
-        """The delay in use, s."""
-        return self._delays[self._best]
-
-    @property
-    def dead_time(self) -> float:
-        """As `Estimator.dead_time`."""
-        return self._bank[0].dead_time
-
-    @property
-    def innovation(self) -> float:
-        """As `Estimator.innovation`, m."""
-        return self.current.innovation
+        dead = model.stage.dead_time
+        least = -dead - 0.5 / rate_hz if dead > 0.5 / rate_hz else 0.0
+        delays = [max(delay, -dead) for delay in DELAYS if delay >= least]
+        models = [replace(model, camera_delay=delay) for delay in delays]
+        self._bank = EstimatorBank(maze, models, options or EstimatorOptions(), rate_hz)
+        self.current = self._bank.each[delays.index(min(delays, key=abs))]
+        self.sent = self._bank.plate.sent
 
     @property
     def filtered(self) -> State | None:
@@ -71,33 +85,14 @@ class DelayBank:
         """As `Estimator.doubts`."""
         return self.current.doubts
 
-    @property
-    def current(self) -> Estimator:
-        """The estimator in use."""
-        return self._bank[self._best]
-
-    def warm_up(self) -> None:
-        """Compile everything before the rig moves."""
-        self._bank[0].warm_up()
-
-    def sent(self, command: Command, t: float) -> None:
-        """Record a command given to the rig at time t, s."""
-        self._plate.sent(command, t)
-
     def update(self, observation: Observation) -> State:
         """Take in one sample. Returns the state at the moment when a command sent now will act."""
-        doubts, used = self._plate.update(observation), self.current
-        for estimator in self._bank:
-            estimator.follow(observation, doubts)
-            estimator.correct(observation)
-        if observation.seen and float(np.hypot(*used.ball()[2:4])) > MOVING:
-            innovations = np.minimum([estimator.innovation for estimator in self._bank], MOST)
-            self._scores = MEMORY * self._scores + innovations**2
-            self._samples = MEMORY * self._samples + 1.0
-            best = int(np.argmin(self._scores))
-            ratio = (self._scores[self._best] + LEAST) / (self._scores[best] + LEAST)
-            if 2.0 * self._samples * math.log(ratio) > CLEARLY:  # two coordinates a sample
-                self._best = best
+        bank, used = self._bank, self.current
+        if bank.update(observation, used, memory=MEMORY):
+            best = int(np.argmin(bank.squares))
+            ratio = (bank.squares[bank.each.index(used)] + LEAST) / (bank.squares[best] + LEAST)
+            if 2.0 * bank.count * math.log(ratio) > CLEARLY:  # two coordinates a sample
+                self.current = bank.each[best]
                 self.current.take_over(used)
         return self.current.finish(observation, self.current.predicted(observation.t))
 

@@ -13,7 +13,7 @@ sample
 
 The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree,
 the filter restarts at their position. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of
-the last sample. Without samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with
+the last sample. Without samples the prediction goes on; after LOST_AFTER s the state is `lost`. The ring changes with
 hysteresis, when the predicted ball is past the middle of the wall by a margin.
 """
 
@@ -21,13 +21,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import PlateFilter, PlateNoise, shaken, unforced
+from mazeplan.control.estimation.plate import PlateFilter, shaken, unforced
 from mazeplan.core.field_checks import check_numbers
-from mazeplan.core.records import LEVEL, Array, Command, Observation, State
+from mazeplan.core.records import Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact, predict, predict_given_tilt, ring_index
@@ -36,33 +36,31 @@ HOLD_S = 1.0 / 30.0  # s; of a command, with which the settings of navigation we
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
 
 
+OUTLIER_SIGMAS = 8.0  # a sample with a larger innovation is an outlier, sigmas
+OUTLIERS_TO_RESTART = 3  # number of agreeing outliers in a row that restart the filter
+LOST_AFTER = 0.5  # s; time without a sample after which the ball is lost
+RING_MARGIN = 1.0e-3  # m; distance past the middle of a wall at which the ring changes
+
+
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """Settings of the estimator.
+    """Settings of the estimator."""
 
-    camera_sigma:         1 sigma of one sample, m
-    acceleration_sigma:   acceleration that the planar model does not explain, 1 sigma, m/s^2
-    outlier_sigmas:       a sample with a larger innovation is an outlier, sigmas
-    outliers_to_restart:  number of agreeing outliers in a row that restart the filter
-    lost_after:           time without a sample after which the ball is lost, s
-    ring_margin:          distance past the middle of a wall at which the ring changes, m
-    plate:                noise of the tilt filter
-    """
-
-    camera_sigma: float = 0.5e-3
-    acceleration_sigma: float = 0.5
-    outlier_sigmas: float = 8.0
-    outliers_to_restart: int = 3
-    lost_after: float = 0.5
-    ring_margin: float = 1.0e-3
-    plate: PlateNoise = field(default_factory=PlateNoise)
+    camera_sigma: float = 0.5e-3  # 1 sigma of one sample, m
+    acceleration_sigma: float = 0.5  # acceleration that the planar model does not explain, 1 sigma, m/s^2
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("camera_sigma", "acceleration_sigma", "outlier_sigmas"))
+        check_numbers(self, positive=("camera_sigma", "acceleration_sigma"))
 
 
 class Estimator:
-    """Filter and predictor for one run. `update` takes each observation, `sent` each command."""
+    """Filter and predictor for one run. `update` takes each observation, `sent` each command.
+
+    camera_delay: delay of the pictures, s
+    acts_after: time from a sample to the moment for which a command is computed, s
+    innovation: distance of the last sample from its prediction, m
+    filtered: state at the measured moment
+    doubts: what was left out of the last sample: words of `records.Doubt`"""
 
     def __init__(
         self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0,
@@ -71,8 +69,11 @@ class Estimator:
         """plate: filter of the plate that several estimators share; its owner updates it"""
         self._maze, self._model, self._options = maze, model, options or EstimatorOptions()
         self._planar = PlanarModel.build(maze, model)
-        self._dt = 1.0 / rate_hz
-        self._plate = plate or PlateFilter(model, self._options.plate)
+        # The settings of navigation hold for commands that stay for HOLD_S; half of it is part of every lead. At 60 Hz
+        # a command acts that much earlier on average. At 15 Hz a later moment made runs slower, so it stays as it is.
+        self._dt, self.camera_delay = 1.0 / rate_hz, model.camera_delay
+        self.acts_after = model.stage.dead_time + 0.5 * min(self._dt - HOLD_S, 0.0)
+        self._plate = plate or PlateFilter(model)
         self._coming: list[tuple[float, list[Array]]] = []  # (t, angle and rate of each axis) up to the picture
         self._z: Array | None = None  # (9,) ball at the last measured moment
         self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
@@ -83,35 +84,9 @@ class Estimator:
         self._measured_ring: int | None = None
         self._acting_z: Array | None = None  # (9,) the state returned last
         self._acts_at = 0.0
-        self.innovation = 0.0  # m, distance of the last sample from its prediction
-        self.filtered: State | None = None  # at the measured moment
-        self.doubts: set[str] = set()  # of the last sample: words of `records.Doubt`
-
-    @property
-    def dead_time(self) -> float:
-        """Seconds between sending a command and its first effect on the plate."""
-        return self._model.stage.dead_time
-
-    @property
-    def acts_after(self) -> float:
-        """Seconds from a sample to the moment for which a command is computed.
-
-        The settings of navigation hold for commands that stay for HOLD_S; half of it is part of every lead. At 60 Hz
-        a command acts that much earlier on average. At 15 Hz a later moment made runs slower, so it stays as it is."""
-        return self.dead_time + 0.5 * min(self._dt - HOLD_S, 0.0)
-
-    def warm_up(self) -> None:
-        """Compile everything before the rig moves."""
-        twin = self._twin()
-        radius = max(self._maze.track_radius(1), 1e-3)
-        for k in range(3):
-            twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
-            twin.sent(LEVEL, k * self._dt)
-        twin.ahead(self._dt)  # the only use of `predict` where commands act at once
-
-    def _twin(self) -> Estimator:
-        """A new estimator with the same settings."""
-        return Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
+        self.innovation = 0.0
+        self.filtered: State | None = None
+        self.doubts: set[str] = set()
 
     def sent(self, command: Command, t: float) -> None:
         """Record a command given to the rig at time t, s."""
@@ -119,24 +94,20 @@ class Estimator:
 
     def update(self, observation: Observation) -> State:
         """Take in one sample. Returns the state at the moment when a command sent now will act."""
-        self.begin(observation)
+        self.follow(observation, self._plate.update(observation))
         self.correct(observation)
         return self.finish(observation, self.predicted(observation.t))
 
-    # -- the four steps of `update` --------------------------------------------------------------------------------
-
-    def begin(self, observation: Observation) -> None:
-        """Filter the plate's axes to the time of the sample."""
-        self.follow(observation, self._plate.update(observation))
+    # -- the steps of `update` -------------------------------------------------------------------------------------
 
     def follow(self, observation: Observation, doubts: set[str]) -> None:
         """Take over the plate after its filter took in the sample, with these doubts."""
         self.doubts = set(doubts)
-        self._coming = self._plate.until(observation.t, self.moment(observation))
+        self._coming = self._plate.until(observation.t, observation.t - self.camera_delay)
 
     def correct(self, observation: Observation) -> None:
         """Predict the ball to the moment of the picture, and correct it with its place there."""
-        moment = self.moment(observation)
+        moment = observation.t - self.camera_delay
         if observation.x is not None and observation.y is not None:
             place = np.array(self._model.camera.true(observation.x, observation.y))
             self._take_sample(moment, place, observation.t)
@@ -158,7 +129,7 @@ class Estimator:
         """The state for z (9,), which is kept for `ahead`."""
         t, measured = observation.t, self.ball()
         self._acting_z, self._acts_at = z, t + self.acts_after
-        lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
+        lost = self._z is None or t - self._last_seen > LOST_AFTER + 1e-6
         self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
         self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
         believed = observation.seen and self._last_seen == t  # an outlier is no measurement of where the ball is
@@ -168,15 +139,6 @@ class Estimator:
     def take_over(self, other: Estimator) -> None:
         """Continue for an estimator of the same ball that was in use until now: the ball is in the same ring."""
         self._ring, self._measured_ring = other._ring, other._measured_ring
-
-    def moment(self, observation: Observation) -> float:
-        """When the picture of a sample was taken, s."""
-        return observation.t - self._model.camera_delay
-
-    @property
-    def moment_delay(self) -> float:
-        """Delay of the pictures, s."""
-        return self._model.camera_delay
 
     def ball(self) -> Array:
         """A copy of the state (9,) of the ball at the last measured moment; zeros before the first sample."""
@@ -191,7 +153,7 @@ class Estimator:
         z, t = self._acting_z.copy(), self._acts_at
         z[:2] += beside
         _, u_beta, u_gamma = self._plate.commands[-1]
-        predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
+        predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar)
         return _as_state(t + seconds, z, self._hysteresis(self._ring, math.hypot(z[0], z[1])), True, False)
 
     # -- ball -----------------------------------------------------------------------------------------------------
@@ -216,18 +178,16 @@ class Estimator:
         times, commands = self._plate.queue
         if not len(times):
             times, commands = np.array([start]), np.zeros((1, 2))
-        predict(z, start, end, times, commands, *self._planar.arrays())
+        predict(z, start, end, times, commands, *self._planar)
 
     def _predict_to(self, moment: float) -> None:
         assert self._z is not None
         dt = moment - self._measured_at
-        if dt <= 0.0:
-            return
-        self.advance(self._z, self._measured_at, moment)
-        transition = unforced(dt)
-        spread = shaken(dt, self._options.acceleration_sigma)
-        self._covariance = transition @ self._covariance @ transition.T + spread
-        self._measured_at = moment
+        if dt > 0.0:
+            self.advance(self._z, self._measured_at, moment)
+            transition, spread = unforced(dt), shaken(dt, self._options.acceleration_sigma)
+            self._covariance = transition @ self._covariance @ transition.T + spread
+            self._measured_at = moment
 
     def _start_at(self, moment: float, position: Array) -> None:
         sigma = self._options.camera_sigma
@@ -243,15 +203,14 @@ class Estimator:
             self._last_seen = t
             return
         self._predict_to(moment)
-        z, options = self._z, self._options
-        innovation = position - z[:2]
+        innovation = position - self._z[:2]
         self.innovation = float(np.hypot(*innovation))
-        if self.innovation > options.outlier_sigmas * math.sqrt(self._variance()):
+        if self.innovation > OUTLIER_SIGMAS * math.sqrt(self._variance()):
             self.doubts.add("ball")
             self._outliers.append(position)
-            recent = self._outliers[-options.outliers_to_restart :]
+            recent = self._outliers[-OUTLIERS_TO_RESTART:]
             agree = all(np.hypot(*(a - b)) < 0.02 for a, b in itertools.pairwise(recent))
-            if len(recent) == options.outliers_to_restart and agree:
+            if len(recent) == OUTLIERS_TO_RESTART and agree:
                 self._start_at(moment, position)
                 self._last_seen = t
             return
@@ -279,8 +238,7 @@ class Estimator:
         rings = self._planar.rings
         if current is None:
             return int(ring_index(r, rings)) + 1
-        margin = self._options.ring_margin
-        index = current - 1
+        index, margin = current - 1, RING_MARGIN
         while index + 1 < len(rings) and r < 0.5 * (rings[index, INNER] + rings[index + 1, OUTER]) - margin:
             index += 1
         while index > 0 and r > 0.5 * (rings[index - 1, INNER] + rings[index, OUTER]) + margin:

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import PlateFilter
+from mazeplan.control.estimation.delay_bank import EstimatorBank
+from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.control.estimation.stage_watch import OFF, StageWatch
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.rig_model import RigModel
@@ -26,8 +26,6 @@ LEARNED_OFF = math.radians(2.0)  # rad; rms from which a fitted stage is wrong: 
 MOST_STAGES = 3  # stages that a run adopts
 EVERY = 2  # samples between judgements
 USUAL_LATE = 1.0 / 30.0  # s; delay of the picture where the model knows none
-MOVING = 0.03  # m/s; a slower ball shows nothing
-MOST = 0.01  # m; limit of one innovation, so that an outlier does not decide
 FEWEST = 5  # samples of a moving ball
 LEAST = 0.4e-3  # m; rms of the innovations from which pictures as they are may be wrong
 # times smaller rms in another way; gain of -2 log L, with the variance unknown: in 980 healthy runs on 223 rigs it was
@@ -49,33 +47,26 @@ class BallWatch:
     def __init__(self, maze: Maze, model: RigModel, rate_hz: float) -> None:
         late = model.camera_delay if model.delay_known else max(USUAL_LATE, -model.stage.dead_time)
         planar = replace(model, camera_delay=late, camera_delay_stderr=0.0, body=None)
-        self._plate = PlateFilter(planar, EstimatorOptions().plate)  # one for all: they differ in the pictures
-        self._bank = [Estimator(maze, planar, rate_hz=rate_hz, plate=self._plate) for _ in WAYS]
-        self._squares, self._count = np.zeros(len(WAYS)), 0
-
-    def sent(self, command: Command, t: float) -> None:
-        """Note the command of a tick."""
-        self._plate.sent(command, t)
+        self._bank = EstimatorBank(maze, [planar] * len(WAYS), EstimatorOptions(), rate_hz)
+        self.sent = self._bank.plate.sent
 
     def update(self, observation: Observation) -> None:
         """Take in a sample."""
-        x, y, doubts = observation.x, observation.y, self._plate.update(observation)
-        for estimator, place in zip(self._bank, WAYS.values(), strict=True):
+        x, y, pictures = observation.x, observation.y, list[Observation]()
+        for place in WAYS.values():
             seen = (None, None) if x is None or y is None else place(x, y)
-            estimator.follow(observation, doubts)
-            estimator.correct(replace(observation, x=seen[0], y=seen[1], others=()))
-        if observation.seen and math.hypot(*self._bank[0].ball()[2:4]) > MOVING:
-            self._squares += np.minimum([estimator.innovation for estimator in self._bank], MOST) ** 2
-            self._count += 1
+            pictures.append(replace(observation, x=seen[0], y=seen[1], others=()))
+        self._bank.update(observation, self._bank.each[0], pictures)
 
     def judge(self) -> str:
         """What is wrong, in words; "" if nothing is, or if the ball has not moved enough."""
-        if self._count < FEWEST:
+        count = self._bank.count
+        if count < FEWEST:
             return ""
-        rms = np.sqrt(self._squares / self._count)
+        rms = np.sqrt(self._bank.squares / count)
         best = int(np.argmin(rms))
         ratio = rms[0] / max(rms[best], 1e-9)
-        wrong = rms[0] > LEAST and ratio > BETTER and 4.0 * self._count * math.log(ratio) > CLEARLY
+        wrong = rms[0] > LEAST and ratio > BETTER and 4.0 * count * math.log(ratio) > CLEARLY
         return list(WAYS)[best] if wrong else ""
 
 
@@ -106,24 +97,26 @@ class FitWatch:
             self._stage = self._ball = None
             return None
         self._ball.update(observation)
-        words = ""
         if self._stage is not None:
             self._stage.update(observation)
-            words, stage = self._stage.judge(self._off) if self._count % EVERY == 0 else ("", None)
-            if stage is not None:
-                return words, self._adopt(stage, self._stage)
-        if self._count % EVERY == 0:
-            words = words or self._ball.judge()
-        if words:
-            self._stage = self._ball = None
-            return words, None
-        return None
+        if self._count % EVERY != 0:
+            return None
+        words, stage = ("", None) if self._stage is None else self._stage.judge(self._off)
+        if stage is not None:
+            return words, self._adopt(stage)
+        words = words or self._ball.judge()
+        if not words:
+            return None
+        self._stage = self._ball = None
+        return words, None
 
-    def _adopt(self, stage: StageModel, watch: StageWatch) -> StageModel:
+    def _adopt(self, stage: StageModel) -> StageModel:
         """Watch on with another stage. A stage with a limited rate is not judged again, but the ball is."""
         self._adopted += 1
-        more = self._adopted < MOST_STAGES and math.isinf(stage.beta.rate_limit)
-        self._stage = watch.on(stage) if more else None
+        if self._stage is not None and self._adopted < MOST_STAGES and math.isinf(stage.beta.rate_limit):
+            self._stage.adopt(stage)
+        else:
+            self._stage = None
         delay = max(self._model.camera_delay, -stage.dead_time)
         self._ball = BallWatch(self._maze, replace(self._model, stage=stage, camera_delay=delay), self._rate_hz)
         return stage

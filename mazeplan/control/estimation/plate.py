@@ -1,7 +1,10 @@
-"""Kalman filter for the plate: angle and rate of each axis from the tilt sensor and the commands.
+"""The motion of the plate, from the tilt sensor and the commands.
 
-Model: the servo of the stage, driven by the acting command, with noise on the rate. Measurement: the angle, without
-delay.
+In a run, a Kalman filter estimates angle and rate of each axis. Model: the servo of the stage, driven by the acting
+command, with noise on the rate. Measurement: the angle, without delay.
+
+In a record, the stage is simulated. A simulated stage starts at rest, the real stage in motion. Both obey the same
+linear equation, so they differ by a free motion, angle'' = -wn^2 angle - 2 zeta wn angle' (`with_true_starts`).
 """
 
 from __future__ import annotations
@@ -11,11 +14,13 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from mazeplan.core.records import Array, Command, Observation
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import SUBSTEP
 
@@ -24,18 +29,11 @@ AGREE = 4  # outliers in a row that agree
 MAX_TILT_MISMATCH = math.radians(1.5)  # rad; allowed difference from the tilt predicted from the commands alone
 MISMATCHED_SAMPLES = 5  # larger differences in this many samples in a row mean that the plate does not follow
 HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
+LOOKED_AT = 0.4  # s of samples that show the start of a record
+SETTLED = 1.5  # s until the free motion has died away
+SENSOR = 1.0e-3  # rad; noise of one sample, 1 sigma: 0.05 deg of the toy's diode, a little wider
+UNEXPLAINED = 4.0  # rad/s^2; acceleration that the servo model does not explain: 1/10 of what it does at a full step
 Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
-
-
-@dataclass(frozen=True)
-class PlateNoise:
-    """1-sigma figures of the noise.
-
-    sensor:        noise of one sample, rad
-    acceleration:  acceleration that the servo model does not explain, rad/s^2"""
-
-    sensor: float = 1.0e-3  # rad; 0.05 deg of the toy's diode, a little wider
-    acceleration: float = 4.0  # rad/s^2; 1/10 of what the servo does at a full step
 
 
 @dataclass
@@ -43,7 +41,6 @@ class AxisFilter:
     """Angle and rate of one axis; `mean` (2,) rad, rad/s, `covariance` (2, 2)."""
 
     axis: StageAxis
-    noise: PlateNoise
     mean: Array = field(default_factory=lambda: np.zeros(2))
     covariance: Array = field(default_factory=lambda: np.diag([1e-4, 1e-2]))
 
@@ -51,12 +48,12 @@ class AxisFilter:
         """Advance by dt, s, with `command` acting all the time."""
         transition = self.axis.transition(dt)
         self.mean = servo_step(self.axis, self.mean, command, dt)
-        spread = shaken(dt, self.noise.acceleration)
+        spread = shaken(dt, UNEXPLAINED)
         self.covariance = transition @ self.covariance @ transition.T + spread
 
     def update(self, angle: float) -> None:
         """Take in one measured angle."""
-        innovation_variance = self.covariance[0, 0] + self.noise.sensor**2
+        innovation_variance = self.covariance[0, 0] + SENSOR**2
         gain = self.covariance[:, 0] / innovation_variance
         self.mean = self.mean + gain * (angle - self.mean[0])
         self.covariance = self.covariance - gain[:, None] * self.covariance[0]
@@ -128,9 +125,9 @@ class PlateFilter:
     tilts:    filtered (t, beta, gamma) of the last HISTORY_S
     commands: (t from which a command acts, its two values, rad)"""
 
-    def __init__(self, model: RigModel, noise: PlateNoise) -> None:
+    def __init__(self, model: RigModel) -> None:
         self.stage, self._sensor = model.true_stage, model.tilt_sensor
-        self._axes = (AxisFilter(self.stage.beta, noise), AxisFilter(self.stage.gamma, noise))
+        self._axes = (AxisFilter(self.stage.beta), AxisFilter(self.stage.gamma))
         self._by_commands = self.means  # follow the commands alone
         self._checks = (TiltCheck(), TiltCheck())
         self._mismatched = 0
@@ -227,3 +224,41 @@ def _split(rows: Iterable[tuple[float, float, float]]) -> tuple[Array, Array]:
     """Times (N,) and values (N, 2) of rows of three numbers."""
     table = np.array([*rows]).reshape(-1, 3)
     return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
+
+
+def with_true_starts(
+    plate: PlateMotion, tilts: Array, begins: np.ndarray, dt: float, axes: Sequence[StageAxis]
+) -> PlateMotion:
+    """The simulated motion plus the free motion of each stretch, by least squares from its first tilt samples.
+
+    plate:         simulated motion; its grid begins with the first row
+    tilts (N, 2):  measured beta and gamma, rad
+    begins (N,):   whether a stretch begins
+    dt:            time from row to row, s
+    axes:          axes of beta and gamma"""
+    per, motion = round(dt / plate.step), plate.motion.copy()
+    rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
+    whole = [_free(axis, plate.step, min(fine, len(motion))) for axis in axes]
+    for a, b in pairwise([*np.flatnonzero(begins).tolist(), len(tilts)]):
+        for i, free in enumerate(free[: (b - a) * per] for free in whole):
+            n = min(rows, b - a, -(-len(free) // per))  # rows that the free motion reaches
+            gap = tilts[a : a + n, i] - plate.motion[a * per : (a + n) * per : per, 3 * i]
+            looked = free[: n * per : per, 0]
+            good = np.isfinite(gap)
+            if good.sum() < 3:
+                continue
+            start = np.linalg.lstsq(looked[good], gap[good], rcond=1e-6)[0]
+            motion[a * per : a * per + len(free), 3 * i : 3 * i + 3] += free @ start
+    return PlateMotion(plate.start, plate.step, motion)
+
+
+@lru_cache(2)
+def _free(axis: StageAxis, step: float, count: int) -> Array:
+    """Free motion (count, 3, 2) of an axis: angle, rate, acceleration, for a start at angle 1 and for one at rate 1."""
+    M, now = axis.transition(step), np.eye(2)
+    out = np.empty((count, 3, 2))
+    for i in range(count):
+        out[i, :2] = now
+        out[i, 2] = [axis.acceleration(*start) for start in now.T]
+        now = M @ now
+    return out

@@ -32,8 +32,7 @@ from mazeplan.core.records import Array, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.plate import ROW, history_rows
-from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core
-from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core, effects_of
 from mazeplan.physics.dynamics.walls import pack_walls
 
 BALL = [0, 1, 2, 3, SPIN]  # indices of the ball's state in z
@@ -78,9 +77,6 @@ class BodyEstimator(Estimator):
         self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) at t
         self._preview: list[tuple[float, ...]] = []  # the same, from now to the moment of the picture
 
-    def _twin(self) -> Estimator:
-        return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
-
     def follow(self, observation: Observation, doubts: set[str]) -> None:
         """See `Estimator.follow`."""
         super().follow(observation, doubts)
@@ -92,7 +88,7 @@ class BodyEstimator(Estimator):
         self._motions[-1] = (t, *self._plate_motion(plate.means, pieces[-1][2]))
         while self._motions[0][0] < t - HISTORY_S:
             self._motions.popleft()
-        self._preview = self._plate_motions(plate.means, plate.acting(t, self.moment(observation)))
+        self._preview = self._plate_motions(plate.means, plate.acting(t, t - self.camera_delay))
 
     def _plate_motion(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
         """The plate's motion (6): angle and rate (2,) of each axis, and the acceleration that the command gives it."""

@@ -30,8 +30,7 @@ from numba import njit
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.dynamics.plate import ROW, TIME_AT, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, begin_step, body_core, step
-from mazeplan.physics.dynamics.rigid_body_effects import effects_of, idle
+from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, begin_step, body_core, effects_of, step
 from mazeplan.physics.dynamics.walls import Walls, corners
 from mazeplan.physics.effect import Term
 
@@ -55,8 +54,7 @@ class CameraView(NamedTuple):
 
     offset_x, offset_y:  m
     angle, scale:        rotation, rad, and scale
-    delay, noise:        s; one sigma, m
-    bend:                distortion of the lens, 1/m^2"""
+    delay, noise:        s; one sigma, m"""
 
     offset_x: float = 0.0
     offset_y: float = 0.0
@@ -64,41 +62,37 @@ class CameraView(NamedTuple):
     scale: float = 1.0
     delay: float = 0.06
     noise: float = 1e-3
-    bend: float = 0.0
+    bend: float = 0.0  # distortion of the lens, 1/m^2
 
 
 class ProcessNoise(NamedTuple):
     """Unexplained motion.
 
-    plane, spin:  intensity of white accelerations in the plane and of the spin, m^2/s^3
-    strike:       standard deviation of the velocity after a contact, over the speed that the wall took away"""
+    plane, spin:  intensity of white accelerations in the plane and of the spin, m^2/s^3"""
 
     plane: float = 1e-4
     spin: float = 1e-8
-    strike: float = 0.05
+    strike: float = 0.05  # standard deviation of the velocity after a contact, over the speed that the wall took away
 
 
 @dataclass(frozen=True)
 class BallPictures:
     """The ball in the pictures of a record.
 
-    t (N,), dt:  time by counting pictures, s
-    y (N, 2):    measured position, m; NaN if lost
-    begins (N,): whether a stretch begins
-    clock (N,):  true time, s, for effects that change with time; None if it equals t"""
+    t (N,), dt:  time by counting pictures, s"""
 
     t: Array
     dt: float
-    y: Array
-    begins: np.ndarray
-    clock: Array | None = None
+    y: Array  # (N, 2): measured position, m; NaN if lost
+    begins: np.ndarray  # (N,): whether a stretch begins
+    clock: Array | None = None  # (N,): true time, s, for effects that change with time; None if it equals t
 
     def __len__(self) -> int:
         return len(self.t)
 
 
 class BodyModel(NamedTuple):
-    """The model of the filter. terms: further effects on the ball (`physics.dynamics.rigid_body_effects`)."""
+    """The model of the filter. terms: further effects on the ball (`rigid_body.effects_of`)."""
 
     ball: Ball = Ball()
     tilting: Tilting = Tilting()
@@ -107,23 +101,19 @@ class BodyModel(NamedTuple):
     terms: tuple[Term, ...] = ()
 
 
-@dataclass(frozen=True)
-class Filtered:
+class Filtered(NamedTuple):
     """Result of the filter.
 
-    nu (N, 2):                    innovations in the plate's axes, m; NaN where nothing counts
-    S (N, 3):                     their variances and covariance: xx, yy, xy
     state (N, 5), cov (N, 5, 5):  mean and covariance after each picture
-    starts, left_out:             number of starts of the filter, and of rejected pictures
-    minus2:                       -2 log L"""
+    starts, left_out:             number of starts of the filter, and of rejected pictures"""
 
-    nu: Array
-    S: Array
+    nu: Array  # (N, 2): innovations in the plate's axes, m; NaN where nothing counts
+    S: Array  # (N, 3): their variances and covariance: xx, yy, xy
     state: Array
     cov: Array
     starts: int
     left_out: int
-    minus2: float
+    minus2: float  # -2 log L
 
     def whitened(self) -> Array:
         """The K innovations that count, each pair transformed into two independent numbers of variance 1: (K, 2)."""
@@ -133,12 +123,7 @@ class Filtered:
         return np.column_stack([first, (b - xy / xx * a) / np.sqrt(yy - xy * xy / xx)])
 
 
-class Innovations(NamedTuple):
-    """nu (N, 2), S (N, 3), minus2: as in `Filtered`."""
-
-    nu: Array
-    S: Array
-    minus2: float
+NO_STATES = np.empty(0)
 
 
 class FilterCore(NamedTuple):
@@ -340,7 +325,7 @@ class BodyFilter:
         self._rows: tuple[object, Array] = None, np.empty((0, ROW))  # replaced, not changed: other threads may read it
         self._y, self._begins = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.begins)
         self._t, self.edge = np.ascontiguousarray(pictures.t), at_edges(pictures.y, walls) if edge is None else edge
-        self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
+        self._known: OrderedDict[tuple[object, ...], Filtered] = OrderedDict()
         self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
     def part(self, rows: np.ndarray) -> BodyFilter:
@@ -376,15 +361,10 @@ class BodyFilter:
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
-    def innovations(self, model: BodyModel) -> Innovations:
-        """The innovations of all pictures. Raises ValueError as `run` does.
-
-        Results of recent models are kept, because a search returns to the same points."""
+    def innovations(self, model: BodyModel) -> Filtered:
+        """As `run`, without states. Results of recent models are kept, because a search returns to the same points."""
         key = _key(model)
-        known = self._known.pop(key, None)
-        if known is None:
-            filtered = self.run(model)
-            known = Innovations(filtered.nu, filtered.S, filtered.minus2)
+        known = self._known.pop(key, None) or self.run(model)._replace(state=NO_STATES, cov=NO_STATES)
         self._known[key] = known  # the last one of the order
         if len(self._known) > self._most:
             self._known.popitem(last=False)
@@ -401,8 +381,8 @@ class BodyFilter:
             part = rows[start * per : (start + steps) * per]
             advance(ball, self.walls, effects, part, self.pictures.dt / per, states[start], out)
             places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
-        turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
-        seen = view.scale * places @ turn.T
+        cos, sin = math.cos(view.angle), math.sin(view.angle)
+        seen = view.scale * places @ np.array([[cos, -sin], [sin, cos]]).T
         bent = 1.0 + view.bend * np.sum(seen * seen, axis=-1, keepdims=True)
         return seen * bent + np.array([view.offset_x, view.offset_y])
 
@@ -410,7 +390,7 @@ class BodyFilter:
 def _key(model: BodyModel) -> tuple[object, ...]:
     """Key of a model for its results. It leaves out the last digits of a number: a search that takes a logarithm and
     its inverse changes them."""
-    numbers = (*model.ball, *model.tilting, *model.view, *model.wander)
-    terms = [term for term in model.terms if not idle(term)]
+    terms = [term for term in model.terms if not term.idle]
     sizes = (number for term in terms for number in term.numbers)
-    return *(f"{float(number):.{ALIKE}g}" for number in (*numbers, *sizes)), *(id(term.effect) for term in terms)
+    numbers = (*model.ball, *model.tilting, *model.view, *model.wander, *sizes)
+    return *(f"{float(number):.{ALIKE}g}" for number in numbers), *(term.effect for term in terms)

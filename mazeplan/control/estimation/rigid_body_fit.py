@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered, Innovations
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import side_by_side
@@ -44,21 +44,14 @@ DEFAULT_FREE = (
 
 @dataclass(frozen=True)
 class BodyFit:
-    """The result of a fit.
+    """The result of a fit."""
 
-    model:       the model with the likeliest values
-    stderr:      standard errors of the free parameters, by name, in their units
-    free:        names of the free parameters
-    cov (J, J):  their covariance, in the coordinates of the search
-    minus2:      -2 log L
-    filtered:    result of the filter with this model"""
-
-    model: BodyModel
-    stderr: dict[str, float]
-    free: tuple[str, ...]
-    cov: Array
-    minus2: float
-    filtered: Filtered
+    model: BodyModel  # the model with the likeliest values
+    stderr: dict[str, float]  # standard errors of the free parameters, by name, in their units
+    free: tuple[str, ...]  # names of the free parameters
+    cov: Array  # (J, J): their covariance, in the coordinates of the search
+    minus2: float  # -2 log L
+    filtered: Filtered  # result of the filter with this model
 
     def value(self, name: str) -> float:
         """A parameter by its name, in its unit."""
@@ -74,13 +67,10 @@ def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
 
 
 class Gradient(NamedTuple):
-    """Half of the gradient of -2 log L.
+    """Half of the gradient of -2 log L."""
 
-    each (N, J):         its part from each picture
-    information (J, J):  Fisher information"""
-
-    each: Array
-    information: Array
+    each: Array  # (N, J): its part from each picture
+    information: Array  # (J, J): Fisher information
 
     def between_blocks(self, rows: int) -> Array:
         """Sum of s s' over blocks of `rows` pictures, (J, J); s: gradient of a block."""
@@ -94,16 +84,13 @@ class _Search:
     def __init__(self, body: BodyFilter, model: BodyModel, free: Sequence[str]) -> None:
         self.body, self.model, self.free = body, model, tuple(free)
         self.kinds = [number_of(model, name) for name in free]
-        self.low, self.high = (
-            np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
-            for end in ("low", "high")
-        )
+        self.low = np.array([math.log(k.low) if k.log else k.low for k in self.kinds])
+        self.high = np.array([math.log(k.high) if k.log else k.high for k in self.kinds])
         late = np.array([name == "delay" for name in self.free])
         self.low = np.where(late, np.maximum(self.low, body.soonest), self.low)
-        self.step = np.array([k.step * (1.0 if k.log else WIDTH) for k in self.kinds])
-        self.reach = np.array(
-            [REACH_LOG if k.log else REACH * step for k, step in zip(self.kinds, self.step, strict=True)]
-        )
+        logs = np.array([k.log for k in self.kinds])
+        self.step = np.array([k.step for k in self.kinds]) * np.where(logs, 1.0, WIDTH)
+        self.reach = np.where(logs, REACH_LOG, REACH * self.step)
 
     def point(self) -> Array:
         values = (value_of(self.model, name) for name in self.free)
@@ -114,10 +101,10 @@ class _Search:
         values = (math.exp(v) if k.log else float(v) for v, k in zip(x, self.kinds, strict=True))
         return with_values(self.model, dict(zip(self.free, values, strict=True)))
 
-    def run(self, x: Array) -> Innovations:
+    def run(self, x: Array) -> Filtered:
         return self.body.innovations(self.model_at(x))
 
-    def scores(self, x: Array, here: Innovations) -> Gradient:
+    def scores(self, x: Array, here: Filtered) -> Gradient:
         """Gradient and information at x; here: the innovations at x."""
         keep, moved = np.isfinite(here.nu[:, 0]), []
         steps = np.diag(self.step)

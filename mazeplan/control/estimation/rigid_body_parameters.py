@@ -20,7 +20,6 @@ from mazeplan.learning.rigid_body_entries import (
     to_body_unit,
 )
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import BALL
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.physics.rig.entries import part_stderr, part_values
@@ -104,14 +103,10 @@ def bead_stderr(rig: RigModel, maze: Maze) -> dict[str, float]:
         if PACKAGED[effect].acts not in BALL:
             errors = [part_stderr(rig, PACKAGED[effect]).get(key, math.nan)]
         else:
-            power = number.origin[1]
-            errors = [
-                ball.stderr.get(effect, {}).get(key, math.nan) / (maze.track_radius(ring) or REACH) ** power
-                for ring, ball in rig.balls.items()
-            ]
-        known = [error for error in errors if math.isfinite(error)]
-        if known:
-            out[name] = max(known)
+            known = ((b.stderr.get(effect, {}).get(key, math.nan), maze.track_radius(r)) for r, b in rig.balls.items())
+            errors = [error / (radius or REACH) ** number.origin[1] for error, radius in known]
+        if errors := [error for error in errors if math.isfinite(error)]:
+            out[name] = max(errors)
     return out
 
 
@@ -126,7 +121,7 @@ def body_of(rig: RigModel) -> BodyModel | None:
 
 def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
     """The rig's model with this rigid ball. It keeps only the terms that a run can use for prediction."""
-    terms = tuple(term for term in model.terms if term.effect.planned and not idle(term))
+    terms = tuple(term for term in model.terms if term.effect.planned and not term.idle)
     values = {name: value_of(model, name) for name in KEPT}
     values["delay"] -= rig.camera_delay
     for name, value in values.items():  # a search of logarithms may end beside a bound, by rounding

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import copy
 from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import product
@@ -93,17 +92,11 @@ class StageWatch:
         square = np.trace(self._yy) - 2.0 * np.trace(self._yp, axis1=1, axis2=2) + np.trace(self._pp, axis1=1, axis2=2)
         return np.sqrt(np.maximum(square, 0.0) / (2.0 * max(self._count, 1)))
 
-    def on(self, stage: StageModel) -> StageWatch:
-        """A watch of another stage of the bank, with all sums so far."""
-        other = copy(self)
-        index = next(i for i, pair in enumerate(self._axes) if pair == (stage.beta, stage.gamma))
-        other._axes = [self._axes[index], *self._axes[1:]]
-        for name in ("_impulses", "_yp", "_pp"):
-            sums = getattr(self, name).copy()
-            first, chosen = (np.s_[:, 0], np.s_[:, index]) if name == "_impulses" else (0, index)
-            sums[first] = sums[chosen]
-            setattr(other, name, sums)
-        return other
+    def adopt(self, stage: StageModel) -> None:
+        """Watch another stage of the bank from now on, with all sums so far."""
+        i = self._axes.index((stage.beta, stage.gamma))
+        self._axes[0], self._impulses[:, 0] = self._axes[i], self._impulses[:, i]
+        self._yp[0], self._pp[0] = self._yp[i], self._pp[i]
 
     def judge(self, off: float = OFF) -> tuple[str, StageModel | None]:
         """What is wrong, in words, and the stage that explains it, None if no stage does; "" if nothing is wrong.

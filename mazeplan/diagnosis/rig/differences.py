@@ -33,7 +33,6 @@ from mazeplan.diagnosis.rig.fitting import (
 from mazeplan.diagnosis.rig.search import MOST_FOUND, SearchResult, Tried, search_rig
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect, Term
 
 THE_SAME = "the reference shows it as well"
@@ -94,8 +93,8 @@ def _fall(part: BodyFilter, model: BodyModel, free: Sequence[str]) -> float:
 def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> tuple[Reference, list[Candidate]]:
     """The reference with the numbers that were found, as its record shows them; and the findings that are news."""
     now, sizes = searched.fit.model, [name for c in searched.found for name in c.sizes]
-    known = {term.name: term for term in was.model.terms if not idle(term)}
-    terms = [known.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not idle(term)]
+    known = {term.name: term for term in was.model.terms if not term.idle}
+    terms = [known.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not term.idle]
     terms += [term for name, term in known.items() if name not in {t.name for t in now.terms}]
     part = alternate(then)
     start = with_likeliest_noise(part, was.model._replace(terms=tuple(terms)))

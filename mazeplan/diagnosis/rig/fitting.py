@@ -13,7 +13,6 @@ from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.candidates import Candidate
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.local_forces import FAMILY
 
@@ -156,7 +155,7 @@ def placed(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> BodyFit:
 def _at_effects(body: BodyFilter, model: BodyModel) -> BodyFilter:
     """The part of a record in which an effect in one ring acts, and NEAR_S around it; all of it without one."""
     r, rows = np.hypot(*body.pictures.y.T), np.zeros(len(body.pictures), dtype=bool)
-    for term in (term for term in model.terms if not idle(term)):
+    for term in (term for term in model.terms if not term.idle):
         numbers = term.values()
         if "outer" not in numbers:
             return body
@@ -192,7 +191,7 @@ def _away(model: BodyModel, name: str, steps: float) -> list[BodyModel]:
 def fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
     """The likeliest numbers of a candidate, fitted together with the numbers in `free`."""
     used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
-    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
+    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not term.idle))
     if c.fitted_first:
         model = fit_body(body, model, (*free, *c.fitted_first), STEPS, ENOUGH).model
     return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)

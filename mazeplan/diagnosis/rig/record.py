@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mazeplan.control.estimation.plate_start import with_true_starts
+from mazeplan.control.estimation.plate import with_true_starts
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, autocorrelation
 from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_values

@@ -58,7 +58,6 @@ from mazeplan.learning.rigid_body_entries import ABSENT, LEAST_INERTIA, PARAMETE
 from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effects.local_forces import FAMILY
 from mazeplan.physics.registry import PACKAGED as EFFECTS
 from mazeplan.physics.rig.stage import StageAxis, StageModel
@@ -277,7 +276,7 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
         "body": {name: entry(value_of(body, name), was.body.stderr.get(name), number.unit)
                  for name, number in PARAMETERS.items()
                  if determined(name, value_of(body, name), was.body.stderr.get(name))},
-        "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
+        "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not t.idle},
         "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
         "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
     }  # fmt: skip

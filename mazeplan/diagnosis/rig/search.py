@@ -46,7 +46,6 @@ from mazeplan.diagnosis.rig.fitting import (
 )
 from mazeplan.diagnosis.rig.starts import camera_starts, started_terms
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects.local_forces import table_swing
 
@@ -196,7 +195,7 @@ def _or_a_rival(
     for c in chosen:
         base = without_finding(base, was, c.candidate)
     for rival, model in chosen[0].rivals.items():
-        terms = tuple(term for term in model.terms if not idle(term))
+        terms = tuple(term for term in model.terms if not term.idle)
         own = {name: value_of(model, name) for name in rival.free}
         start = with_values(base._replace(terms=terms or base.terms), {**beside, **own})
         alone = polished(body, start, was, tuple(dict.fromkeys((*always, *beside, *rival.fitted))))
@@ -320,7 +319,7 @@ def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
     """The model with its terms, and with all other terms at their likely places and without effect."""
-    have = {term.name: term for term in model.terms if not idle(term)}
+    have = {term.name: term for term in model.terms if not term.idle}
     swings = known_value(model, "table_swing.frequency") if table_swing.name in have else 0.0
     started = (*started_terms(body, body.run(model), model.view.delay, maze, swings), *(effect() for effect in own))
     return model._replace(terms=tuple(have.get(term.name, term) for term in started))

@@ -35,7 +35,7 @@ from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.navigation import servos_look_changed
 from mazeplan.learning.fits import FITS, kind_of_ball
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.rigid_body import effects_of
 from mazeplan.physics.effect import Effect
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other

@@ -28,10 +28,10 @@ from mazeplan.diagnosis.effect_entry import Values, changed
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.stage.plate_motion import Tilt
+from mazeplan.physics.ball_model import BALL_RADIUS
 from mazeplan.physics.effect import BALL, DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect, Parameter
 from mazeplan.physics.effects.nameless import PAST
 from mazeplan.physics.effects.openings import WALLS
-from mazeplan.physics.formulas.arrays import BALL_RADIUS
 from mazeplan.physics.formulas.compiled import base_functions, call_plate, term_functions
 from mazeplan.physics.formulas.symbols import INPUTS, PLATE
 from mazeplan.physics.registry import EFFECTS, PACKAGED

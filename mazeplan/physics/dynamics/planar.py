@@ -17,7 +17,7 @@ z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,9 +26,8 @@ from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Ring
-from mazeplan.physics.effect import OPENING, Term
-from mazeplan.physics.formulas.arrays import EXACT, gravity_factor, packed
-from mazeplan.physics.formulas.compiled import call_plane, call_term, ring_functions, term_functions
+from mazeplan.physics.ball_model import gravity_factor, packed
+from mazeplan.physics.formulas.compiled import call_plane, ring_functions
 from mazeplan.physics.formulas.symbols import PLATE
 from mazeplan.physics.rig.entries import RigNumbers
 
@@ -40,31 +39,24 @@ ROUNDED = 1e-5  # precision of a factor in a model file
 LOW, HIGH, OPENINGS_FROM, OPENINGS_TO, RADIAL_FROM, RADIAL_TO = range(6)
 COS, SIN, HALF = range(3)  # columns of an opening, or of a radial wall: direction, half width
 # columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether `plane` depends on the
-# angle, number and start of the openings that take speed; scratch space; then the parameters of the effects
-INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
+# angle; scratch space; then the parameters of the effects
+INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, PUSH = range(7)
 EFFECT_OUTPUTS = PUSH + 7  # outputs of `evaluate_effects`
 FORMULA_INPUTS = EFFECT_OUTPUTS + 4  # inputs of formulas
 PARAMETERS = FORMULA_INPUTS + len(PLATE)
-OPENING_SIZE = 3  # addresses of angle and loss, start of the parameters
-TURN = 2.0 * math.pi
 
 
-@dataclass(frozen=True)
-class PlanarModel:
-    """Arrays for the compiled functions.
+class PlanarModel(NamedTuple):
+    """Arrays for the compiled functions, in the order in which these take them.
 
-    scalars: (2,) ball radius, m, and factor of gravity away from walls
     stage:   (2, 6) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling, largest rate rad/s
-    rings:   (R, C) per ring, outermost first: see the columns above
-    walls:   (W, 6) per wall between rings, outermost first: see the columns above
     gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; then per radial wall, grouped by
-             ring: cos(angle), sin(angle), half thickness
-    """
+             ring: cos(angle), sin(angle), half thickness"""
 
-    scalars: Array
+    scalars: Array  # (2,) ball radius, m, and factor of gravity away from walls
     stage: Array
-    rings: Array
-    walls: Array
+    rings: Array  # (R, C) per ring, outermost first: see the columns above
+    walls: Array  # (W, 6) per wall between rings, outermost first: see the columns above
     gaps: Array
 
     @classmethod
@@ -85,10 +77,6 @@ class PlanarModel:
             gaps=gaps,
         )
 
-    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The arguments of the compiled functions after the state."""
-        return self.scalars, self.stage, self.rings, self.walls, self.gaps
-
 
 def _wall_rows(maze: Maze) -> tuple[Array, Array]:
     """`walls` and `gaps` of a PlanarModel."""
@@ -107,28 +95,15 @@ def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
     """The columns of a ring, from the effects of this ring and the common effects of ring 1."""
     shared = [term for term in model.ball(1).planned if term.effect.common]
     own = [term for term in model.ball(ring.number).planned if not term.effect.common]
-    along = [term for term in (*own, *shared) if term.effect.acts != OPENING]
-    functions = ring_functions([term.effect for term in along])
+    terms = [*own, *shared]
+    functions = ring_functions([term.effect for term in terms])
     track = max(ring.track_radius, 0.5 * ring.outer_radius)
-    opening = [term for term in own if term.effect.acts == OPENING]
-    parameters = packed(along, EXACT)
     plate = [0.0] * (len(PLATE) - 2) + [track, maze.ball.radius]
     head = [
-        ring.inner_radius, ring.outer_radius, gravity_factor(along), track, functions.address["plane"],
-        functions.counts["angled"], len(opening), PARAMETERS + len(parameters),
-        *[0.0] * (FORMULA_INPUTS - PUSH), *plate,
+        ring.inner_radius, ring.outer_radius, gravity_factor(terms), track, functions.address["plane"],
+        functions.counts["angled"], *[0.0] * (FORMULA_INPUTS - PUSH), *plate,
     ]  # fmt: skip
-    return [*head, *parameters, *_opening_columns(opening, PARAMETERS + len(parameters))]
-
-
-def _opening_columns(terms: list[Term], begin: int) -> list[float]:
-    """Per opening, addresses of its functions and start of its parameters; then the parameters of all openings."""
-    rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
-    for term in terms:
-        functions = term_functions(term.effect)
-        rows += [functions.address["angle"], functions.address["loss"], at + len(numbers)]
-        numbers += term.numbers
-    return [float(x) for x in (*rows, *numbers)]
+    return [*head, *packed(terms)]
 
 
 def _free_factor(maze: Maze, model: RigNumbers) -> float:
@@ -150,6 +125,15 @@ def ring_index(r, rings):
 
 
 @njit(**CALLEE)
+def _rebound(z, nx, ny, restitution):
+    """Reverse the velocity against the normal (nx, ny), with a share of its size."""
+    vn = z[2] * nx + z[3] * ny
+    if vn < 0.0:
+        z[2] -= (1.0 + restitution) * vn * nx
+        z[3] -= (1.0 + restitution) * vn * ny
+
+
+@njit(**CALLEE)
 def _push_out(z, px, py, reach, restitution):
     """Keep the ball's centre at least `reach` from the point (px, py): correct position and velocity."""
     dx, dy = z[0] - px, z[1] - py
@@ -158,10 +142,7 @@ def _push_out(z, px, py, reach, restitution):
         return False
     nx, ny = dx / d, dy / d
     z[0], z[1] = px + nx * reach, py + ny * reach
-    vn = z[2] * nx + z[3] * ny
-    if vn < 0.0:
-        z[2] -= (1.0 + restitution) * vn * nx
-        z[3] -= (1.0 + restitution) * vn * ny
+    _rebound(z, nx, ny, restitution)
     return True
 
 
@@ -173,11 +154,20 @@ def _limit_radius(z, limit, outward, restitution):
         return False
     nx, ny = z[0] / r, z[1] / r
     z[0], z[1] = nx * limit, ny * limit
-    vn = z[2] * nx + z[3] * ny
-    if (outward and vn < 0.0) or (not outward and vn > 0.0):
-        z[2] -= (1.0 + restitution) * vn * nx
-        z[3] -= (1.0 + restitution) * vn * ny
+    side = 1.0 if outward else -1.0
+    _rebound(z, side * nx, side * ny, restitution)
     return True
+
+
+@njit(**CALLEE)
+def _shift_across(z, c, s, shift, side, restitution):
+    """Move the ball by `shift` across the direction (c, s), and reverse its velocity across towards `side`."""
+    z[0] -= s * shift
+    z[1] += c * shift
+    vt = -s * z[2] + c * z[3]
+    if vt * side > 0.0:
+        z[2] += s * (1.0 + restitution) * vt
+        z[3] -= c * (1.0 + restitution) * vt
 
 
 @njit(**CALLEE)
@@ -192,13 +182,7 @@ def _meet_gap(z, gap, low, high, radius, restitution):
         if abs(across) <= free:
             return False
         side = 1.0 if across > 0.0 else -1.0
-        shift = side * free - across
-        z[0] -= s * shift
-        z[1] += c * shift
-        vt = -s * z[2] + c * z[3]
-        if vt * side > 0.0:
-            z[2] += s * (1.0 + restitution) * vt
-            z[3] -= c * (1.0 + restitution) * vt
+        _shift_across(z, c, s, side * free - across, side, restitution)
         return True
     corner = first if along < first else last
     hit = False
@@ -219,17 +203,10 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
         for j in range(int(walls[w, RADIAL_FROM]), int(walls[w, RADIAL_TO])):
             c, s, reach = gaps[j, COS], gaps[j, SIN], gaps[j, HALF] + radius
             across = -s * z[0] + c * z[1]
-            if abs(across) >= reach or c * z[0] + s * z[1] <= 0.0:
-                continue
-            side = 1.0 if across > 0.0 else -1.0
-            shift = side * reach - across
-            z[0] -= s * shift
-            z[1] += c * shift
-            vt = -s * z[2] + c * z[3]
-            if vt * side < 0.0:
-                z[2] += s * (1.0 + restitution) * vt
-                z[3] -= c * (1.0 + restitution) * vt
-            touched = True
+            if abs(across) < reach and c * z[0] + s * z[1] > 0.0:
+                side = 1.0 if across > 0.0 else -1.0
+                _shift_across(z, c, s, side * reach - across, -side, restitution)
+                touched = True
     return touched
 
 
@@ -251,10 +228,8 @@ def contact(z, radius, rings, walls, gaps, restitution):
                 in_gap = True
                 break
         if not in_gap:
-            if r > 0.5 * (low + high):
-                touched = _limit_radius(z, high + radius, True, restitution) or touched
-            else:
-                touched = _limit_radius(z, low - radius, False, restitution) or touched
+            outward = r > 0.5 * (low + high)
+            touched = _limit_radius(z, high + radius if outward else low - radius, outward, restitution) or touched
     return touched
 
 
@@ -293,8 +268,7 @@ def evaluate_effects(z, ring, free, touching):
     ax, ay = push[0], push[1]
     if touching and r > 1e-6:
         nx, ny = z[0] / r, z[1] / r
-        radial, along = ax * nx + ay * ny, -ax * ny + ay * nx
-        radial, along = radial * free, along * ring[FACTOR]
+        radial, along = (ax * nx + ay * ny) * free, (-ax * ny + ay * nx) * ring[FACTOR]
         ax, ay = radial * nx - along * ny, radial * ny + along * nx
     else:
         ax, ay = ax * free, ay * free
@@ -303,24 +277,6 @@ def evaluate_effects(z, ring, free, touching):
     ring[EFFECT_OUTPUTS], ring[EFFECT_OUTPUTS + 1], ring[EFFECT_OUTPUTS + 2] = ax, ay, push[3]
     ring[EFFECT_OUTPUTS + 3] = ring[TRACK] * (push[4] + (push[5] if touching else 0.0))
     return EFFECT_OUTPUTS
-
-
-@njit(**CALLEE)
-def _pass_openings(z, ring, before):
-    """Reduce the speed along the ring at openings that the ball passed since the angle `before`."""
-    after = math.atan2(z[1], z[0])
-    after = before + (after - before - TURN * math.floor((after - before) / TURN + 0.5))
-    r2 = z[0] * z[0] + z[1] * z[1]
-    rate = (z[0] * z[3] - z[1] * z[2]) / r2
-    for j in range(int(ring[OPENING_COUNT])):
-        at = int(ring[OPENINGS]) + OPENING_SIZE * j
-        p, plate = pointer_to(ring, int(ring[at + 2])), pointer_to(ring, FORMULA_INPUTS)
-        angle = call_term(np.int64(ring[at]), (before, rate, 0.0, plate, p))
-        if math.floor((before - angle) / TURN) != math.floor((after - angle) / TURN):
-            lost = call_term(np.int64(ring[at + 1]), (before, rate, 0.0, plate, p)) * rate
-            z[2] += lost * z[1]
-            z[3] -= lost * z[0]
-            rate -= lost
 
 
 @njit(**KERNEL)
@@ -335,11 +291,8 @@ def ball_step(z, h, scalars, rings, walls, gaps, touching):
     if speed > 1e-12:
         keep *= max(0.0, 1.0 - h * ring[felt + 3] / speed)
     z[2], z[3] = vx * keep, vy * keep
-    before = math.atan2(z[1], z[0]) if ring[OPENING_COUNT] > 0.0 else 0.0
     z[0] += h * z[2]
     z[1] += h * z[3]
-    if ring[OPENING_COUNT] > 0.0:
-        _pass_openings(z, ring, before)
     return contact(z, radius, rings, walls, gaps, RESTITUTION)
 
 

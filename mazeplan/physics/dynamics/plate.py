@@ -28,16 +28,11 @@ SOONEST = 1e-9  # s, minimum interval between two times
 
 
 class PlateMotion(NamedTuple):
-    """Motion of the plate on an even time grid.
+    """Motion of the plate on an even time grid."""
 
-    start:  time of the first row, s
-    step:   s
-    motion: (M, 6) beta, its rate and acceleration, then the same for gamma: rad, rad/s, rad/s^2
-    """
-
-    start: float
-    step: float
-    motion: Array
+    start: float  # time of the first row, s
+    step: float  # s
+    motion: Array  # (M, 6) beta, its rate and acceleration, then the same for gamma: rad, rad/s, rad/s^2
 
 
 class Tilting(NamedTuple):
@@ -107,22 +102,16 @@ def history_rows(times, motion, tilting, start, h, out):
 
 @njit(**CALLEE)
 def _fill(tilting, raw, t, row):
-    """Fill a row from raw (6,), the stated motion of the plate at the time t."""
+    """Fill a row from raw (6,), the stated motion of the plate at the time t: true motion, gravity, Omega, Omega'."""
     for c in range(3):
         row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
         row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
     row[RADIUS_AT], row[BALL_AT], row[TIME_AT] = 0.0, 0.0, t
     row[STATED_AT], row[STATED_AT + 1] = GRAVITY * math.sin(row[0]), -GRAVITY * math.sin(row[3]) * math.cos(row[0])
-    _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
-
-
-@njit(**CALLEE)
-def _felt(row, beta, gamma):
-    """Write gravity, Omega and Omega' (3 numbers each) into a row, for a true tilt and the rates in the row."""
+    beta, gamma = row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma
     sb, cb, sc, cc = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
     b1, b2, c1, c2 = row[1], row[2], row[4], row[5]
     row[FELT_AT], row[FELT_AT + 1], row[FELT_AT + 2] = GRAVITY * sb, -GRAVITY * cb * sc, -GRAVITY * cb * cc
     row[FELT_AT + 3], row[FELT_AT + 4], row[FELT_AT + 5] = c1, b1 * cc, -b1 * sc
-    row[FELT_AT + 6] = c2
-    row[FELT_AT + 7] = b2 * cc - b1 * c1 * sc
+    row[FELT_AT + 6], row[FELT_AT + 7] = c2, b2 * cc - b1 * c1 * sc
     row[FELT_AT + 8] = -b2 * sc - b1 * c1 * cc

@@ -30,14 +30,16 @@ impulse. It never changes the sign of w.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from mazeplan.core.constants import GRAVITY
+from mazeplan.core.constants import GRAVITY as G
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array
+from mazeplan.physics.ball_model import packed
 from mazeplan.physics.dynamics.plate import BALL_AT, FELT_AT, RADIUS_AT, STATED_AT, TIME_AT
 from mazeplan.physics.dynamics.walls import (
     WallCore,
@@ -49,10 +51,13 @@ from mazeplan.physics.dynamics.walls import (
     outside_rim,
     wall_core,
 )
-from mazeplan.physics.formulas.compiled import call_moment, call_plane_at
+from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Term
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.compiled import call_moment, call_plane_at, plane_functions
 
 STATE = 5
-PER_GRAVITY = 1.0 / GRAVITY
+BESIDES = (GRAVITY, FORCE, DRAG, DRY)  # where further effects may act
+PER_GRAVITY = 1.0 / G
 TINY = 1e-12  # m^2/s^3; avoids 0 / 0 for a ball at rest
 EDGES = 5.0  # weight of hits at the sides of an opening: at an edge, a small offset turns the rebound far
 MIDDLE = 1e-3  # m; closer to the middle of the plate, the ball's angle is meaningless
@@ -61,53 +66,51 @@ MIDDLE = 1e-3  # m; closer to the middle of the plate, the ball's angle is meani
 class Ball(NamedTuple):
     """Parameters of the ball.
 
-    inertia:      k of the inertia k m R^2
-    rolling:      c, m/s^2
-    viscous:      1/s
-    quadratic:    1/m
-    wall:         friction coefficient at a wall
-    restitution:  e, share of the speed into a wall with which a slow ball rebounds
-    hold:         J, m/s
-    spin:         c_s, m/s^2
-    wall_rolling: rolling friction at a wall, mu_roll / R
     height:       of the ball's centre above the pivot, m; NaN stands for the radius: the plate turns about its surface
     """
 
-    inertia: float = 0.4
-    rolling: float = 0.03
-    viscous: float = 0.0
-    quadratic: float = 0.0
-    wall: float = 0.2
-    restitution: float = 0.3
-    hold: float = 0.02
-    spin: float = 0.02
-    wall_rolling: float = 0.0
+    inertia: float = 0.4  # k of the inertia k m R^2
+    rolling: float = 0.03  # c, m/s^2
+    viscous: float = 0.0  # 1/s
+    quadratic: float = 0.0  # 1/m
+    wall: float = 0.2  # friction coefficient at a wall
+    restitution: float = 0.3  # e, share of the speed into a wall with which a slow ball rebounds
+    hold: float = 0.02  # J, m/s
+    spin: float = 0.02  # c_s, m/s^2
+    wall_rolling: float = 0.0  # rolling friction at a wall, mu_roll / R
     height: float = math.nan
 
 
 class Effects(NamedTuple):
-    """Further effects on the ball, see `rigid_body_effects`. The caller keeps p alive.
+    """Further effects on the ball, see `effects_of`. The caller keeps p alive."""
 
-    address: of the compiled `plane_at` of the effects; 0 without effects
-    moment:  address of their compiled `moment`; 0 if `moment` has nothing to compute
-    held:    how many numbers `moment` computes
-    p:       packed parameters, then room for these numbers, then FELT_ROOM numbers for the outputs
-    angled:  whether the effects depend on the ball's angle
-    """
-
-    address: int
-    moment: int
-    held: int
-    p: Array
-    angled: bool
+    address: int  # of the compiled `plane_at` of the effects; 0 without effects
+    moment: int  # address of their compiled `moment`; 0 if `moment` has nothing to compute
+    held: int  # how many numbers `moment` computes
+    p: Array  # packed parameters, then room for these numbers, then FELT_ROOM numbers for the outputs
+    angled: bool  # whether the effects depend on the ball's angle
 
 
 FELT_ROOM = 7  # outputs: gravity along x and y, force, drag, dry friction, friction at a wall, factor of gravity
 
 
-def no_effects() -> Effects:
-    """The `Effects` of a ball without further effects."""
-    return Effects(0, 0, 0, np.zeros(FELT_ROOM + 1), False)
+def effects_of(terms: Sequence[Term] = ()) -> Effects:
+    """The sum of some effects of the registry, including those of users, for the compiled step.
+
+    Raises ValueError for an effect that the rigid body has by itself (rolling, walls, openings), and for a formula with
+    inputs of a record."""
+    for effect in (term.effect for term in terms):
+        if effect.acts not in BESIDES or effect.name == rolling_inertia.name:
+            allowed = ", ".join(BESIDES)
+            raise ValueError(f"got {effect.name}, which a ball with a body has by itself; expected {allowed}")
+    terms = [term for term in terms if not term.idle]
+    if not terms:
+        return Effects(0, 0, 0, np.zeros(FELT_ROOM + 1), False)
+    made = plane_functions([term.effect for term in terms])
+    held = made.counts["held"]
+    room = np.array([*packed(terms), *[0.0] * (held + FELT_ROOM)], dtype=np.float64)
+    moment = made.address["moment"] if held else 0
+    return Effects(made.address["plane_at"], moment, held, room, bool(made.counts["angled"]))
 
 
 class BodyCore(NamedTuple):

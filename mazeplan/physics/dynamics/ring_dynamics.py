@@ -6,7 +6,7 @@ State s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), control u = (u_b
     beta_dd  = wn^2 (gain (u_beta + coupling u_gamma) + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
 
 e is constant during a step: the output of a learned part (`gp_dynamics`), or 0. In dry friction, tanh replaces the
-sign; that suits planning, but not identification. The ball loses speed at an opening in the sub-step that passes it.
+sign; that suits planning, but not identification.
 
 The stage is linear with a held input, so its solution is exact (zero-order hold, any damping). The classical
 Runge-Kutta scheme of order 4 integrates theta in SUBSTEPS steps on the exact tilt. One step of 1/30 s differs from an
@@ -32,10 +32,9 @@ from numba import njit
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to, shifted
 from mazeplan.core.maths.trigonometry import sine_and_cosine
 from mazeplan.physics.dynamics import ring_parameters as at
-from mazeplan.physics.formulas.compiled import call_partials, call_plate, call_term, call_value
+from mazeplan.physics.formulas.compiled import call_partials, call_plate, call_value
 from mazeplan.physics.formulas.symbols import PLATE
 
-TURN = 2.0 * math.pi
 OUT = len(PLATE)  # start, in the scratch space, of the derivatives of a sub-step's stages
 COEFFICIENTS = OUT + at.STAGES * at.SLOPES  # start, in the scratch space, of the coefficients of the nodes
 
@@ -73,23 +72,16 @@ def _scratch(p, row):
 
 
 @njit(**CALLEE)
-def _plate(p, s, u, node):
-    """Write the plate's motion at a node into the scratch space; returns a pointer to the motion."""
+def _node(p, s, u, node, function):
+    """Evaluate the coefficients of a node from the plate's motion there; returns a pointer to them.
+
+    function: index in p of the address of `plate` or `plate_partials`."""
     b, c = _axes(p)
     ub, uc = _mixed(p, u)
-    w = _scratch(p, 0)
+    w, out = _scratch(p, 0), _scratch(p, COEFFICIENTS + node * int(p[at.EVERY]))
     w[0], w[1], w[2] = _tilt(p, b, node, s[2], s[3], ub)
     w[3], w[4], w[5] = _tilt(p, c, node, s[4], s[5], uc)
     w[6], w[7] = p[at.RADIUS], p[at.BALL]
-    return w
-
-
-@njit(**CALLEE)
-def _node(p, s, u, node, function):
-    """Evaluate the coefficients of a node; returns a pointer to them.
-
-    function: index in p of the address of `plate` or `plate_partials`."""
-    w, out = _plate(p, s, u, node), _scratch(p, COEFFICIENTS + node * int(p[at.EVERY]))
     call_plate(np.int64(p[function]), (0.0, w, pointer_to(p, int(p[at.PARAMETERS])), out))
     return out
 
@@ -128,23 +120,6 @@ def acceleration(s, u, p):
     return _acceleration(p, _node(p, s, u, np.int64(0), at.PLATE_AT), start, s[0], s[1])
 
 
-@njit(**CALLEE)
-def _pass_openings(p, s, u, node, before, theta, theta_d):
-    """Apply the loss at openings that were passed since the angle `before`.
-
-    Returns angle and rate, and the share that the losses leave of the rate and of the way behind the openings."""
-    share = 1.0
-    for j in range(int(p[at.OPENING_COUNT])):
-        row = int(p[at.OPENINGS]) + at.OPENING_SIZE * j
-        numbers, w = pointer_to(p, int(p[row + 2])), _plate(p, s, u, node)
-        angle = call_term(np.int64(p[row]), (before, theta_d, 0.0, w, numbers))
-        if math.floor((before - angle) / TURN) != math.floor((theta - angle) / TURN):
-            kept = 1.0 - call_term(np.int64(p[row + 1]), (before, theta_d, 0.0, w, numbers))
-            there = angle + TURN * math.floor((max(before, theta) - angle) / TURN)
-            theta, theta_d, share = there + kept * (theta - there), kept * theta_d, kept * share
-    return theta, theta_d, share
-
-
 @njit(**KERNEL)
 def step(s, u, p, out):
     """Write the state one dt later into out (6,); s (6,), u (2,), p = RingParameters.pack()."""
@@ -155,7 +130,6 @@ def step(s, u, p, out):
     for i in range(n):
         first, middle = last, _node(p, s, u, 2 * i + 1, at.PLATE_AT)
         last = _node(p, s, u, 2 * i + 2, at.PLATE_AT)
-        before = theta
         a1 = _acceleration(p, first, start, theta, theta_d)
         d2 = theta_d + 0.5 * h * a1
         a2 = _acceleration(p, middle, start, theta + 0.5 * h * theta_d, d2)
@@ -164,8 +138,6 @@ def step(s, u, p, out):
         a4 = _acceleration(p, last, start, theta + h * d3, theta_d + h * a3)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        if p[at.OPENING_COUNT] > 0.0:
-            theta, theta_d, _ = _pass_openings(p, s, u, 2 * i + 1, before, theta, theta_d)
     _stage_end(p, s, u, 2 * n, out)
     out[0], out[1] = theta, theta_d
 
@@ -276,8 +248,7 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
 def linearise(s, u, p, out, A, B):
     """As `step`; also writes the derivatives by s into A (6, 6) and by u into B (6, 2), by the chain rule.
 
-    Afterwards p[BY_ANGLE] and p[BY_RATE] hold the derivatives of angle and rate by p[EXTRA]. The share of speed lost at
-    an opening counts as constant."""
+    Afterwards p[BY_ANGLE] and p[BY_RATE] hold the derivatives of angle and rate by p[EXTRA]."""
     h, n = p[at.STEP], int(p[at.SUBSTEP_COUNT])
     A[:] = 0.0
     B[:] = 0.0
@@ -289,7 +260,6 @@ def linearise(s, u, p, out, A, B):
     for i in range(n):
         first, middle = last, _node(p, s, u, 2 * i + 1, at.PLATE_PARTIALS_AT)
         last = _node(p, s, u, 2 * i + 2, at.PLATE_PARTIALS_AT)
-        before = theta
         a1, f1 = _partials(p, first, start, theta, theta_d, 0)
         d2 = theta_d + 0.5 * h * a1
         a2, f2 = _partials(p, middle, start, theta + 0.5 * h * theta_d, d2, 1)
@@ -299,15 +269,6 @@ def linearise(s, u, p, out, A, B):
         _advance(p, 2 * i, f1, f2, f3, f4, A, B)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        if p[at.OPENING_COUNT] > 0.0:
-            theta, theta_d, kept = _pass_openings(p, s, u, 2 * i + 1, before, theta, theta_d)
-            for row in range(2):  # written out: `A[:2] *= kept` compiles for three seconds
-                for j in range(6):
-                    A[row, j] *= kept
-                for j in range(2):
-                    B[row, j] *= kept
-            p[at.BY_ANGLE] *= kept
-            p[at.BY_RATE] *= kept
     _stage_end(p, s, u, 2 * n, out)
     out[0], out[1] = theta, theta_d
     _stage_tangents(p, 2 * n, A, B)
@@ -322,7 +283,5 @@ def _stage_tangents(p, node, A, B):
         for j in range(2):
             A[row, row + j], A[row + 1, row + j], _ = _tilt_tangent(p, axis, node, j)
         B[row, own], B[row + 1, own], _ = _tilt_tangent(p, axis, node, 2)
-        B[row, 1 - own], B[row + 1, 1 - own] = (
-            p[axis + at.COUPLING] * B[row, own],
-            p[axis + at.COUPLING] * B[row + 1, own],
-        )
+        B[row, 1 - own] = p[axis + at.COUPLING] * B[row, own]
+        B[row + 1, 1 - own] = p[axis + at.COUPLING] * B[row + 1, own]

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
+from mazeplan.core.maths.compiled import CALLEE, pointer_to
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
@@ -36,33 +36,23 @@ class Walls(NamedTuple):
     walls:    (W, 4) per wall between rings: inner and outer radius of its core, index of its first gap, index after
               its last gap
     gaps:     (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where on the middle
-              line of the gap its sides begin and end
-    slabs:    (B, 5) per radial wall: cos(angle), sin(angle), half thickness, inner and outer radius of its ring
-    rim:      radius of the rim, m
-    radius:   radius of the ball, m
-    rounding: radius of the edges, m
-    """
+              line of the gap its sides begin and end"""
 
     walls: Array
     gaps: Array
-    slabs: Array
-    rim: float
-    radius: float
-    rounding: float
+    slabs: Array  # (B, 5) per radial wall: cos(angle), sin(angle), half thickness, inner and outer radius of its ring
+    rim: float  # radius of the rim, m
+    radius: float  # radius of the ball, m
+    rounding: float  # radius of the edges, m
 
 
-def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
-    """The walls of a maze for compiled code. Raises ValueError when `rounding` is more than half of a wall.
-
-    rounding: m; by default ROUNDING, or less if a wall is too thin for it."""
-    if rounding is None:
-        thinnest = min((wall.outer_radius - wall.inner_radius for wall in maze.walls[1:]), default=1.0)
-        rounding = min(ROUNDING, 0.5 * thinnest)
+def pack_walls(maze: Maze) -> Walls:
+    """The walls of a maze for compiled code. Edges are rounded by ROUNDING, or less if a wall is too thin for it."""
+    thinnest = min((wall.outer_radius - wall.inner_radius for wall in maze.walls[1:]), default=1.0)
+    rounding = min(ROUNDING, 0.5 * thinnest)
     walls, gaps = [], []
     for wall in maze.walls[1:]:
         low, high = wall.inner_radius + rounding, wall.outer_radius - rounding
-        if low > high + NEAREST:
-            raise ValueError(f"rounding: got {rounding:g} m, expected at most half of a wall")
         walls.append([low, high, float(len(gaps)), float(len(gaps) + len(wall.openings))])
         for opening in wall.openings:
             half = 0.5 * opening.width + rounding
@@ -180,29 +170,3 @@ def into_slab(core, b, x, y):
         return 0.0, 0.0, 0.0
     side = 1.0 if across > 0.0 else -1.0
     return reach - abs(across), -s * side, c * side
-
-
-def overlaps(walls: Walls, places: Array) -> Array:
-    """Largest overlap with a wall, m, (N,), of a ball at each of the places (N, 2); 0 for none."""
-    out = np.zeros(len(places))
-    _overlaps(walls, np.ascontiguousarray(places, dtype=np.float64), out)
-    return out
-
-
-@njit(**KERNEL)
-def _overlaps(walls, places, out):
-    """As `overlaps`, into out (N,)."""
-    core = wall_core(walls)
-    for n in range(len(places)):
-        x, y = places[n, 0], places[n, 1]
-        most = outside_rim(core, x, y)[0]
-        for i in range(core.n_walls):
-            if near_wall(core, i, x, y):
-                j = gap_of(core, i, x, y)
-                if j < 0:
-                    most = max(most, into_face(core, i, x, y)[0])
-                else:
-                    most = max(most, into_side(core, j, -1.0, x, y)[0], into_side(core, j, 1.0, x, y)[0])
-        for b in range(core.n_slabs):
-            most = max(most, into_slab(core, b, x, y)[0])
-        out[n] = most

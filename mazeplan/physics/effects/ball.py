@@ -30,19 +30,10 @@ def _waves(s: Any, p: Any, harmonics: Any) -> Any:
     return sum(getattr(p, f"cos{n}") * cos(n * s.theta) + getattr(p, f"sin{n}") * sin(n * s.theta) for n in harmonics)
 
 
-def wave_parameters(harmonics: Any, **more: Any) -> dict[str, Parameter]:
+def _wave_parameters(harmonics: Any) -> dict[str, Parameter]:
     """Parameters for the amplitudes of harmonics."""
-    wave = Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.06, step=1e-3, **more)
+    wave = Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.06, step=1e-3)
     return {f"{kind}{n}": wave for n in harmonics for kind in ("cos", "sin")}
-
-
-def ripple(harmonics: Any, parameters: dict[str, Parameter]) -> Effect:
-    """The floor's harmonics beyond those of `surface_profile`."""
-    return Effect(
-        "surface_ripple", parameters, FORCE, lambda s, p: _waves(s, p, harmonics), by_radius=None,
-        text="the floor is uneven near openings: harmonics 4 to 9 (where a table brings smoothed accelerations to 17)",
-        source="Fourier series",
-    )  # fmt: skip
 
 
 def _bump(s: Any, p: Any) -> Any:
@@ -51,17 +42,13 @@ def _bump(s: Any, p: Any) -> Any:
 
 
 def _sector(s: Any, p: Any) -> Any:
-    half = wrap_positive(p.end - p.start) / 2
+    half = (wrap(p.end - p.start - math.pi) + math.pi) / 2
     inside = half - size(wrap(s.theta - p.start - half))
     return p.coefficient * (1 + tanh(inside / (2 * EDGE))) / 2
 
 
-def wrap_positive(x: Any) -> Any:
-    """An angle from 0 to 2 pi."""
-    return wrap(x - math.pi) + math.pi
-
-
-def _angles(count: int) -> list[float]:
+def spread_angles(count: int) -> list[float]:
+    """Angles spread evenly over the circle, rad."""
     return [-math.pi + TURN * (i + 0.5) / count for i in range(count)]
 
 
@@ -113,7 +100,7 @@ local_friction = Effect(
         "end": Parameter("rad", 1.0, -TURN, TURN, step=1e-3),
         "coefficient": Parameter("rad/s^2", 0.0, 0.0, 20.0, smallest=0.1, step=1e-3),
     },
-    DRY, _sector, places=("start", "end"), starts=tuple((0.0, a - 0.35, a + 0.35, 0.3) for a in _angles(12)),
+    DRY, _sector, places=("start", "end"), starts=tuple((0.0, a - 0.35, a + 0.35, 0.3) for a in spread_angles(12)),
     text="dry friction in a sector of a ring, from start to end counter-clockwise: dirt, a worn floor",
     source="Coulomb",
 )  # fmt: skip
@@ -137,9 +124,7 @@ constant_force = Effect(
 table_rocking = Effect(
     "table_rocking",
     {
-        "frequency": Parameter("Hz", 0.0, 0.0, 15.0, step=1e-5),
-        "beta": _AMPLITUDE,
-        "gamma": _AMPLITUDE,
+        "frequency": Parameter("Hz", 0.0, 0.0, 15.0, step=1e-5), "beta": _AMPLITUDE, "gamma": _AMPLITUDE,
         "phase": Parameter("rad", 0.0, -TURN, TURN, step=1e-3),
     },
     GRAVITY,
@@ -152,10 +137,13 @@ constant_torque = Effect(
     lambda s, p: p.acceleration, by_radius=None, text="a push along the ring, the same everywhere", source="Newton",
 )  # fmt: skip
 surface_profile = Effect(
-    "surface_profile", wave_parameters((1, 2, 3)), FORCE, lambda s, p: _waves(s, p, (1, 2, 3)), by_radius=None,
+    "surface_profile", _wave_parameters((1, 2, 3)), FORCE, lambda s, p: _waves(s, p, (1, 2, 3)), by_radius=None,
     text="the floor is not flat: a force along the ring, harmonics 1 to 3", source="Fourier series",
 )  # fmt: skip
-surface_ripple = ripple(RIPPLES, wave_parameters(RIPPLES))
+surface_ripple = Effect(
+    "surface_ripple", _wave_parameters(RIPPLES), FORCE, lambda s, p: _waves(s, p, RIPPLES), by_radius=None,
+    text="the floor is uneven near openings: harmonics 4 to 9", source="Fourier series",
+)  # fmt: skip
 surface_bump = Effect(
     "surface_bump",
     {
@@ -163,7 +151,7 @@ surface_bump = Effect(
         "width": Parameter("rad", 0.2, math.radians(2.0), 1.5, step=1e-3),
         "height": Parameter("rad/s^2", 0.0, -50.0, 50.0, smallest=0.075, step=1e-3),
     },
-    FORCE, _bump, by_radius=None, places=("centre", "width"), starts=tuple((a, 0.25, 0.1) for a in _angles(24)),
+    FORCE, _bump, by_radius=None, places=("centre", "width"), starts=tuple((a, 0.25, 0.1) for a in spread_angles(24)),
     text="one hill (positive height: off it) or one hollow, or a magnet; height: the largest force, on its flanks",
     source="derivative of a Gaussian bell",
 )  # fmt: skip
@@ -184,7 +172,7 @@ ball_imbalance = Effect(
         "phase": Parameter("rad", 0.0, -TURN, TURN, step=1e-3),
     },
     FORCE, lambda s, p: p.amplitude * sin(s.theta * s.radius / s.ball_radius + p.phase), places=("phase",),
-    why_not="the phase is lost whenever the ball slips", starts=tuple((0.2, a) for a in _angles(6)),
+    why_not="the phase is lost whenever the ball slips", starts=tuple((0.2, a) for a in spread_angles(6)),
     text="the ball's centre of mass is off its middle, so that it speeds up and slows down with every turn",
     source="rolling without slip: it has turned by theta R / r",
 )  # fmt: skip

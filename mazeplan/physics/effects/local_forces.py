@@ -42,18 +42,13 @@ KERB = 0.05  # rad, width of a kerb
 BORDER = 1e-3  # m along the radius, over which dirt and kerb begin and end
 
 
-def _place(s: Any) -> tuple[Any, Any]:
-    return s.radius * cos(s.theta), s.radius * sin(s.theta)
-
-
 def _warp(s: Any, p: Any) -> dict[str, Any]:
-    x, y = _place(s)
+    x, y = s.radius * cos(s.theta), s.radius * sin(s.theta)
     return {"beta": -2.0 * (p.a * x + p.b * y + p.c * x), "gamma": 2.0 * (p.b * x - p.a * y + p.c * y)}
 
 
 def _bump(s: Any, p: Any) -> dict[str, Any]:
-    x, y = _place(s)
-    x, y = (x - p.x) / p.width, (y - p.y) / p.width
+    x, y = (s.radius * cos(s.theta) - p.x) / p.width, (s.radius * sin(s.theta) - p.y) / p.width
     pull = p.depth * exp(0.5 - 0.5 * (x * x + y * y))  # the tilt is largest, `depth`, at one width from the middle
     return {"beta": -pull * x, "gamma": pull * y}
 
@@ -83,6 +78,8 @@ def _along(s: Any, p: Any) -> Any:
     return (p.s * sin(phase) + p.c * cos(phase)) / s.radius
 
 
+MOVED = Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3)
+
 floor_warp = Effect("floor_warp", {"a": STEEP, "b": STEEP, "c": STEEP}, GRAVITY, _warp, text="the floor is not flat")
 floor_bump = Effect(
     "floor_bump",
@@ -109,7 +106,7 @@ floor_ripple = Effect(
     "floor_ripple",
     {
         "waves": Parameter("1", 4.0, 1.0, 20.0, fixed=True),
-        **dict.fromkeys("cs", Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3)),
+        "c": MOVED, "s": MOVED,
     },
     FORCE, lambda s, p: (p.c * cos(p.waves * s.theta) + p.s * sin(p.waves * s.theta)) / s.radius,
     places=("waves",), text="the floor is uneven, with waves around",
@@ -118,10 +115,7 @@ table_swing = Effect(
     "table_swing", {"frequency": FREQUENCY, "bs": SWING, "bc": SWING, "gs": SWING, "gc": SWING},
     GRAVITY, _swing, places=("frequency",), text="the table rocks", why_not=NO_CLOCK,
 )  # fmt: skip
-table_beat = Effect(
-    "table_beat", table_swing.parameters, GRAVITY, _swing, places=("frequency",), text="the table is pushed repeatedly",
-    why_not=NO_CLOCK,
-)  # fmt: skip
+table_beat = replace(table_swing, name="table_beat", text="the table is pushed repeatedly")
 drag_drift = Effect(
     "drag_drift",
     {
@@ -140,9 +134,8 @@ ring_push = Effect(
     FORCE, lambda s, p: p.turn + p.force / s.radius, text="a push along the rings",
 )  # fmt: skip
 swing_along = Effect(
-    "swing_along",
-    {"frequency": FREQUENCY, **dict.fromkeys("sc", Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3))},
-    FORCE, _along, places=("frequency",), text="a force along the ring that swings in time", why_not=NO_CLOCK,
+    "swing_along", {"frequency": FREQUENCY, "s": MOVED, "c": MOVED}, FORCE, _along, places=("frequency",),
+    text="a force along the ring that swings in time", why_not=NO_CLOCK,
 )  # fmt: skip
 lean_drift = Effect(
     "lean_drift", dict.fromkeys(("beta", "gamma"), Parameter("rad/s", 0.0, -1e-3, 1e-3, smallest=4e-6)), GRAVITY,

@@ -1,11 +1,9 @@
 """Effects of openings: loss of speed of a passing ball.
 
 The ball touches the outer or the inner wall of its channel, by the sign of the normal force (`ball.pressing`). The far
-edge of an opening slows only a ball that touches the wall with the opening.
-
-The loss depends on the depth b to which the ball sinks into the opening while it crosses. Away from the wall, the ball
-moves as on the floor (f = 5/7). The edge takes the part of the speed v that is normal to it: sin^2 of the angle between
-the edge and the centre of the ball, which has the radius a:
+edge of an opening slows only a ball at that wall. The loss depends on the depth b to which the ball sinks into the
+opening while it crosses, as on the floor (f = 5/7). The edge takes the part of the speed v that is normal to it: sin^2
+of the angle between the edge and the centre of the ball, which has the radius a:
 
     d = b / a = s N' / (R v^2),    share = 1 - (1 - d)^2
 
@@ -26,7 +24,7 @@ from typing import Any
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.effect import OPENING, Effect, Parameter
-from mazeplan.physics.effects.ball import TURN, pressing
+from mazeplan.physics.effects.ball import TURN, pressing, spread_angles
 from mazeplan.physics.formulas.symbols import clip, cos, exp, sin
 
 WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
@@ -65,17 +63,13 @@ def struck(s: Any, side: float, sinking: Any) -> Any:
     return depth * (2 - depth)
 
 
-def _angles(count: int) -> list[float]:
-    return [-math.pi + TURN * (i + 0.5) / count for i in range(count)]
-
-
 gate_loss = Effect(
     "gate_loss",
     {
         "angle": Parameter("rad", 0.0, -TURN, TURN, step=0.03),
         "loss": Parameter("1", 0.0, 0.0, 0.9, smallest=0.02, step=1e-3, words="share of the speed lost"),
     },
-    OPENING, lambda s, p: {"angle": p.angle, "loss": p.loss}, starts=tuple((angle, 0.1) for angle in _angles(24)),
+    OPENING, lambda s, p: {"angle": p.angle, "loss": p.loss}, starts=tuple((angle, 0.1) for angle in spread_angles(24)),
     places=("angle",), text="share of the speed that is lost in passing one angle", source="inelastic impact",
 )  # fmt: skip
 
@@ -107,9 +101,8 @@ def wall_library(openings: Openings) -> list[Effect]:
 def closer_library(openings: Openings) -> list[Effect]:
     """Detailed effects of the openings, in two variants.
 
-    The first variant is that of `wall_library` with a fitted `width` of the change of sides. The second variant models
-    sinking: the ball meets the far edge at `reach` behind the middle, and a deeper ball loses more. Its `loss` holds
-    for a ball that sank in by its radius."""
+    The first is that of `wall_library` with a fitted `width` of the change of sides. The second models sinking: the
+    ball meets the far edge at `reach` behind the middle; its `loss` holds for a ball that sank in by its radius."""
     found = []
     for plain in wall_library(openings):
         width = {"width": Parameter("m/s^2", WIDTH, 2e-3, 1.0, step=0.01)}

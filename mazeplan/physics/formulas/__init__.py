@@ -1,1 +1,1 @@
-"""From formulas to code: symbols, the equation of motion, generated source, compiled functions and arrays."""
+"""From formulas to code: symbols, the equation of motion, generated source and compiled functions."""

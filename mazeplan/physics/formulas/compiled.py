@@ -13,6 +13,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import Any
 import numba
 
 from mazeplan.core.maths.compiled import POINTER, REAL, address_of, caller
-from mazeplan.physics.effect import DRAG, DRY, FORCE, OPENING, WALL, Effect
+from mazeplan.physics.effect import OPENING, Effect
 from mazeplan.physics.formulas.functions import vectorised
 from mazeplan.physics.formulas.symbols import INPUTS
 
@@ -31,9 +32,8 @@ SIGNATURES = {
     "plate": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
     "value": REAL(REAL, REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, sin, cos, c, p
     "partials": VOID(REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER),  # as value, then out
-    "plane": VOID(
-        REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER
-    ),  # angle, rate, speed, direction, t, w, p, out
+    # angle, rate, speed, direction, t, w, p, out
+    "plane": VOID(REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER),
     "moment": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
     "plane_at": VOID(REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER, POINTER),  # as plane, with c before out
     "term": REAL(REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, t, w, p
@@ -57,20 +57,13 @@ HERE = Path(__file__).parents[1]  # the folder of mazeplan.physics
 
 @dataclass(frozen=True)
 class CompiledFunctions:
-    """Compiled functions of a set of effects.
+    """Compiled functions of a set of effects."""
 
-    address: addresses of the functions, by name
-    counts:  numbers of coefficients
-    plain:   source for arrays and tensors
-    module:  keeps the code alive
-    kept:    functions made from `plain`, by library
-    """
-
-    address: dict[str, int]
-    counts: dict[str, int]
-    plain: str
-    module: ModuleType
-    kept: dict[str, dict[str, Any]] = field(default_factory=dict)
+    address: dict[str, int]  # addresses of the functions, by name
+    counts: dict[str, int]  # numbers of coefficients
+    plain: str  # source for arrays and tensors
+    module: ModuleType  # keeps the code alive
+    kept: dict[str, dict[str, Any]] = field(default_factory=dict)  # functions made from `plain`, by library
 
     def vectorised(self, library: ModuleType) -> dict[str, Callable[..., Any]]:
         """The functions for arrays of NumPy or tensors of torch."""
@@ -83,95 +76,72 @@ class CompiledFunctions:
 
 def ring_functions(effects: Sequence[Effect]) -> CompiledFunctions:
     """Functions plate, value, plate_partials, partials and plane of a set of effects on the ball in a ring."""
-    return _functions("ring", tuple(e for e in effects if e.acts != OPENING))
+    return _functions("ring", [e for e in effects if e.acts != OPENING])
 
 
 def plane_functions(effects: Sequence[Effect]) -> CompiledFunctions:
-    """Functions moment and plane_at: plane in two parts. The first part is the same for all points at one moment."""
-    return _functions("plane", tuple(effects))
+    """Functions moment and plane_at: plane in two parts. The first part is the same for all points at one moment.
+    Raises ValueError for a formula with inputs of a record."""
+    return _functions("plane", effects)
 
 
 def term_functions(effect: Effect, inputs: tuple[str, ...] = INPUTS) -> CompiledFunctions:
     """Functions of one effect: term (rad/s^2), hold (size against the motion), or angle and loss; inputs: names in w.
     Raises ValueError for a formula with other symbols."""
-    return _functions("term", (effect,), inputs)
+    return _functions("term", [effect], inputs)
 
 
 def base_functions(effects: Sequence[Effect]) -> CompiledFunctions:
     """Functions plate and base of effects of gravity; base is a term that also has the plate's coefficients as
     inputs."""
-    return _functions("base", tuple(effects))
-
-
-def routines_of(
-    kind: str, effects: Sequence[Effect], inputs: tuple[str, ...] = INPUTS
-) -> tuple[list[Any], dict[str, int]]:
-    """Sources of the functions of one kind (ring, plane, term, base), and numbers of coefficients."""
-    from mazeplan.physics.formulas import equation, generate
-
-    if kind == "ring":
-        routines, counts = generate.ring_routines(effects)
-        plane = generate.plane_routine(effects)
-        return [*routines, plane], {**counts, "angled": int(plane.asks_for(r"theta|direction"))}
-    if kind == "plane":
-        return generate.moment_routines(effects)
-    if kind == "base":
-        return generate.base_routines(effects)
-    (effect,) = effects
-    if effect.acts == OPENING:
-        angle, loss = equation.passing(effect)
-        expressions = {"angle": generate.signed(angle), "loss": generate.signed(loss)}
-    elif effect.acts in (DRY, WALL):
-        expressions = {"hold": generate.signed(equation.summed([effect], effect.acts))}
-    else:
-        expressions = {"term": equation.ring_forces([effect], (FORCE, DRAG), exact=True)}
-    return [generate.term_routine(name, e, [effect], inputs) for name, e in expressions.items()], {}
+    return _functions("base", effects)
 
 
 _made: dict[tuple[str, ...], CompiledFunctions] = {}
 
 
-def _functions(kind: str, effects: tuple[Effect, ...], inputs: tuple[str, ...] = INPUTS) -> CompiledFunctions:
-    key = (kind, "" if inputs == INPUTS else ",".join(inputs), *(_identity(e) for e in effects))
+def _functions(kind: str, effects: Sequence[Effect], inputs: tuple[str, ...] = INPUTS) -> CompiledFunctions:
+    key = (kind, ",".join(inputs), *map(_identity, effects))
     if key not in _made:
-        module = _load(kind, key, effects, inputs)
-        counts = dict(module.COUNTS)
+        module = _load(key, effects, inputs)
         names = [name for name in SIGNATURES if hasattr(module, name)]
         addresses = {name: address_of(getattr(module, name), SIGNATURES[name]) for name in names}
-        _made[key] = CompiledFunctions(addresses, counts, module.PLAIN, module)
+        _made[key] = CompiledFunctions(addresses, dict(module.COUNTS), module.PLAIN, module)
     return _made[key]
 
 
+@cache
 def _identity(effect: Effect) -> str:
-    """Key of an effect's formula: name and parameters; for a user's effect, also the text of the formula."""
-    names = ",".join(effect.parameters)
+    """Key of an effect's formula: name and parameters; for a user's effect, also the formula."""
+    key = f"{effect.name}:{effect.acts}:{','.join(effect.parameters)}"
     if getattr(effect.formula, "__module__", "").startswith("mazeplan.physics"):
-        return f"{effect.name}:{effect.acts}:{names}"
+        return key  # its text is in `_version`
     from mazeplan.physics.formulas import equation
 
-    return f"{effect.name}:{effect.acts}:{names}:{id(effect.formula)}:{equation.text(effect)}"
+    return f"{key}:{equation.fingerprint(effect)}"
 
 
 @cache
 def _version() -> str:
     """Hash of all sources of generated code."""
+    from mazeplan.core import constants
     from mazeplan.core.maths import exponential, trigonometry
 
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
-    own = sorted(path for path in HERE.rglob("*.py") if "__pycache__" not in path.parts)
-    for path in [*own, Path(str(exponential.__file__)), Path(str(trigonometry.__file__))]:
-        digest.update(path.read_bytes())
+    own = sorted([*HERE.glob("formulas/*.py"), *HERE.glob("effects/*.py")])
+    for path in [*own, *(str(module.__file__) for module in (constants, exponential, trigonometry))]:
+        digest.update(Path(path).read_bytes())
     return digest.hexdigest()
 
 
-def _load(kind: str, key: tuple[str, ...], effects: tuple[Effect, ...], inputs: tuple[str, ...]) -> ModuleType:
+def _load(key: tuple[str, ...], effects: Sequence[Effect], inputs: tuple[str, ...]) -> ModuleType:
     """The module of a set of effects; generated if it is not on disk."""
-    own = (part.split(f":{id(e.formula)}:", 1)[-1] for part, e in zip(key[2:], effects, strict=True))
-    key = (key[1], *own)
-    name = f"{kind}_{hashlib.sha256(repr((_version(), kind, key)).encode()).hexdigest()[:24]}"
+    name = f"{key[0]}_{hashlib.sha256(repr((_version(), key)).encode()).hexdigest()[:24]}"
     path = folder() / f"{name}.py"
     if not path.exists():
-        routines, counts = routines_of(kind, effects, inputs)
+        from mazeplan.physics.formulas.generate import routines_of
+
+        routines, counts = routines_of(key[0], effects, inputs)
         plain = "\n\n\n".join(r.plain() for r in routines)
         functions = "\n".join(f"\n\n{MARK}\n{r.text()}" for r in routines)
         _write(path, f"{HEAD}{functions}\n\n\nCOUNTS = {counts!r}\nPLAIN = '''\n{plain}\n'''\n")
@@ -189,15 +159,14 @@ def _load(kind: str, key: tuple[str, ...], effects: tuple[Effect, ...], inputs: 
 def folder() -> Path:
     """Folder of generated code, the first that is writable: Numba's, beside this package, the user's cache, or a
     temporary folder."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    beside, home = HERE / "__pycache__", Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    for place in ([Path(given)] if given else []) + [beside, home / "mazeplan"]:
-        try:
-            (place / "generated").mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(place / "generated", os.W_OK):
-            return place / "generated"
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    for place in (os.environ.get("NUMBA_CACHE_DIR"), HERE / "__pycache__", Path(home) / "mazeplan"):
+        if place:
+            found = Path(place) / "generated"
+            with suppress(OSError):
+                found.mkdir(parents=True, exist_ok=True)
+                if os.access(found, os.W_OK):
+                    return found
     return Path(tempfile.mkdtemp(prefix="mazeplan-generated-"))
 
 

@@ -17,9 +17,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import sympy
+
 from mazeplan.core.constants import GRAVITY as G
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, WALL, Effect
-from mazeplan.physics.formulas.symbols import state, symbols_of
+from mazeplan.physics.formulas.symbols import sign, state, symbols_of, tanh
 
 # text of the parts of an effect of gravity
 OF_GRAVITY = {"factor": "gravity * {1}", **dict.fromkeys(("beta", "gamma", "x", "y"), "{0} + ({1})")}
@@ -29,8 +31,6 @@ WIDTH = "dry_width"  # rad/s over which dry friction changes its sign in a plan;
 def gravity_in_plane(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
     """Gravity along x and y of the plate, m/s^2, with all effects of gravity but without their factor; and the
     factor."""
-    import sympy
-
     s = state()
     beta, gamma, x, y, factor = s.beta, s.gamma, sympy.Integer(0), sympy.Integer(0), sympy.Integer(1)
     for effect in effects:
@@ -43,18 +43,11 @@ def gravity_in_plane(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
 
 def inertial_acceleration() -> Any:
     """Acceleration along the ring from the plate's rotation, rad/s^2."""
-    import sympy
-
     s = state()
     c, sn, cos_c, sin_c = sympy.symbols("c sn cos_c sin_c", real=True)  # of theta and gamma
     rate = sympy.Matrix([s.gamma_dot, s.beta_dot * cos_c, -s.beta_dot * sin_c])
-    spin_up = sympy.Matrix(
-        [
-            s.gamma_ddot,
-            s.beta_ddot * cos_c - s.beta_dot * s.gamma_dot * sin_c,
-            -s.beta_ddot * sin_c - s.beta_dot * s.gamma_dot * cos_c,
-        ]
-    )
+    both = s.beta_dot * s.gamma_dot
+    spin_up = sympy.Matrix([s.gamma_ddot, s.beta_ddot * cos_c - both * sin_c, -s.beta_ddot * sin_c - both * cos_c])
     place, speed = sympy.Matrix([c, sn, 0]), s.theta_dot * sympy.Matrix([-sn, c, 0])  # divided by the radius
     felt = -spin_up.cross(place) - 2 * rate.cross(speed) - rate.cross(rate.cross(place))
     along = sympy.expand(felt[1] * c - felt[0] * sn)
@@ -65,8 +58,6 @@ def inertial_acceleration() -> Any:
 
 def gravity(effects: Sequence[Effect]) -> Any:
     """Part of gravity along the ring, with its factor, rad/s^2."""
-    import sympy
-
     s = state()
     x, y, factor = gravity_in_plane(effects)
     return factor / s.radius * (y * sympy.cos(s.theta) - x * sympy.sin(s.theta))
@@ -78,10 +69,6 @@ def ring_forces(
     """Forces, drag and friction along the ring, rad/s^2.
 
     exact: True changes the sign of dry friction at once, False over WIDTH."""
-    import sympy
-
-    from mazeplan.physics.formulas.symbols import sign, tanh
-
     s, total = state(), sympy.Integer(0)
     width = sympy.Symbol(WIDTH, real=True)
     direction = sign(s.theta_dot) if exact else tanh(s.theta_dot / width)
@@ -100,15 +87,11 @@ def ring_forces(
 
 def summed(effects: Sequence[Effect], kind: str) -> Any:
     """Sum of the formulas of all effects of one kind, such as DRY."""
-    import sympy
-
     return sum((sympy.sympify(_formula(e)) for e in effects if e.acts == kind), sympy.Integer(0))
 
 
 def passing(effect: Effect) -> tuple[Any, Any]:
     """Angle (rad) and loss (share) of an effect of openings."""
-    import sympy
-
     found: Mapping[str, Any] = _formula(effect)
     return sympy.sympify(found["angle"]), sympy.sympify(found["loss"])
 
@@ -119,6 +102,13 @@ def _formula(effect: Effect) -> Any:
     return effect.formula(state(), symbols_of(effect.parameters, f"{effect.name}__"))
 
 
+def fingerprint(effect: Effect) -> str:
+    """The formula as text, to the last digit."""
+    found = _formula(effect)
+    parts = found if isinstance(found, Mapping) else {"": found}
+    return ", ".join(f"{key}: {sympy.srepr(sympy.sympify(part))}" for key, part in parts.items())
+
+
 def names_of(effects: Sequence[Effect]) -> list[str]:
     """Symbols of all parameters of some effects, in the order of compiled code."""
     return [f"{effect.name}__{name}" for effect in effects for name in effect.parameters]
@@ -127,8 +117,6 @@ def names_of(effects: Sequence[Effect]) -> list[str]:
 def text(effect: Effect) -> str:
     """The formula as text: its term in theta_dd, or the changes of gravity or of a passage; empty for parts of the
     rig."""
-    import sympy
-
     if effect.formula is None:
         return ""
     found = _formula(effect)
@@ -145,4 +133,5 @@ def text(effect: Effect) -> str:
     text = printed(found)
     if not behind:
         return text
-    return f"-{text}{behind}" if sympy.sympify(found).is_Symbol or sympy.sympify(found).is_Mul else f"-({text}){behind}"
+    whole = sympy.sympify(found).is_Symbol or sympy.sympify(found).is_Mul
+    return f"-{text}{behind}" if whole else f"-({text}){behind}"

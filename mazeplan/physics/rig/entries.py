@@ -13,10 +13,9 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Effect
-from mazeplan.physics.effects.rig import FAMILY
+from mazeplan.physics.effects.rig import AXES, FAMILY
 from mazeplan.physics.rig.stage import StageModel
 
-AXES = ("beta", "gamma")
 DEAD_TIME = 0.005  # s; a smaller dead time does not count as an effect
 ALWAYS = ("servo_gain", "servo_lag")  # effects of every model
 TAKEN_OFF = ("camera_offset", "camera_scale", "lens_distortion")  # corrected in measured positions before a fit
@@ -24,7 +23,7 @@ DELAY = "camera_delay_s"
 
 
 class RigNumbers(Protocol):
-    """What the equations need of a rig's model (`learning.modelfile.RigModel`). The fields camera and tilt_sensor are
+    """What the equations need of a rig's model (`learning.rig_model.RigModel`). The fields camera and tilt_sensor are
     accessed only through the entries of effects."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -46,8 +45,7 @@ class RigNumbers(Protocol):
 
     @property
     def camera_delay(self) -> float:
-        """Delay of the ball's position behind the tilt sensor, s. If the sensor is later than the camera, it is
-        negative, down to minus the dead time of the commands: no picture shows the ball before it was there."""
+        """Delay of the ball's position behind the tilt sensor, s; negative if the sensor is the later one."""
         ...
 
     @property
@@ -72,12 +70,10 @@ def declared_parts(model: RigNumbers) -> dict[str, dict[str, float]]:
     found = {}
     for effect in FAMILY:
         values = part_values(model, effect)
-        neutral = {name: p.default for name, p in effect.parameters.items()}
-        if effect.name in TAKEN_OFF or (values == neutral and effect.name not in ALWAYS):
-            continue
-        if effect.name == "command_delay" and values["delay"] <= DEAD_TIME:
-            continue
-        found[effect.name] = values
+        neutral = all(values[name] == p.default for name, p in effect.parameters.items()) and effect.name not in ALWAYS
+        at_once = effect.name == "command_delay" and values["delay"] <= DEAD_TIME
+        if effect.name not in TAKEN_OFF and not neutral and not at_once:
+            found[effect.name] = values
     return found
 
 
@@ -100,41 +96,33 @@ def with_part(model: Rig, effect: Effect, values: Mapping[str, float], stderr: M
     return model
 
 
+def _owners(model: RigNumbers, place: str) -> tuple[dict[str, Any], str]:
+    """The objects that have the number of an entry, by their names in the model or in its stage; and its name there."""
+    part, *names = place.split(".")
+    if part != "stage":
+        return {part: getattr(model, part)}, names[0]
+    return {axis: getattr(model.stage, axis) for axis in (AXES if names[0] == "*" else names[:1])}, names[1]
+
+
 def _read(model: RigNumbers, place: str) -> float:
     if place == DELAY:
         return model.camera_delay
-    part, *rest = place.split(".")
-    if rest[0] == "*":
-        return sum(getattr(getattr(model.stage, axis), rest[1]) for axis in AXES) / len(AXES)
-    owner: Any = getattr(model, part)
-    for name in rest:
-        owner = getattr(owner, name)
-    return float(owner)
+    owners, name = _owners(model, place)
+    first, *rest = (float(getattr(owner, name)) for owner in owners.values())
+    return (first + sum(rest)) / len(owners) if rest else first
 
 
 def _stderr(model: RigNumbers, place: str) -> float:
     if place == DELAY:
         return math.nan if model.camera_delay_stderr is None else model.camera_delay_stderr
-    part, *rest = place.split(".")
-    if part != "stage":
-        return getattr(model, part).stderr.get(rest[0], math.nan)
-    axes = AXES if rest[0] == "*" else (rest[0],)
-    known = [getattr(model.stage, axis).stderr.get(rest[1], math.nan) for axis in axes]
-    return math.hypot(*known) / len(known)
+    owners, name = _owners(model, place)
+    return math.hypot(*(owner.stderr.get(name, math.nan) for owner in owners.values())) / len(owners)
 
 
 def _write(model: Rig, place: str, value: float, stderr: float) -> Rig:
     if place == DELAY:
         return replace(model, camera_delay=max(value, -model.stage.dead_time), camera_delay_stderr=stderr)
-    part, *rest = place.split(".")
-    owner = getattr(model, part)
-    if part != "stage":
-        return replace(model, **{part: _changed(owner, rest[0], value, stderr)})
-    axes = AXES if rest[0] == "*" else (rest[0],)
-    stderr *= math.sqrt(len(axes))  # `_stderr` reads the error of the mean of independent axes
-    stage = replace(owner, **{axis: _changed(getattr(owner, axis), rest[1], value, stderr) for axis in axes})
-    return replace(model, stage=stage)
-
-
-def _changed(owner: Any, name: str, value: float, stderr: float) -> Any:
-    return replace(owner, **{name: value}, stderr={**owner.stderr, name: stderr})
+    owners, name = _owners(model, place)
+    stderr *= math.sqrt(len(owners))  # `_stderr` reads the error of the mean of independent axes
+    new = {key: replace(o, **{name: value}, stderr={**o.stderr, name: stderr}) for key, o in owners.items()}
+    return replace(model, stage=replace(model.stage, **new)) if place.startswith("stage") else replace(model, **new)

@@ -20,65 +20,46 @@ from functools import lru_cache
 import numpy as np
 
 from mazeplan.core.records import Array
+from mazeplan.physics.rig.sensors import check_ranges
 
 PROMPT = 60.0  # rad/s; a servo that a record shows to follow at once is at least this fast
 FASTEST = 600.0  # rad/s; the fast pole of a simulation in small steps, where the axis has none
 WIDE = 0.13  # rad; a change of tilt that a plan often makes: three quarters of a reversal at 5 degrees
 REACHED_S = 0.01  # s; about the time between two rows of a plate's motion
 ORDERS = ("at once", "first order", "second order")
+RANGES = {
+    "backlash": (0.0, 0.2, "rad"), "deadband": (0.0, 0.2, "rad"), "gain": (0.05, 20.0, ""),
+    "natural_frequency": (0.5, 500.0, "rad/s"), "damping": (0.02, 20.0, ""), "dead_time": (0.0, 1.0, "s"),
+    "offset": (-0.5, 0.5, "rad"), "coupling": (-0.5, 0.5, ""), "rate_limit": (0.05, math.inf, "rad/s"),
+    "resolution": (0.0, 0.05, "rad"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class StageAxis:
     """One axis of the stage.
 
-    gain:              tilt per command
     natural_frequency: rad/s; of order 1: its pole; of order 0: the record shows only that the axis is faster than this
-    damping:           ratio, of order 2
-    dead_time:         s
-    offset:            rad
-    stderr:            standard errors by field
-    backlash:          play of the gears, rad
-    behind:            whether the gears are behind the lag
-    deadband:          smallest change of command with an effect, rad
-    coupling:          share of the other axis's command
-    order:             0, 1 or 2
-    rate_limit:        largest rate, rad/s
-    resolution:        step of the commands that the servo can take, rad
     """
 
-    gain: float = 1.0
+    gain: float = 1.0  # tilt per command
     natural_frequency: float = 26.0
-    damping: float = 0.9
-    dead_time: float = 0.0
-    offset: float = 0.0
-    stderr: dict[str, float] = field(default_factory=dict, compare=False)
-    backlash: float = 0.0
-    deadband: float = 0.0
-    coupling: float = 0.0
-    order: int = 2
-    rate_limit: float = math.inf
-    resolution: float = 0.0
-    behind: bool = False
+    damping: float = 0.9  # ratio, of order 2
+    dead_time: float = 0.0  # s
+    offset: float = 0.0  # rad
+    stderr: dict[str, float] = field(default_factory=dict, compare=False)  # standard errors by field
+    backlash: float = 0.0  # play of the gears, rad
+    deadband: float = 0.0  # smallest change of command with an effect, rad
+    coupling: float = 0.0  # share of the other axis's command
+    order: int = 2  # 0, 1 or 2
+    rate_limit: float = math.inf  # largest rate, rad/s
+    resolution: float = 0.0  # step of the commands that the servo can take, rad
+    behind: bool = False  # whether the gears are behind the lag
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2):
             raise ValueError(f"order: got {self.order}, expected 0, 1 or 2")
-        for name, low, high, unit in (
-            ("backlash", 0.0, 0.2, "rad"),
-            ("deadband", 0.0, 0.2, "rad"),
-            ("gain", 0.05, 20.0, ""),
-            ("natural_frequency", 0.5, 500.0, "rad/s"),
-            ("damping", 0.02, 20.0, ""),
-            ("dead_time", 0.0, 1.0, "s"),
-            ("offset", -0.5, 0.5, "rad"),
-            ("coupling", -0.5, 0.5, ""),
-            ("rate_limit", 0.05, math.inf, "rad/s"),
-            ("resolution", 0.0, 0.05, "rad"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip())
+        check_ranges(self, RANGES)
 
     @classmethod
     def prompt(cls, gain: float = 1.0, dead_time: float = 0.0, offset: float = 0.0) -> StageAxis:
