@@ -208,7 +208,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     server, ready = open_page(listening, stop_bar())
     lock, viewers = threading.Lock(), 0
 
-    def order(order: Order) -> None:
+    def send(order: Order) -> None:
         with lock, suppress(OSError):  # a button's thread may call this
             pipe.send(order)
 
@@ -217,7 +217,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
         nonlocal viewers
         if len(server.get_clients()) != viewers:
             viewers = len(server.get_clients())
-            order({"do": "viewers", "count": viewers})
+            send({"do": "viewers", "count": viewers})
         try:
             while pipe.poll():
                 for topic, document in pipe.recv():
@@ -226,7 +226,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
             return False
         return True
 
-    tab = LiveTab(server, offer, order)
+    tab = LiveTab(server, offer, send)
     ready.set()
     draw_loop(server, tab.draw, on)
     sys.stderr.flush()
