@@ -78,7 +78,11 @@ def evaluation(name="toy", arrived=(True, True, False, True)):
             "failures": failures if i in (0, 2) else [], "start": {"ring": 1, "theta": math.radians(degrees)},
         })  # fmt: skip
     setup = {"rig": name, "map": dump_map(MAZE), "map_name": "cme", "model": "sp", "version": "9.9", "time_limit_s": 20}
-    return {"runs": 4, "success": sum(arrived), "results": results, "setup": setup}
+    times = [result["time_s"] for result in results if result["success"]] or [math.nan]
+    figures = {"mean": np.mean(times), "best": min(times), "p50": np.median(times), "p95": np.percentile(times, 95.0),
+               "worst": max(times)}  # fmt: skip
+    time_s = {name: float(value) if math.isfinite(value) else None for name, value in figures.items()}
+    return {"runs": 4, "success": sum(arrived), "time_s": time_s, "results": results, "setup": setup}
 
 
 def comparison(rings=(1, 2)):

@@ -72,7 +72,7 @@ def learn(
     """Fit the model of a rig, stage and ball, to its logs."""
     from mazeplan.apps.cli.model import model_lines
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.report.learning import score_section
+    from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
     from mazeplan.learning.fits import fits_words
     from mazeplan.run.commands.learn import learn as fit

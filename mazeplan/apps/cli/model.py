@@ -124,7 +124,7 @@ def score(
 ) -> None:  # fmt: skip
     """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.apps.report.learning import score_section
+    from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
     from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import read_table

@@ -15,9 +15,17 @@ from typing import TYPE_CHECKING, Any
 from pydantic_core import from_json, to_json
 
 from mazeplan.apps.report import words
-from mazeplan.apps.report.drawing import INK, legend_beside, line
 from mazeplan.apps.report.inputs import Input, number, read_as_printed, row
-from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
+from mazeplan.apps.report.page import (
+    INK,
+    Note,
+    PagePicture,
+    PageSection,
+    PageTable,
+    legend_beside,
+    line,
+    write_page,
+)
 from mazeplan.apps.report.words import DEG
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS
@@ -53,14 +61,18 @@ def diagnosis_section(given: Input) -> PageSection:
         parts += [Note(f"Hard to tell apart in this record: {group}.") for group in groups]
         if document.get("navigation") is not None:
             parts.append(_navigation(document["navigation"]))
-        if evidence:
-            parts += _rig_evidence(evidence) if whole else _ring_evidence(evidence, document)
-        else:
+        if not evidence:
             parts.append(Note("This command writes a folder with the evidence:", "mazeplan diagnose LOG -o FOLDER"))
+        elif whole:
+            title = "How far is the prediction off? The error grows with the time ahead; band: four of five"
+            alt = "error of the angle against the time ahead, before and after"
+            parts.append(PagePicture("error", title, alt, partial(_ahead, evidence=evidence), (9.0, 3.2)))
+        else:
+            parts += _ring_evidence(evidence, document)
         parts += [Note(words.sentence(note)) for note in evidence.get("notes") or document.get("notes") or ()]
-        title = evidence.get("title") or given.name
-        return PageSection(f"Diagnosis of {title}", words.spoken(str(document["sentence"])), _facts(document), parts)
-    raise InputError("no diagnosis", file=given.path)
+        lead = words.spoken(str(document["sentence"]))
+        facts = _facts(document)
+    return PageSection(f"Diagnosis of {evidence.get('title') or given.name}", lead, facts, parts)
 
 
 def _facts(document: dict[str, Any]) -> list[tuple[str, str]]:
@@ -105,9 +117,7 @@ def _scores(document: dict[str, Any], evidence: dict[str, Any]) -> PageTable:
     labels = dict(words.SCORES)
     if "rollout40" not in evidence.get("labels", {}):  # a system without a ball has its own scores
         labels |= evidence.get("labels", {})
-    further, columns = document.get("test") or {}, dict[str, dict[str, Any]]()
-    for when in WHEN:
-        columns[when] = document.get(when) or {}
+    further, columns = document.get("test") or {}, {when: document.get(when) or {} for when in WHEN}
     columns |= {f"{when}, further record": further[when] for when in WHEN if further.get(when)}
     rows = []
     for name, label in labels.items():
@@ -145,13 +155,9 @@ def _ring_evidence(evidence: dict[str, Any], document: dict[str, Any]) -> list[A
     title = "Fall of the misfit (-2 log L) with each candidate alone"
     parts: list[Any] = [PageTable(title, ("candidate", "fall", "found"), rows)]
     if evidence.get("before") is not None and evidence.get("after") is not None:
-        parts.append(
-            PagePicture(
-                "residual", "Residual against position, speed and time; band: two standard errors",
-                "mean residual against position, speed and time, before and after",
-                partial(_residuals, evidence=evidence), (9.0, 3.2),
-            )
-        )  # fmt: skip
+        title = "Residual against position, speed and time; band: two standard errors"
+        alt = "mean residual against position, speed and time, before and after"
+        parts.append(PagePicture("residual", title, alt, partial(_residuals, evidence=evidence), (9.0, 3.2)))
     return parts
 
 
@@ -169,12 +175,6 @@ def _residuals(figure: Figure, evidence: dict[str, Any]) -> None:
         axes.grid()
     panels[0].set_ylabel("mean residual,\nin standard deviations")
     legend_beside(panels[2])
-
-
-def _rig_evidence(evidence: dict[str, Any]) -> list[Any]:
-    title = "How far is the prediction off? The error grows with the time ahead; band: four of five"
-    alt = "error of the angle against the time ahead, before and after"
-    return [PagePicture("error", title, alt, partial(_ahead, evidence=evidence), (9.0, 3.2))]
 
 
 def _ahead(figure: Figure, evidence: dict[str, Any]) -> None:

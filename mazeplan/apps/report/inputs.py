@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core import file_kinds
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, MapError
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import check_text, load_map
 
 KINDS = (
     "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or evaluate --store"
@@ -31,13 +33,9 @@ DAMAGE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
 
 @dataclass(frozen=True)
 class Input:
-    """One input of a report.
+    """One input of a report: its kind, its file or folder, its name on the page, and its JSON, None for runs.
 
-    kind: run, evaluation, comparison or diagnosis.
-    path: its file or folder.
-    name: its name on the page.
-    document: its JSON; None for runs. Units are SI.
-    evidence: evidence for the pictures of a diagnosis."""
+    evidence: for the pictures of a diagnosis"""
 
     kind: str
     path: Path
@@ -54,6 +52,16 @@ def number(value: Any) -> float:
 def row(values: Any) -> Array:
     """Numbers of a document, (N,); NaN for missing ones (null)."""
     return np.array(values, dtype=float)
+
+
+def map_in(text: Any, file: Path) -> Maze:
+    """The map in a log or document, else cme. Raises MapError for a map with errors."""
+    if not isinstance(text, str):
+        return load_map("cme")
+    maze = check_text(text, file=file).maze
+    if maze is None:
+        raise MapError("the map in it cannot be used", file=file, key="map")
+    return maze
 
 
 @contextmanager
@@ -117,7 +125,5 @@ def of_document(document: dict[str, Any], path: Path) -> list[Input]:
             return [Input(kind, path, path.stem, document)]
     if document and all(key.startswith("ring") for key in document) and "rings" not in document:
         return [Input("comparison", path, path.stem, document)]
-    if "rings" in document and "success" in document:
-        raise InputError("got the document of one run, expected its log (navigate --log FILE.mcap)", file=path)
     names = ", ".join(repr(key[:20]) for key in list(document)[:4])
     raise InputError(f"got JSON with {f'the keys {names}' if names else 'nothing in it'}, expected {KINDS}", file=path)

@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
+from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS, dashes
 from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 STYLE: Any = {
@@ -39,19 +40,15 @@ STYLE: Any = {
     "svg.fonttype": "path",  # text as paths, so that pictures look the same on every machine
     "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }
+INK = INKS["ink"]
+FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
 @dataclass(frozen=True)
 class PagePicture:
-    """A picture of a page.
-
-    name: name of its files.
-    title: title above it.
-    alt: description in words.
-    draw: draws into a figure.
-    size: width and height, inches."""
+    """A picture of a page: its name, title, description in words, and size (inches). draw: draws into a figure."""
 
     name: str
     title: str
@@ -83,11 +80,9 @@ class PagePicture:
 class PageTable:
     """A table of a page.
 
-    caption: caption of the table.
-    head: headings of the columns.
-    rows: text of the cells; the second and later lines of a cell are smaller.
-    strong: (row, column) of bold cells.
-    code: columns with names to type."""
+    rows: text of the cells; the second and later lines of a cell are smaller
+    strong: (row, column) of bold cells
+    code: columns with names to type"""
 
     caption: str
     head: Sequence[str]
@@ -112,17 +107,30 @@ class Note:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A section of a page.
-
-    title: heading.
-    lead: the result in a sentence.
-    facts: (name, value) of the input.
-    parts: pictures, tables and text, in their order."""
+    """A section of a page. lead: the result in a sentence; facts: (name, value) of the input"""
 
     title: str
     lead: str
     facts: Sequence[tuple[str, str]]
     parts: Sequence[PagePicture | PageTable | Note]
+
+
+def line(name: str, **more: Any) -> dict[str, Any]:
+    """Keywords of Matplotlib for a line in the style of a name of the palette."""
+    pattern = dashes(name)
+    style: Any = (0, pattern) if pattern else "-"
+    return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
+
+
+def failure_mark(marker: str, **more: Any) -> dict[str, Any]:
+    """Keywords of Matplotlib for the marker of a failure."""
+    edge = {"markeredgecolor": "white", "markeredgewidth": 0.9}
+    return {"marker": marker, "color": COLOURS["failure"], "ls": "none", "markersize": 8.0, "zorder": 8, **edge, **more}
+
+
+def legend_beside(axes: Axes, **more: Any) -> None:
+    """A legend to the right of the panel."""
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **more)
 
 
 def section_text(section: PageSection) -> str:

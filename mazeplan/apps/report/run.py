@@ -9,20 +9,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.report.drawing import FAILURE_MARKERS, failure_mark, legend_beside, line
-from mazeplan.apps.report.page import PagePicture, PageSection, PageTable
+from mazeplan.apps.report.inputs import map_in
+from mazeplan.apps.report.page import (
+    FAILURE_MARKERS,
+    PagePicture,
+    PageSection,
+    PageTable,
+    failure_mark,
+    legend_beside,
+    line,
+)
 from mazeplan.apps.report.words import DEG, MISSING, setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log import RunLog
-from mazeplan.core.palette import COLOURS, TINTS
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.maze.drawing import draw_maze, draw_second
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import check_text, load_map
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PANELS = (  # label of a panel over time; its curves: column of the log, style, factor
@@ -30,9 +36,6 @@ PANELS = (  # label of a panel over time; its curves: column of the log, style, 
     ("tilt down at +x\n(beta), degrees", {"commanded": "u_beta", "measured": "beta"}),
     ("tilt up at +y\n(gamma), degrees", {"commanded": "u_gamma", "measured": "gamma"}),
 )
-
-LAST_S, AROUND = 1.0, 0.035  # s before a failure that are drawn; m around it
-ACROSS, MOST_SHOWN = 3, 6  # pictures of failures in a row, and in all
 
 
 @dataclass(frozen=True)
@@ -56,17 +59,6 @@ class LoggedFailure:
     recovery: str
     x: float
     y: float
-
-
-def maze_of(log: RunLog) -> Maze:
-    """The map in the log, else cme. Raises LogError for a map with errors."""
-    text = log.header.get("map")
-    if not isinstance(text, str):
-        return load_map("cme")
-    maze = check_text(text, file=log.path).maze
-    if maze is None:
-        raise LogError("the map in its header cannot be used", file=log.path)
-    return maze
 
 
 def end_of(log: RunLog) -> float:
@@ -114,7 +106,7 @@ def run_section(log: RunLog) -> PageSection:
     """The section of a page about a run. Raises LogError for a log without a tick."""
     if not len(log.ticks["t"]):
         raise LogError("got a log without a single tick, expected one of a run", file=log.path)
-    maze, failures = maze_of(log), logged_failures(log)
+    maze, failures = map_in(log.header.get("map"), log.path), logged_failures(log)
     facts = [("log", log.path.name + ("" if log.complete else " (cut off)")), *setup_facts(log.header)]
     rows = [[f"{v.ring}", f"{v.start:.2f} s", f"{v.end - v.start:.2f} s", v.opening or MISSING] for v in visits(log)]
     parts: list[Any] = [PageTable("Rings", ("ring", "entered at", "time in it", "left by"), rows)]
@@ -124,13 +116,6 @@ def run_section(log: RunLog) -> PageSection:
             for m in failures
         ]
         parts.append(PageTable("Failures and recoveries", ("at", "kind", "where", "detail", "recovery"), rows))
-        shown = [m for m in failures if math.isfinite(m.x)][:MOST_SHOWN]
-        of_all = f", of the first {len(shown)} of {len(failures)}" * (len(shown) < len(failures))
-        parts += [PagePicture(
-            "failures", f"The last second before each failure{of_all}; dark is early, the mark is the failure",
-            "path of the ball in the last second before each failure",
-            partial(_last_seconds, log=log, maze=maze, failures=shown), (9.0, 3.2 * -(-len(shown) // ACROSS)),
-        )] if shown else []  # fmt: skip
     parts += [
         PagePicture(
             "path", "The ball's path; colour is time", "path of the ball over the maze, coloured by time",
@@ -141,7 +126,6 @@ def run_section(log: RunLog) -> PageSection:
             "angle of the ball and tilt of both axes against time", partial(_over_time, log=log, failures=failures),
             (9.0, 6.4),
         ),
-        _times_table(log),
     ]  # fmt: skip
     return PageSection(f"Run {log.path.name}", lead(log), facts, parts)
 
@@ -163,36 +147,20 @@ def lead(log: RunLog) -> str:
     return f"The ball did not arrive: {what} after {result['time_s']:.2f} s{on_the_way}."
 
 
-def _times_table(log: RunLog) -> PageTable:
-    """Computing time by the wall clock."""
-    measured = {"plan": np.array([plan.ms for plan in log.plans]), "tick": log.ticks.get("tick_ms", np.empty(0))}
-    rows = []
-    for label, values in measured.items():
-        known = values[np.isfinite(values)]
-        if len(known):
-            spread = (*np.percentile(known, [50.0, 99.0]), known.max())
-            rows.append([label, f"{len(values)}", *(f"{value:.2f} ms" for value in spread)])
-    return PageTable("Computing time", ("of", "number", "median", "99 %", "most"), rows)
-
-
-def darker(name: str = "viridis", last: float = 0.88) -> Any:
-    """A colour map without the light end, which is hard to see on white paper. In grey print it keeps its order."""
+def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]) -> None:
     from matplotlib import colormaps
+    from matplotlib.collections import LineCollection
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(colormaps[name](np.linspace(0.0, last, 256)))
-
-
-def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]) -> None:
-    from matplotlib.collections import LineCollection
-
+    # without the light end, which is hard to see on white paper; in grey print it keeps its order
+    darker = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
     axes, place, second = figure.add_subplot(), trail(log), second_trail(log)
     whole = np.asarray(np.isfinite(place).all(axis=1))
     draw_maze(maze, axes, path=place[whole, :2])
     points = 1e3 * place[:, :2]
     together = whole[:-1] & whole[1:]
     pieces = np.stack([points[:-1], points[1:]], axis=1)[together]
-    lines = LineCollection(list(pieces), linewidths=1.8, capstyle="round", zorder=4, cmap=darker())
+    lines = LineCollection(list(pieces), linewidths=1.8, capstyle="round", zorder=4, cmap=darker)
     lines.set_array(0.5 * (place[:-1, 2] + place[1:, 2])[together])
     axes.add_collection(lines)
     figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label("time, s")
@@ -205,27 +173,11 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]
         axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0))
 
 
-def _last_seconds(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]) -> None:
-    place, t = trail(log), log.ticks["t"]
-    panels: Any = figure.subplots(-(-len(failures) // ACROSS), ACROSS, squeeze=False).ravel()
-    for axes in panels[len(failures) :]:
-        axes.axis("off")
-    for axes, m in zip(panels, failures, strict=False):
-        here = (t > m.t - LAST_S) & (t <= m.t + 1e-9)
-        draw_maze(maze, axes, labels=False, ball=False)
-        axes.scatter(*(1e3 * place[here, :2].T), c=place[here, 2], s=9, cmap=darker(), zorder=4)
-        axes.plot(1e3 * m.x, 1e3 * m.y, **failure_mark(FAILURE_MARKERS[0]))
-        for bounds, middle in ((axes.set_xlim, m.x), (axes.set_ylim, m.y)):
-            bounds(1e3 * (middle - AROUND), 1e3 * (middle + AROUND))
-        axes.set_title(f"{m.t:.2f} s, {m.kind.replace('_', ' ')}", fontsize=9)
-
-
 def _over_time(figure: Figure, log: RunLog, failures: list[LoggedFailure]) -> None:
     panels: Any = figure.subplots(len(PANELS), 1, sharex=True)
     x, y, _ = trail(log).T
     known = {**log.ticks, "theta": np.arctan2(y, x)}
     for axes, (label, curves) in zip(panels, PANELS, strict=True):
-        _bands(axes, visits(log), named=axes is panels[0])
         for style, column in curves.items():
             values = DEG * known.get(column, np.full(len(x), math.nan))
             if "theta" in column:
@@ -238,14 +190,3 @@ def _over_time(figure: Figure, log: RunLog, failures: list[LoggedFailure]) -> No
         axes.grid(axis="y")
         legend_beside(axes)
     panels[-1].set_xlabel("time, s; dotted: failures")
-
-
-def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
-    """Shade every second stay in a ring, behind a picture over time. named: write the numbers of the rings above."""
-    for i, visit in enumerate(stays):
-        length = visit.end - visit.start
-        if i % 2 == 0:
-            axes.axvspan(visit.start, visit.end, color=TINTS["band"], lw=0, zorder=0)
-        if named and length > 0.02 * (stays[-1].end - stays[0].start):
-            middle, across = 0.5 * (visit.start + visit.end), axes.get_xaxis_transform()
-            axes.text(middle, 1.01, f"{visit.ring}", transform=across, ha="center", va="bottom", fontsize=8)

@@ -12,7 +12,6 @@ noise.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,9 +29,7 @@ from mazeplan.diagnosis.rig.fitting import (
     NOISE,
     POLISH,
     SOLID,
-    STDERR_SCALE,
     STEPS,
-    SURE,
     Reference,
     alternate,
     fit_start,
@@ -65,7 +62,6 @@ WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 FLOOR = {"rolling", "viscous", "quadratic"}
 # another ball, or two sensors that change alike: the ball is likelier if it is nearly a solid or a hollow one
 ONE_BALL, BOTH_SENSORS, USUAL = "rolling_inertia", "tilt_gain", 0.03
-ALIKE, MOST_KEPT = 0.03, 0.5  # difference of their changes; share of their gain that another ball has to explain
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
@@ -110,9 +106,8 @@ def search_rig(
     without: names of effects that are not looked for"""
     candidates = [c for c in (*CANDIDATES, *(of_effect(effect) for effect in own)) if c.effect not in without]
     always = (*NOISE, *was.open)
-    places = camera_starts(body, (was.start or was.model).view, maze)
-    start = was.start or was.model
-    first = fit_body(body, with_likeliest_noise(body, start), always, POLISH, ENOUGH)
+    places = camera_starts(body, was.model.view, maze)
+    first = fit_body(body, with_likeliest_noise(body, was.model), always, POLISH, ENOUGH)
     part, refused, chosen = alternate(body, round(CHOOSING_S / body.pictures.dt)), set[Candidate](), list[_Chosen]()
     tried = dict[Candidate, Tried]()
     best, least = (
@@ -208,37 +203,6 @@ def _or_a_rival(
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
             return alone, [_Chosen(rival, gain, {chosen[0].candidate: best.model} if close else {})]
     return best, chosen
-
-
-def one_ball_instead(body: BodyFilter, done: SearchResult, was: Reference) -> SearchResult:
-    """The result with another ball instead of two tilt sensors that changed alike, if it explains most of the same.
-
-    For a record whose commands show that the measured tilt follows them as before: both sensors would have to change
-    against both servos. A point mass that feels another share of gravity meets walls as before, unlike a ball."""
-    by_effect = {c.effect: i for i, c in enumerate(done.found)}
-    i = by_effect.get(BOTH_SENSORS)
-    if ONE_BALL in by_effect:
-        left = tuple(tuple(r for r in some if r.effect != BOTH_SENSORS) for some in done.rivals)
-        return replace(done, rivals=left)
-    if i is None:
-        return done
-    gains = done.found[i].free
-    grown = [done.fit.value(name) / value_of(was.model, name) for name in gains]
-    if abs(grown[0] / grown[1] - 1.0) > max(
-        ALIKE, SURE * STDERR_SCALE * math.hypot(*(done.fit.stderr[n] for n in gains))
-    ):
-        return done
-    (ball,) = [c for c in CANDIDATES if c.effect == ONE_BALL]
-    inertia = (1.0 + value_of(was.model, "inertia")) * 2.0 / (grown[0] + grown[1]) - 1.0
-    start = with_values(done.fit.model, {**{n: value_of(was.model, n) for n in gains}, "inertia": max(inertia, 0.0)})
-    names = (*(name for name in done.fit.free if name not in gains), *ball.fitted)
-    fit = fit_body(body, start, tuple(dict.fromkeys(names)), STEPS, ENOUGH)
-    lost = fit.minus2 - done.fit.minus2
-    if lost > (1.0 - MOST_KEPT) * done.gains[i]:
-        return done
-    found, every, rivals = list(done.found), list(done.gains), list(done.rivals)
-    found[i], every[i], rivals[i] = ball, done.gains[i] - lost, ()
-    return replace(done, found=tuple(found), gains=tuple(every), rivals=tuple(rivals), fit=fit)
 
 
 def _share_beside(larger: Candidate, new: Candidate) -> float:
