@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
+from mazeplan.behavior.mazeleaf import OpeningLeaf
 from mazeplan.behavior.opening_leaves import gets_in
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.btree.status import Status
@@ -16,7 +16,7 @@ from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import FailureKind
 
 
-class FollowPolicy(MazeLeaf):
+class FollowPolicy(OpeningLeaf):
     """Bring the ball to the opening and through it by the run's learned policy, without a plan."""
 
     ports: ClassVar[dict[str, Port]] = {
@@ -29,9 +29,8 @@ class FollowPolicy(MazeLeaf):
 
     def start(self) -> None:
         """Remember where the leg begins, and which way round it goes."""
-        run = self.context
-        self._began, self._ring, self._still = run.now, run.here.ring, StillWatch()
-        self._turn, self._passing = run.turn_to(self.current_opening()), False
+        super().start()
+        self._turn, self._passing = self.context.turn_to(self.current_opening()), False
 
     def step(self) -> Status:
         """SUCCESS in the next ring; FAILURE unfamiliar where the policy knows no such state, stuck, missed_opening,

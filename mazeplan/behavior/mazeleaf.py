@@ -43,6 +43,15 @@ class MazeLeaf(Leaf):
             raise self.wrong(f"fail_as: got {shown(kind)}, expected one of {kinds}")
         return self.fail(Failure(FailureKind(kind), self.name, self.context.now, words, detail=dict(detail or {})))
 
+
+class OpeningLeaf(MazeLeaf):
+    """A leaf on the way to an opening, or through it."""
+
+    def start(self) -> None:
+        """Remember where and when the leaf begins."""
+        run = self.context
+        self._began, self._ring, self._still = run.now, run.here.ring, StillWatch()
+
     def missed(self, opening: Opening, start: int, words: str) -> Status:
         """Leave the failure missed_opening with what was measured, and return FAILURE. start: the ring to be left"""
         run, nearest = self.context, self.context.leg.nearest

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from mazeplan.behavior.mazeleaf import HELD_AFTER, MazeLeaf, StillWatch
+from mazeplan.behavior.mazeleaf import HELD_AFTER, OpeningLeaf
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.btree.status import Status
 from mazeplan.control.opening import aligned, freeing_command, opening_command, opening_frame
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a check of a tree needs no run
     from mazeplan.behavior.context import RunContext
 
 
-class Align(MazeLeaf):
+class Align(OpeningLeaf):
     """Bring the ball in front of the opening and slow it down, leaning only lightly towards it."""
 
     ports: ClassVar[dict[str, Port]] = {
@@ -36,10 +36,6 @@ class Align(MazeLeaf):
         "lean_deg": Port(float, 1.0, "tilt towards the next ring meanwhile, deg", least=0.0, most=90.0),
         "timeout_s": Port(float, 2.0, "after that the opening counts as missed", least=0.0),
     }
-
-    def start(self) -> None:
-        """Remember where and when it begins."""
-        self._began, self._ring, self._still = self.context.now, self.context.here.ring, StillWatch()
 
     def step(self) -> Status:
         """SUCCESS when aligned or through already; FAILURE stuck, missed_opening, opening_closed, fell_back,
@@ -79,17 +75,13 @@ def gets_in(run: RunContext, opening: Opening, target: int) -> bool:
     return all(run.ahead(gate.entry_s, (k * across[0], k * across[1])).ring == target for k in places)
 
 
-class PassOpening(MazeLeaf):
+class PassOpening(OpeningLeaf):
     """Push the ball through the opening by tilting along its radial direction, or by what a rollout says is sooner."""
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening", choices="openings"),
         "timeout_s": Port(float, 1.2, "after that the opening counts as missed", least=0.0),
     }
-
-    def start(self) -> None:
-        """Remember where and when it begins."""
-        self._began, self._ring, self._still = self.context.now, self.context.here.ring, StillWatch()
 
     def step(self) -> Status:
         """SUCCESS in the next ring; FAILURE missed_opening, opening_closed, fell_back, wrong_ring."""
@@ -121,7 +113,7 @@ class PassOpening(MazeLeaf):
         return standing and state is not None and abs(opening_frame(state, opening).across) > clearance
 
 
-class ConfirmRing(MazeLeaf):
+class ConfirmRing(OpeningLeaf):
     """Confirm that the ball is in the ring behind the opening.
 
     That is the one that was not left by the opening; where no leaf has chosen this opening, the one nearer the ring to
@@ -146,7 +138,7 @@ class ConfirmRing(MazeLeaf):
         return Status.SUCCESS
 
 
-class Settle(MazeLeaf):
+class Settle(OpeningLeaf):
     """Keep the ball in the goal ring until it has been there for a while, by what was measured."""
 
     ports: ClassVar[dict[str, Port]] = {

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, StillWatch
+from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, OpeningLeaf
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.btree.status import Status
 from mazeplan.control.opening import aligned
@@ -163,7 +163,7 @@ class ChooseOpening(MazeLeaf):
         return best
 
 
-class PlanInRing(MazeLeaf):
+class PlanInRing(OpeningLeaf):
     """Plan the ball's way along its ring to the opening with iLQG, the plate leaning towards the opening's side."""
 
     ports: ClassVar[dict[str, Port]] = {
@@ -198,7 +198,7 @@ class PlanInRing(MazeLeaf):
         return prepared[1]
 
 
-class Track(MazeLeaf):
+class Track(OpeningLeaf):
     """Follow the plan to the opening; plan again when ball and plan part, or the plan is old."""
 
     ports: ClassVar[dict[str, Port]] = {
@@ -208,10 +208,9 @@ class Track(MazeLeaf):
     }
 
     def start(self) -> None:
-        """Remember where the leg begins."""
-        run = self.context
-        self._began, self._ring, self._still, self._ticks = run.now, run.here.ring, StillWatch(), 0
-        self._held = HeldWatch()
+        """Remember where and when the leaf begins, and how long the way may take."""
+        super().start()
+        run, self._ticks, self._held = self.context, 0, HeldWatch()
         expected = run.graph.travel_s(self._ring, run.turn_to(self.current_opening()))
         self._most = self.get("timeout_s") + max(0.0, LONG_WAY * expected - USUAL_S)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mazeplan.apps.environment.senses import NAMES, RATE, Senses
-from mazeplan.apps.environment.task import HOLD, LOST, Judge, Potential, Task
+from mazeplan.apps.environment.task import ANGLES, HOLD, LOST, Judge, Task, potential
 from mazeplan.control.estimation.sample_check import SAMPLES
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
@@ -23,7 +23,7 @@ def begun(reward="sparse", ring=1, theta=0.0, **options):
     radius = MAZE.track_radius(ring)
     senses = Senses(MAZE, 30.0, sample(0.0, radius * math.cos(theta), radius * math.sin(theta)), ring, theta)
     task = Task(reward=reward, start_ring=ring, **options)
-    return senses, Judge(task, senses, Potential(task, MAZE))
+    return senses, Judge(task, senses, potential(task, MAZE))
 
 
 def walk(places, reward="sparse", **options):
@@ -103,7 +103,7 @@ def test_the_dense_reward_is_the_sparse_one_and_a_potential():
     """Summed with its discount, shaping leaves -phi(start): the same for all ways, so that none gains by it."""
     inwards = [(r, 0.0) for r in np.linspace(0.089, 0.001, 40)] + [(0.0, 0.001)] * 8
     wandering = [(0.089 * math.cos(a), 0.089 * math.sin(a)) for a in np.linspace(0.0, 4.0, 30)] + inwards
-    start = Potential(Task(), MAZE).at(1, 0.0)
+    start = np.interp(0.0, ANGLES, potential(Task(), MAZE)[0])
     assert 0.0 < start < 0.5
     for places in (inwards, wandering):
         dense = walk(places, "dense", discount=0.97)

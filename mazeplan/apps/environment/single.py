@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from mazeplan.apps.environment.senses import HIGH, LOW, Senses
-from mazeplan.apps.environment.task import Judge, Potential, Start, Task
+from mazeplan.apps.environment.task import Judge, Start, Task, potential
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
@@ -36,7 +36,7 @@ class CircularMazeEnv(gymnasium.Env):
         self.maze = load_map(self.task.map)
         if self.maze.balls > 1:
             raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1", key="map")
-        self._potential = Potential(self.task, self.maze)
+        self._phi = potential(self.task, self.maze)
         self.rig = watched(make_rig(self.task.rig, self.maze))
         traits(self.rig).ready()  # the loop is another program's code
         self._closed = False
@@ -58,7 +58,7 @@ class CircularMazeEnv(gymnasium.Env):
         self.measured = self.rig.observe()
         self._rest()  # nobody knows when the first step comes
         self._senses = Senses(self.maze, self.rig.rate_hz, self.measured, ring, theta)
-        self._judge = Judge(self.task, self._senses, self._potential)
+        self._judge = Judge(self.task, self._senses, self._phi)
         return self._senses.state(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -26,6 +26,7 @@ from mazeplan.apps.environment.senses import Senses
 from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.control.estimation.sample_check import RimWatch
 from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.sections import Section
@@ -90,31 +91,27 @@ class Verdict:
     left: bool  # whether the ball has left the maze
 
 
-class Potential:
-    """phi of a task. Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
+def potential(task: Task, maze: Maze) -> Array:
+    """phi of a task, (rings, angles): 1 at the goal, 0 where the expected time is longest.
 
-    def __init__(self, task: Task, maze: Maze) -> None:
-        graph, goal = RouteGraph(maze), task.goal(maze)
-        routes = [[graph.route(ring.number, goal, angle) for angle in ANGLES] for ring in maze.rings]
-        times = np.array([[math.inf if route is None else route.expected_s for route in row] for row in routes])
-        for ring in task.rings(maze, goal):
-            if not np.all(np.isfinite(times[ring - 1])):
-                raise SettingsError(f"there is no way from ring {ring} to ring {goal}", key="goal_ring")
-        longest = float(np.max(times[np.isfinite(times)]))
-        self._phi = 1.0 - np.where(np.isfinite(times), times, longest) / longest
-
-    def at(self, ring: int, theta: float) -> float:
-        """phi at a place: 1 at the goal, 0 where the expected time is longest. theta: rad"""
-        return float(np.interp(theta, ANGLES, self._phi[ring - 1]))
+    Raises SettingsError if there is no way to the goal from a ring in which an episode may begin."""
+    graph, goal = RouteGraph(maze), task.goal(maze)
+    routes = [[graph.route(ring.number, goal, angle) for angle in ANGLES] for ring in maze.rings]
+    times = np.array([[math.inf if route is None else route.expected_s for route in row] for row in routes])
+    for ring in task.rings(maze, goal):
+        if not np.all(np.isfinite(times[ring - 1])):
+            raise SettingsError(f"there is no way from ring {ring} to ring {goal}", key="goal_ring")
+    longest = float(np.max(times[np.isfinite(times)]))
+    return 1.0 - np.where(np.isfinite(times), times, longest) / longest
 
 
 class Judge:
-    """Judges one episode."""
+    """Judges one episode. phi: `potential` of the task"""
 
-    def __init__(self, task: Task, senses: Senses, potential: Potential) -> None:
-        self._task, self._senses, self._potential = task, senses, potential
+    def __init__(self, task: Task, senses: Senses, phi: Array) -> None:
+        self._task, self._senses, self._phi = task, senses, phi
         self._goal, self._since = senses.maze.ring(task.goal(senses.maze)), math.nan
-        self._phi = potential.at(senses.ring, senses.theta)
+        self._phi_now = self._phi_here()
         self._rim = RimWatch(senses.maze, EstimatorOptions().camera_sigma)
         self._rim.update(senses.t, senses.place)
 
@@ -129,7 +126,10 @@ class Judge:
         out = left or (not arrived and unseen >= LOST - 1e-6)
         reward = float(arrived)
         if self._task.reward == "dense":
-            phi = 0.0 if arrived or out else self._potential.at(senses.ring, senses.theta)
-            reward += self._task.discount * phi - self._phi
-            self._phi = phi
+            phi = 0.0 if arrived or out else self._phi_here()
+            reward += self._task.discount * phi - self._phi_now
+            self._phi_now = phi
         return Verdict(reward, arrived, out, left)
+
+    def _phi_here(self) -> float:
+        return float(np.interp(self._senses.theta, ANGLES, self._phi[self._senses.ring - 1]))
