@@ -70,7 +70,7 @@ def searched(toy, **how):
 ])  # fmt: skip
 def test_one_thing_that_changed_is_named_with_its_size_and_nothing_else(toy, how, effect, name, true):
     found = searched(toy, **how)
-    assert [c.effect for c in found.found] == [effect]
+    assert [c.effect for c in found.candidates] == [effect]
     assert found.rivals == ((),)
     assert value_of(found.fit.model, name) == pytest.approx(true, rel=0.08)
 
@@ -87,7 +87,8 @@ def test_a_rig_as_it_was_raises_no_alarm(seed):
 def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
     found = searched(plainball.Toy(push=2.0))  # cos(theta) along the ring
     assert found.found
-    assert not {c.effect for c in found.found} & {"dry_friction", "viscous_friction", "quadratic_drag", "sensor_delay"}
+    names = {c.effect for c in found.candidates}
+    assert not names & {"dry_friction", "viscous_friction", "quadratic_drag", "sensor_delay"}
 
 
 def test_an_effect_of_a_user_that_the_reference_lacks_is_at_its_defaults():
@@ -110,7 +111,7 @@ def test_a_reference_that_fits_worse_makes_a_change_less_sure():
 @pytest.mark.slow
 def test_names_of_the_registry_have_its_units():
     found = searched(plainball.Toy(c=0.18), lost=0.2)
-    told = registry_entry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    told = registry_entry(found.candidates[0], found.fit, reference(), {1: 0.08, 2: 0.04})
     c = told["parameters"]["coefficient"]
     assert c["unit"] == "rad/s^2"
     assert c["value"] == pytest.approx(0.18 / 1.4 / 0.08, rel=0.08)
@@ -122,7 +123,7 @@ def test_names_of_the_registry_have_its_units():
 def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     model = RigModel.nominal(MAZE)
     found = searched(plainball.Toy(c=0.18), lost=0.2)
-    told = registry_entry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    told = registry_entry(found.candidates[0], found.fit, reference(), {1: 0.08, 2: 0.04})
     new = moved_model(model, [told], found.fit)
     for ring, radius in ((1, 0.08), (2, 0.04)):
         was, now = (m.ball(ring).parameter("dry_friction", "coefficient", 0.0) for m in (model, new))

@@ -19,9 +19,9 @@ from strange_rigs import StrangeRig
 import mazeplan
 from mazeplan.core.logs.table import Table, join, read_table
 from mazeplan.diagnosis.rig import fitting
-from mazeplan.diagnosis.rig.differences import THE_SAME
 from mazeplan.diagnosis.rig.reference import known_reference, reference_of
 from mazeplan.diagnosis.rig.scores import HeldOut
+from mazeplan.diagnosis.rig.search import THE_SAME
 from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.ring.system import ring_library

@@ -46,7 +46,7 @@ def kept(monkeypatch: pytest.MonkeyPatch, found: list[Candidate], gain: float, o
     """Names of what a search keeps that found these candidates, with this gain; the first one has the rival GAIN."""
     monkeypatch.setattr(search, "polished", lambda *_: fit(-of_rival))
     rivals = [{GAIN: BodyModel()}, *({} for _ in found[1:])]
-    chosen = [search._Chosen(c, gain, other) for c, other in zip(found, rivals, strict=True)]
+    chosen = [search.Finding(c, gain, other) for c, other in zip(found, rivals, strict=True)]
     body: Any = None
     _, left = search._or_a_rival(body, fit(-gain), Reference(BodyModel()), (), chosen, fit(0.0))
     return [c.candidate.effect for c in left]

@@ -63,7 +63,8 @@ def of_the_ball(
 ) -> tuple[list[Entry], list[tuple[str, ...]]]:
     """Effects of ball, table and camera, and names that the record cannot tell apart. found: those that predict"""
     effects, alike, others = list[Entry](), list[tuple[str, ...]](), {name for c in found for name in c.instead}
-    for c, rivals in zip(searched.found, searched.rivals, strict=True):
+    for finding in searched.found:
+        c = finding.candidate
         by_sensor = c.effect == "tilt_gain" and plate.sensor is not None
         if c not in found or not c.effect or c.effect in others or by_sensor:
             continue
@@ -73,7 +74,7 @@ def of_the_ball(
         if small(entry, 1.0):  # a number of the rigid ball changed with another one, and what it does hardly changed
             continue
         effects.append(entry)
-        names = tuple(r.effect for r in rivals if r.effect)
+        names = tuple(r.effect for r in finding.rivals if r.effect)
         if names:
             alike.append((c.effect, *names))
     return by_servos(effects, alike, was) if plate.blind else (effects, alike)

@@ -135,7 +135,7 @@ def _by_rows(body: BodyFilter, searched: SearchResult, rows: np.ndarray) -> Body
     """The model with what was found, fitted to some pictures. Numbers that these hardly show stay as they are: a ball
     that met one end of a sector only says nothing of the other."""
     part, whole = body.part(rows), searched.fit
-    names = tuple(dict.fromkeys([*NOISE, *(name for c in searched.found for name in c.fitted)]))
+    names = tuple(dict.fromkeys([*NOISE, *(name for c in searched.candidates for name in c.fitted)]))
     here = fit_body(part, whole.model, names, steps=0).stderr
     shown = [n for n in names if here[n] < SHOWN * whole.stderr[n] < number_of(whole.model, n).high]
     return fit_body(part, whole.model, shown, STEPS, ENOUGH).model

@@ -8,6 +8,9 @@ The best fit has to gain `NEEDED` of -2 log L. The likelihood is rough (`rigid_b
 best candidate gains up to about 50. The candidate's numbers have to change by more than `SURE` standard errors of both
 records, and by more than their smallest size. Every fit includes the unexplained noise, so that no effect stands in for
 noise.
+
+What a model lacks acts in the record of the reference alike. So each finding is fitted to both records under the same
+model, and counts only if the two sizes differ beyond their errors.
 """
 
 from __future__ import annotations
@@ -28,22 +31,27 @@ from mazeplan.diagnosis.rig.fitting import (
     NEEDED,
     NOISE,
     POLISH,
+    ROUGH,
     SOLID,
+    STDERR_SCALE,
     STEPS,
+    SURE,
     Reference,
     alternate,
     fit_start,
     fitted,
-    known_value,
     placed,
     polished,
+    smallest_reportable,
     surely_differs,
     with_likeliest_noise,
     without_finding,
+    zero_effect,
 )
 from mazeplan.diagnosis.rig.starts import camera_starts, started_terms
+from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.effect import Effect
+from mazeplan.physics.effect import Effect, Term
 from mazeplan.physics.effects.local_forces import table_swing
 
 PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
@@ -65,34 +73,117 @@ ONE_BALL, BOTH_SENSORS, USUAL = "rolling_inertia", "tilt_gain", 0.03
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
+THE_SAME = "the reference shows it as well"
+STOOD_IN = "in the reference, its number stood in for something else: here it has its textbook value"
+VALLEY = 3.0  # times further than a parabola says that a fit may come
+TEXTBOOK = ("viscous", "quadratic", "tilt_beta", "tilt_gamma", "gain_beta", "gain_gamma", "angle", "scale", "bend")
+Tried = dict[Candidate, tuple[float, str]]  # candidates that were not taken: gain of -2 log L, and why not
 
 
 @dataclass(frozen=True)
-class Tried:
-    """A candidate that was not taken: its gain of -2 log L, and why it was not taken."""
+class Finding:
+    """A found candidate, its gain of -2 log L, and those that gained nearly as much, with the model of each."""
 
     candidate: Candidate
     gain: float
-    why_not: str
+    rivals: Mapping[Candidate, BodyModel]
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search.
+    """What a search found, in its order; the fit with all of it, and the fit without any of it; what was not taken."""
 
-    found: found candidates, in the order of the search
-    gains: gain of -2 log L by each found candidate
-    rivals: for each found candidate, the candidates that gained nearly as much
-    fit: with all found candidates
-    without: fit without any candidate
-    tried: candidates that were not taken"""
-
-    found: tuple[Candidate, ...]
-    gains: tuple[float, ...]
-    rivals: tuple[tuple[Candidate, ...], ...]
+    found: tuple[Finding, ...]
     fit: BodyFit
     without: BodyFit
-    tried: tuple[Tried, ...] = ()
+    tried: Tried
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """What was found."""
+        return tuple(finding.candidate for finding in self.found)
+
+
+def search_against(
+    body: BodyFilter, was: Reference, then: BodyFilter | None, maze: Maze,
+    tell: Callable[[str], None] = lambda text: None, own: Sequence[Effect] = (), without: Container[str] = (),
+) -> tuple[Reference, SearchResult]:  # fmt: skip
+    """Find what differs from the reference, whose record is `then` (None: not kept).
+
+    What is found is fitted to the record of the reference, too. What this record shows as well is no news: it becomes a
+    part of the reference, and the search begins anew. So what the model lacks in both records cancels."""
+    searched, no_news = search_rig(body, was, maze, tell, own, without), Tried()
+    for _ in range(MOST_FOUND):
+        if then is None or not searched.found:
+            break
+        gains = {finding.candidate: finding.gain for finding in searched.found}
+        stood_in = [c for c in searched.candidates[1:] if _is_textbook(c, was, searched.fit)]
+        if stood_in:
+            now = {name: value_of(searched.fit.model, name) for c in stood_in for name in c.sizes}
+            was = replace(was, model=with_values(was.model, now))
+            no_news |= {c: (gains[c], STOOD_IN) for c in stood_in}
+        else:
+            tell("what was found, in the reference")
+            was, news = _in_reference(then, was, searched)
+            if len(news) == len(searched.found):
+                break
+            no_news |= {c: (gain, THE_SAME) for c, gain in gains.items() if c not in news}
+        searched = search_rig(body, was, maze, tell, own, without)
+    tried = {c: one for c, one in {**searched.tried, **no_news}.items() if c not in searched.candidates}
+    return was, replace(searched, tried=tried)
+
+
+def _is_textbook(c: Candidate, was: Reference, fit: BodyFit) -> bool:
+    """Whether a number that was fitted to the reference goes to its textbook value, within its errors.
+
+    A lean or a friction hardly vanishes when something else changes. Rather, the number of the reference stood in for
+    something that the model lacks."""
+    return set(c.sizes) <= set(TEXTBOOK) and all(
+        abs(value_of(fit.model, name) - value_of(BodyModel(), name))
+        <= max(SURE * STDERR_SCALE * was.misfit * fit.stderr[name], smallest_reportable(fit.model, name))
+        for name in c.sizes
+    )
+
+
+def _in_reference(then: BodyFilter, was: Reference, searched: SearchResult) -> tuple[Reference, list[Candidate]]:
+    """The reference with the numbers that were found, as its record shows them; and the findings that are news."""
+    now, sizes = searched.fit.model, [name for c in searched.candidates for name in c.sizes]
+    known = {term.name: term for term in was.model.terms if not term.idle}
+    terms = [known.get(term.name, Term(term.effect, zero_effect(term))) for term in now.terms if not term.idle]
+    terms += [term for name, term in known.items() if name not in {t.name for t in now.terms}]
+    part = alternate(then)
+    start = with_likeliest_noise(part, was.model._replace(terms=tuple(terms)))
+    found = with_values(start, {name: value_of(now, name) for name in sizes})
+    # a number that was fitted to the reference is right, unless a step as in the record makes it likelier there
+    there, here = part.innovations(start).minus2, part.innovations(found).minus2
+    missed = here < there
+    names = [name for name in was.stderr if name in PARAMETERS and name not in (*NOISE, *sizes, "strike")]
+    free, fit = sizes if missed else [name for name in sizes if name not in was.stderr], None
+    # its fit may have ended in another valley: are the found numbers likelier with all others free?
+    if not missed and here - VALLEY * _fall(part, found, (*NOISE, *names)) < there:
+        every = (*NOISE, *sizes, *names)
+        other = fit_body(part, found, every, STEPS, ROUGH)
+        if other.minus2 < there - _fall(part, start, every) - NEEDED:
+            fit = fit_body(part, other.model, every, enough=ENOUGH)
+    if fit is None and not free:
+        return was, list(searched.candidates)
+    fit = fit or fit_body(part, found if missed else start, (*NOISE, *free), STEPS, ENOUGH)
+
+    def reference(fit: BodyFit) -> Reference:
+        return replace(was, model=fit.model, stderr={**was.stderr, **{name: fit.stderr[name] for name in fit.free}})
+
+    moved = reference(fit)
+    news = [c for c in searched.candidates if surely_differs(now, searched.fit.stderr, moved, c.sizes)]
+    if len(news) < len(searched.found):  # their numbers change the others
+        moved = reference(fit_body(then, fit.model, (*NOISE, *sizes, *names), STEPS, ENOUGH))
+    return moved, news
+
+
+def _fall(part: BodyFilter, model: BodyModel, free: Sequence[str]) -> float:
+    """The fall of -2 log L if these numbers became the likeliest ones and -2 log L were a parabola."""
+    scores = score_search(part, model, free)
+    slope = scores.each.sum(axis=0)
+    return float(slope @ np.linalg.pinv(scores.information, rcond=1e-9) @ slope)
 
 
 def search_rig(
@@ -108,19 +199,15 @@ def search_rig(
     always = (*NOISE, *was.open)
     places = camera_starts(body, was.model.view, maze)
     first = fit_body(body, with_likeliest_noise(body, was.model), always, POLISH, ENOUGH)
-    part, refused, chosen = alternate(body, round(CHOOSING_S / body.pictures.dt)), set[Candidate](), list[_Chosen]()
-    tried = dict[Candidate, Tried]()
-    best, least = (
-        (first, NEEDED)
-        if part is body
-        else (fit_body(part, first.model, always, STEPS, ENOUGH), HALF_GAIN_SHARE * NEEDED)
-    )
+    part, best, least = alternate(body, round(CHOOSING_S / body.pictures.dt)), first, NEEDED
+    if part is not body:
+        best, least = fit_body(part, first.model, always, STEPS, ENOUGH), HALF_GAIN_SHARE * NEEDED
+    refused, chosen, tried = set[Candidate](), list[Finding](), Tried()
     while len(chosen) < MOST_FOUND:
         tell(f"looking for difference {len(chosen) + 1}")
         found = [c.candidate for c in chosen]
-        free = _free(always, found)
+        free, left = _free(always, chosen), _remaining_candidates(candidates, found, refused)
         base = _with_starts(body, best.model, maze, own)
-        left = _remaining_candidates(candidates, found, refused)
         new, model = _best(part, base, best.minus2, was, free, left, places, least, tried)
         if new is None:
             break
@@ -130,22 +217,15 @@ def search_rig(
         needed = max([least, *(_share_beside(c.candidate, new.candidate) * c.gain for c in chosen)])
         if new.gain < needed or not _still_differs(with_it, was, new):
             refused.add(new.candidate)
-            why_not = TOO_LITTLE if new.gain < needed else WITHIN_ERRORS
-            tried[new.candidate] = Tried(new.candidate, new.gain, why_not)
+            tried[new.candidate] = new.gain, TOO_LITTLE if new.gain < needed else WITHIN_ERRORS
             continue
         best, chosen = with_it, [*chosen, new]
         best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
-    done = _refit_on_whole_record(body, part, best, was, always, chosen, first)
-    return replace(done, tried=tuple(one for c, one in tried.items() if c not in done.found))
-
-
-@dataclass(frozen=True)
-class _Chosen:
-    """A found candidate, its gain of -2 log L, and those that gained nearly as much, with the model of each."""
-
-    candidate: Candidate
-    gain: float
-    rivals: Mapping[Candidate, BodyModel]
+    if chosen and part is not body:
+        best, chosen = _confirmed(body, part, best, was, always, chosen, first)
+    found = [c.candidate for c in chosen]
+    tried = {c: one for c, one in tried.items() if c not in found}
+    return SearchResult(tuple(chosen), best if chosen else first, first, tried)
 
 
 def _remaining_candidates(
@@ -158,35 +238,28 @@ def _remaining_candidates(
     return [c for c in left if not c.after or c.after in names]
 
 
-def _refit_on_whole_record(
-    body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
+def _confirmed(
+    body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[Finding],
     first: BodyFit,
-) -> SearchResult:  # fmt: skip
-    """Fit the findings in a part of the record to the whole record. Drop findings that the whole does not confirm."""
-    if not chosen:
-        return SearchResult((), (), (), first, first)
-    if part is not body:
-        best = placed(body, best.model, _free(always, [c.candidate for c in chosen]))
-        chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
-        if len(chosen) == 1:
-            chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
-        best, chosen = _or_a_rival(body, best, was, always, chosen, first)
-        weak = [c for c in chosen if c.gain < NO_RETEST_FACTOR * NEEDED or not _still_differs(best, was, c)]
-        best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
-    if not chosen:
-        return SearchResult((), (), (), first, first)
-    found, gains, rivals = zip(*((c.candidate, c.gain, tuple(c.rivals)) for c in chosen), strict=True)
-    return SearchResult(found, gains, rivals, best, first)
+) -> tuple[BodyFit, list[Finding]]:  # fmt: skip
+    """The findings in a part of the record, fitted to the whole record, without those that it does not confirm."""
+    best = placed(body, best.model, _free(always, chosen))
+    chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
+    if len(chosen) == 1:
+        chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
+    best, chosen = _or_a_rival(body, best, was, always, chosen, first)
+    weak = [c for c in chosen if c.gain < NO_RETEST_FACTOR * NEEDED or not _still_differs(best, was, c)]
+    return _pruned(body, best, was, always, chosen, weak, NEEDED)
 
 
 def _or_a_rival(
-    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen], first: BodyFit
-) -> tuple[BodyFit, list[_Chosen]]:
+    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[Finding], first: BodyFit
+) -> tuple[BodyFit, list[Finding]]:
     """The findings, or a rival of the first one that explains the whole record better alone.
 
     Each further finding has to gain NEEDED over the rival, too: one cause rather than several."""
     base, found = best.model, {name for c in chosen for name in c.candidate.free}
-    beside = {name: best.value(name) for name in _free((), [c.candidate for c in chosen]) if name not in found}
+    beside = {name: best.value(name) for name in _free((), chosen) if name not in found}
     for c in chosen:
         base = without_finding(base, was, c.candidate)
     for rival, model in chosen[0].rivals.items():
@@ -201,7 +274,7 @@ def _or_a_rival(
         if alone.minus2 - best.minus2 < worth:
             gain = first.minus2 - alone.minus2
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
-            return alone, [_Chosen(rival, gain, {chosen[0].candidate: best.model} if close else {})]
+            return alone, [Finding(rival, gain, {chosen[0].candidate: best.model} if close else {})]
     return best, chosen
 
 
@@ -212,25 +285,24 @@ def _share_beside(larger: Candidate, new: Candidate) -> float:
     return WALLS_SHARE if alike else BESIDE_SHARE
 
 
-def _still_differs(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
+def _still_differs(fit: BodyFit, was: Reference, c: Finding) -> bool:
     return surely_differs(fit.model, fit.stderr, was, c.candidate.free)
 
 
 def _pruned(
-    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
-    doubted: Sequence[_Chosen], least: float,
-) -> tuple[BodyFit, list[_Chosen]]:  # fmt: skip
+    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[Finding],
+    doubted: Sequence[Finding], least: float,
+) -> tuple[BodyFit, list[Finding]]:  # fmt: skip
     """Drop doubted findings that gain less than `least` beside the others. Returns the fit and the other findings."""
     for c in doubted:
         rest = [other for other in chosen if other is not c]
-        free = _free(always, [other.candidate for other in rest])
+        free = _free(always, rest)
         without = fit_body(body, without_finding(best.model, was, c.candidate), free, STEPS, ENOUGH)
         if _still_differs(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
-        chosen = (
-            [*rest[:-1], replace(rest[-1], rivals={})] if rest else []
-        )  # its rivals stood beside the dropped finding
+        # the rivals of the last one stood beside the dropped finding
+        chosen = [*rest[:-1], replace(rest[-1], rivals={})] if rest else []
     return best, chosen
 
 
@@ -243,8 +315,8 @@ def _best(
     left: Sequence[Candidate],
     places: Mapping[str, Mapping[str, float]],
     least: float,
-    told: dict[Candidate, Tried],
-) -> tuple[_Chosen | None, BodyModel]:
+    told: Tried,
+) -> tuple[Finding | None, BodyModel]:
     """The candidate that explains a part of the record best, and the model with it. None if no candidate gains `least`.
     Writes the others into `told`.
 
@@ -265,26 +337,26 @@ def _best(
     gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
     for c in left:
         gain = gained.get(c, max(scores[c] + PRICE * len(c.free), 0.0))
-        told[c] = Tried(c, gain, TOO_LITTLE if gain < least else WITHIN_ERRORS)
+        told[c] = gain, TOO_LITTLE if gain < least else WITHIN_ERRORS
     sure = [c for c in tried if gained[c] >= least and surely_differs(fits[c].model, fits[c].stderr, was, c.free)]
     if not sure:
         return None, base
     worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
     close = [c for c in sure if worth[c] > RIVAL_SHARE * max(worth.values())]
     chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
-    told.update({c: Tried(c, gained[c], BEATEN) for c in sure})
+    told.update({c: (gained[c], BEATEN) for c in sure})
     rivals = {c: fits[c].model for c in close if c is not chosen and chosen.effect not in c.simpler}
-    return _Chosen(chosen, gained[chosen], rivals), fits[chosen].model
+    return Finding(chosen, gained[chosen], rivals), fits[chosen].model
 
 
-def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*always, *(name for c in found for name in c.fitted))))
+def _free(always: Sequence[str], found: Sequence[Finding]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*always, *(name for one in found for name in one.candidate.fitted))))
 
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
     """The model with its terms, and with all other terms at their likely places and without effect."""
     have = {term.name: term for term in model.terms if not term.idle}
-    swings = known_value(model, "table_swing.frequency") if table_swing.name in have else 0.0
+    swings = value_of(model, "table_swing.frequency") if table_swing.name in have else 0.0
     started = (*started_terms(body, body.run(model), model.view.delay, maze, swings), *(effect() for effect in own))
     return model._replace(terms=tuple(have.get(term.name, term) for term in started))
 
@@ -294,10 +366,8 @@ def _scores(
 ) -> dict[Candidate, float]:
     """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
     names = [*free, *(name for c in left for name in c.sizes)]
-    scores = score_search(body, model, names)
+    scores, given, out = score_search(body, model, names), np.arange(len(free)), {}
     g, F = scores.each.sum(axis=0), scores.information
-    given = np.arange(len(free))
-    out = {}
     for c in left:
         own = np.array([names.index(name) for name in c.sizes])
         B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])

@@ -20,14 +20,13 @@ from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, with_plan
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.rig.candidates import CONTACT, Candidate
-from mazeplan.diagnosis.rig.differences import search_against
 from mazeplan.diagnosis.rig.findings import by_zero, of_open_numbers, of_the_ball, of_the_stage, small, with_asymmetry
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, imbalance_entry, unbalanced
 from mazeplan.diagnosis.rig.plate import MovedPlate, as_it_was, felt, moved_plate
 from mazeplan.diagnosis.rig.record import filter_on_stage, residual_summary, seconds_of
 from mazeplan.diagnosis.rig.reference import SLIDES, RigReference
 from mazeplan.diagnosis.rig.scores import BETTER, HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import SearchResult, Tried
+from mazeplan.diagnosis.rig.search import SearchResult, search_against
 from mazeplan.diagnosis.rig.words import REMAINS, TWICE, advice, notes_on, plain, sentence
 from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.navigation import servos_look_changed
@@ -149,13 +148,12 @@ class RigVerdict:
         """What was looked for and not taken, the largest gain of -2 log L first."""
         names = {effect["name"] for effect in self.effects}
         names |= {"tilt_gain"} if "servo_gain" in names else set()  # as the ball sees it where nobody measures the tilt
-        found = zip(self.searched.found, self.searched.gains, strict=True)
-        refused = [Tried(c, gain, NOT_PREDICTING) for c, gain in found if c.effect not in names]
-        tried = sorted((*refused, *self.searched.tried), key=lambda one: -one.gain)
+        found = ((one.candidate, (one.gain, NOT_PREDICTING)) for one in self.searched.found)
+        every = {**{c: one for c, one in found if c.effect not in names}, **self.searched.tried}
         known = "" if self.unknown is None else self.unknown.description
-        named = [(one.candidate.effect or one.candidate.words, one) for one in tried]
-        named = [(name, one) for name, one in named if one.candidate.effect or not name or name not in known]
-        return [{"name": name, "gain": round(one.gain, 1), "why_not": one.why_not} for name, one in named]
+        tried = [(c.effect or c.words, *one) for c, one in every.items() if c.effect or c.words not in known]
+        tried.sort(key=lambda one: -one[1])
+        return [{"name": name, "gain": round(gain, 1), "why_not": why_not} for name, gain, why_not in tried]
 
     @property
     def misfit(self) -> str:
@@ -239,9 +237,9 @@ def _predicting(searched: SearchResult, held: HeldOut) -> tuple[Candidate, ...]:
 
     Roll-outs through impacts scatter: they refuse what acts at walls only if they are surely worse, so that the gain in
     held-out blocks has to be sure."""
-    at_walls = all(CONTACT in c.depends_on for c in searched.found)
+    at_walls = all(CONTACT in c.depends_on for c in searched.candidates)
     sure = held.likelier and (held.z_score > SURELY or not at_walls)
-    return searched.found if sure and held.ball_effects_not_worse(BETTER if at_walls else 1.0) else ()
+    return searched.candidates if sure and held.ball_effects_not_worse(BETTER if at_walls else 1.0) else ()
 
 
 def _with_servos(unknown: Unknown | None, plate: MovedPlate, was: RigReference) -> Unknown | None:
@@ -264,7 +262,7 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
     entry = imbalance_entry(imbalance, done.was.imbalance, radii)
     if entry is None:
         return replace(done, imbalance=imbalance)
-    searched = replace(done.searched, found=(), gains=(), rivals=(), fit=done.searched.without)
+    searched = replace(done.searched, found=(), fit=done.searched.without)
     memory, remaining = residual_summary(done.plate.body, searched.fit)
     return replace(
         done, effects=(with_plan(entry),), unknown=done.unknown if remaining > TWICE else None, searched=searched,
