@@ -40,7 +40,6 @@ class Level:
     folds: odd and even windows; movement, bend: sum of squares of each window around its mean and around a straight
     line, over the noise. Free initial states explain a line without any force."""
 
-    rows: int
     seconds: float
     folds: tuple[Windows, Windows]
     movement: Array
@@ -79,7 +78,7 @@ def levels_of(model: Model) -> tuple[Level, ...]:
         folds = (Windows(model, windows[0::2]), Windows(model, windows[1::2]))
         movement, bend = (np.concatenate([_around(fold, degree) for fold in folds]) for degree in (0, 1))
         seconds = float(np.median(record.t[windows[:, 1] - 1] - record.t[windows[:, 0]]))
-        out.append(Level(rows, seconds, folds, movement, bend))
+        out.append(Level(seconds, folds, movement, bend))
     return tuple(out)
 
 

@@ -119,12 +119,10 @@ def record_of(
             raise TableError(f"got {got}, expected {FEWEST} at least of what moves", file=rows.file, key=name)
         if unit == "rad":
             y[seen, i] = np.unwrap(y[seen, i])
-    start = float(t[0])
-    record = Record(np.asarray(t - start, dtype=np.float64), y, u)
-    gaps = len(record.stretches) - 1
-    if gaps:
+    record = Record(np.asarray(t - float(t[0]), dtype=np.float64), y, u)
+    if gaps := len(record.stretches) - 1:
         notes.append(f"{gaps} gap{'s' * (gaps > 1)} in time: no simulation crosses them")
-    return Record(record.t, record.y, record.u, tuple(notes))
+    return replace(record, notes=tuple(notes))
 
 
 def _check_time(t: Array, rows: Rows) -> None:
@@ -134,16 +132,14 @@ def _check_time(t: Array, rows: Rows) -> None:
     if (steps < 0.0).any():
         row = int(np.argmax(steps < 0.0)) + 1
         rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
-    if np.mean(steps == 0.0) > DOUBLED:
+    if (share := np.mean(steps == 0.0)) > DOUBLED:
         row = int(np.argmax(steps == 0.0)) + 1
-        rows.refuse(
-            "t", row, "it to grow", f"{float(t[row])!r} twice, and so in {np.mean(steps == 0.0):.0%} of the rows"
-        )
+        rows.refuse("t", row, "it to grow", f"{float(t[row])!r} twice, and so in {share:.0%} of the rows")
     usual = float(np.median(steps))
     if usual > SLOWEST:
-        unit, named = ("ms", "milliseconds") if usual < 5e3 else ("us", "microseconds")
-        unit, named = ("ns", "nanoseconds") if usual >= 5e5 else (unit, named)
-        hint = f"seconds; are these {named}? then --columns t={rows.named.get('t', 't')}:{unit}"
+        which = "milli" if usual < 5e3 else "micro" if usual < 5e5 else "nano"
+        unit = {"milli": "ms", "micro": "us", "nano": "ns"}[which]
+        hint = f"seconds; are these {which}seconds? then --columns t={rows.named.get('t', 't')}:{unit}"
         rows.refuse("t", 1, hint, f"steps of {usual:g} (median)")
 
 
@@ -170,8 +166,7 @@ def noise_of(record: Record) -> Array:
         index = np.arange(half, len(x) - half)[:, None] + np.arange(-half, half + 1)
         near = (t[index] - t[index[:, half]][:, None]) / record.step
         close = near[:, -1] - near[:, 0] < 1.5 * NEIGHBOURS
-        white = min(_left_by(degree, near[close], x[index][close]) / share for degree, share in DEGREES)
-        out.append(white)
+        out.append(min(_left_by(degree, near[close], x[index][close]) / share for degree, share in DEGREES))
     return np.maximum(out, least_noise(record))
 
 

@@ -69,7 +69,6 @@ class System:
     inputs: tuple[str, ...]
     held: tuple[str, ...]
     effects: tuple[Effect, ...]
-    force: str
     inertia: str
     terms: dict[str, tuple[Term, ...]] = field(default_factory=dict, repr=False, compare=False)
     on: dict[str, str] = field(default_factory=dict, repr=False, compare=False)
@@ -104,7 +103,7 @@ def system_of(described: Any, more: Sequence[Effect] = ()) -> System:
     for key, one, allowed in chosen:
         if one not in allowed:
             raise InputError(f"{key}: got {one!r}, expected one of {', '.join(allowed) or 'none'}")
-    plain = System(positions, units, motion, inputs, held, (), force, inertia)
+    plain = System(positions, units, motion, inputs, held, (), inertia)
     return _compiled(plain, [*_effects(effects, plain), *_effects(more, plain)])
 
 

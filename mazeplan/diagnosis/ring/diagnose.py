@@ -109,9 +109,8 @@ def _gain_effect(
     scale = {axis: min(max(v, allowed[axis].low), allowed[axis].high) for axis, v in values_of(sensor).items()}
     for axis, value in scale.items():
         sensor["parameters"][axis]["value"] = value
-    by_servo, by_sensor = (
-        likelihood.minus2(values, best_q(likelihood, values)) for values in ({}, {"tilt_gain": scale})
-    )
+    ways: tuple[Values, ...] = ({}, {"tilt_gain": scale})
+    by_servo, by_sensor = (likelihood.minus2(values, best_q(likelihood, values)) for values in ways)
     found, other = (servo, sensor) if by_sensor >= by_servo else (sensor, servo)
     return found, ((found["name"], other["name"]),) if abs(by_servo - by_sensor) < DECISIVE else ()
 
@@ -161,9 +160,7 @@ def _libraries(
 
 
 def _from_declared(candidate: Effect, declared: Values) -> Effect:
-    """The candidate, with fits that start at its declared sizes.
-
-    One linear step that starts far below a known friction says nothing."""
+    """The candidate, with fits that start at its declared sizes: a linear step from far below them says nothing."""
     had = declared.get(candidate.name)
     if had is None or candidate.places or not any(had.values()):
         return candidate
@@ -188,10 +185,8 @@ def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effec
 
     before: error without this effect; `judge` fits all others again
     after: error with it"""
-    final = finding.final
-    before, after = (
-        score(likelihood, found, rows).document()["rollout40"] for found in (fit_without(judge, final, c), final)
-    )
+    final, without = finding.final, fit_without(judge, finding.final, c)
+    before, after = (score(likelihood, found, rows).document()["rollout40"] for found in (without, final))
     values = {name: final.values[c.name][name] for name in c.parameters}
     out = effect_entry(c, values, final.stderr[c.name], evidence=round(finding.worth.get(c.name, math.nan), 1))
     out |= {"before": before, "after": after}

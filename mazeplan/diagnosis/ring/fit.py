@@ -23,10 +23,8 @@ PASSES = 12  # cached passes of the filter: a fit asks for some of them again
 ROUNDS, STEADY = 14, 1.0  # maximum rounds of values and process noise; minimum gain of -2 log L for a further round
 
 
-NOTHING = np.empty((0, 0))  # derivatives by no parameter
-NONE = Moves(
-    NOTHING, np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2), dtype=np.int64)
-)
+NOTHING, NO_ROW = np.empty((0, 0)), np.empty(0, dtype=np.int64)
+NONE = Moves(NOTHING, np.empty((0, 0, 0, 0)), NO_ROW, np.empty(0), NO_ROW.reshape(0, 2))
 
 
 @dataclass(frozen=True)

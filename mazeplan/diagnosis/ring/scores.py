@@ -71,10 +71,8 @@ class RingScore:
             return f"Nothing was found, which may be the record: {same}."
         same = f"40-step error {self.rollout40:.4f} rad, noise alone would cause {self.floor:.4f}"
         if self.rollout40 > FAR_BEYOND * self.floor:
-            rest = (
-                "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
-            )
-            return f"Nothing that is missing was found: {same}; {rest}."
+            rest = "what causes the rest comes too seldom or too irregularly to be named"
+            return f"Nothing that is missing was found: {same}; {rest}: a longer record would tell more."
         return f"Nothing is missing: {same}."
 
     def both(self, after: RingScore) -> str:

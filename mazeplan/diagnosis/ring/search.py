@@ -66,11 +66,8 @@ class CandidateTrial:
             return False
         c, values, stderr = self.candidate, self.fit.values[self.candidate.name], self.fit.stderr[self.candidate.name]
         had = declared.get(c.name, {})
-        certain = any(
-            abs(values[n] - had.get(n, spec.default)) > SURE * stderr[n]
-            for n, spec in c.parameters.items()
-            if n not in c.places
-        )
+        sizes = {n: spec.default for n, spec in c.parameters.items() if n not in c.places}
+        certain = any(abs(values[n] - had.get(n, usual)) > SURE * stderr[n] for n, usual in sizes.items())
         return certain and c.size(values, had) >= 1.0 and self.strength >= 1.0
 
 
@@ -116,15 +113,14 @@ class Search:
     """A search for what the declared model lacks.
 
     Rounds hold the stage fixed, which saves most of the time. Before a candidate is accepted, the stage is fitted as
-    well, because the ball feels errors of the stage that the tilt sensor does not see."""
+    well, because the ball feels errors of the stage that the tilt sensor does not see.
+
+    tell: reports progress; free: effects that exist and are part of every fit; nuisance: errors of the stage"""
 
     def __init__(
         self, likelihood: Likelihood, library: Sequence[Effect], tell: Words,
         free: Sequence[Effect] = (), nuisance: Sequence[Effect] = (),
     ) -> None:  # fmt: skip
-        """tell: reports progress
-        free: effects that exist and are part of every fit
-        nuisance: errors of the stage, which are fitted as well before a decision"""
         self._likelihood, self._library, self._tell = likelihood, list(library), tell
         self._free, self._nuisance = list(free), list(nuisance)
         self._declared = likelihood.system.declared
@@ -170,9 +166,8 @@ class Search:
         """Each promising candidate beside the accepted ones, the best first."""
         self._tell("screening")
         trials = []
-        ready = list(promising(self._likelihood, current, self._open(current)))
-        for number, (c, start) in enumerate(ready, start=1):
-            self._tell(f"trying {c.name}, {number} of {len(ready)}")
+        for c, start in promising(self._likelihood, current, self._open(current)):
+            self._tell(f"trying {c.name}")
             trials.append(try_one(self._likelihood, current, c, start))
         if self._likelihood.noisy:  # otherwise neighbouring residuals share samples, which shapes their spectrum
             trials.append(swinging(self._likelihood, current))
@@ -251,11 +246,9 @@ class Search:
         """Drop effects that gain too little beside the others. Returns the fit and the gains of the remaining effects,
         minus their prices."""
         while True:
-            fits = {
-                c.name: fit_without(self._likelihood, current, c) for c in current.candidates if c not in self._free
-            }
-            gains = {name: without.minus2 - current.minus2 for name, without in fits.items()}
-            worth = {c.name: gains[c.name] - price(self._likelihood, c) for c in current.candidates if c.name in gains}
+            mine = [c for c in current.candidates if c not in self._free]
+            fits = {c.name: fit_without(self._likelihood, current, c) for c in mine}
+            worth = {c.name: fits[c.name].minus2 - current.minus2 - price(self._likelihood, c) for c in mine}
             weakest = min(worth, key=lambda name: worth[name], default=None)
             if weakest is None or worth[weakest] >= KEEP:
                 return current, worth
@@ -275,11 +268,8 @@ def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -
         if len(starts) > 1:  # compare the start values without a fit, with both signs of the last parameter
             low = list(c.parameters.values())[-1].low
             starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0) if sign * v[-1] >= low]
-            scores = [
-                likelihood.minus2({**current.values, c.name: dict(zip(names, v, strict=True))}, current.q)
-                for v in starts
-            ]
-            starts = [starts[int(np.argmin(scores))]]
+            ways = [{**current.values, c.name: dict(zip(names, v, strict=True))} for v in starts]
+            starts = [starts[int(np.argmin([likelihood.minus2(values, current.q) for values in ways]))]]
         start = dict(zip(names, starts[0], strict=True))
         found.append((forecast(likelihood, current, c, start) - price(likelihood, c), c, start))
     found.sort(key=lambda entry: -entry[0])
@@ -314,20 +304,14 @@ def price(likelihood: Likelihood, c: Effect) -> float:
 def try_one(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> CandidateTrial:
     """Fit the candidate together with the accepted effects, all of them free."""
     found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
-    raw = current.minus2 - found.minus2
-    return CandidateTrial(
-        c, found, raw - price(likelihood, c), raw, math.inf if c.named else _strength(likelihood, current, found)
-    )
-
-
-def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
-    """Root mean square of the change that a fit makes on its rows, in multiples of WEAKEST."""
-    _, states = likelihood.everywhere(found.values, found.q)
-    after, before = (
-        accelerations(*likelihood.system.build(likelihood.library, values), states[:, 0].copy(), states[:, 1].copy())
-        for values in (found.values, current.values)
-    )
-    return float(np.sqrt(np.mean((after - before)[likelihood.rows] ** 2)) / WEAKEST)
+    raw, strength = current.minus2 - found.minus2, math.inf
+    if not c.named:
+        _, states = likelihood.everywhere(found.values, found.q)
+        x, v = states[:, 0].copy(), states[:, 1].copy()
+        problems = (likelihood.system.build(likelihood.library, values) for values in (found.values, current.values))
+        after, before = (accelerations(problem, p, x, v) for problem, p in problems)
+        strength = float(np.sqrt(np.mean((after - before)[likelihood.rows] ** 2)) / WEAKEST)
+    return CandidateTrial(c, found, raw - price(likelihood, c), raw, strength)
 
 
 def swinging(likelihood: Likelihood, current: Fit) -> CandidateTrial:

@@ -159,9 +159,8 @@ def _looked_at(
     for c in had:
         rest = [x for x in current.candidates if x is not c]
         known, here = {x.name: current.values[x.name] for x in rest}, current.values[c.name]
-        ways = [
-            (x, _closer(squares, rest, x, {**known, c.name: here})) for x in closely if x.name in (c.name, *c.rivals)
-        ]
+        near = [x for x in closely if x.name in (c.name, *c.rivals)]
+        ways = [(x, _closer(squares, rest, x, {**known, c.name: here})) for x in near]
         if not ways:
             continue
         best, found = min(ways, key=lambda way: way[1].minus2 + price(squares, way[0]))
