@@ -123,8 +123,8 @@ def least_left(levels: Sequence[Level], trial: Trial) -> Array:
 class Judge:
     """Judges models of a record by the held-out windows of some levels."""
 
-    def __init__(self, model: Model, levels: Sequence[Level]) -> None:
-        self.model, self.levels = model, tuple(levels)
+    def __init__(self, model: Model) -> None:
+        self.model, self.levels = model, levels_of(model)
 
     def valid(self, *trials: Trial) -> list[int]:
         """Levels at which the best of some models stays with the record, in most windows."""

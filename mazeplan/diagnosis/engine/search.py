@@ -15,24 +15,15 @@ several, and two together are tried where single ones leave much. All findings h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from mazeplan.core.progress import Words
 from mazeplan.diagnosis.effect_entry import Values
-from mazeplan.diagnosis.engine.judge import (
-    DRIVES,
-    EXPLAINS,
-    LEAVES_MOST,
-    Judge,
-    Level,
-    Trial,
-    gain_of,
-    levels_of,
-    track_of,
-)
+from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, LEAVES_MOST, Judge, Level, Trial, gain_of, track_of
 from mazeplan.diagnosis.engine.model import Free, Model, free_of
 from mazeplan.diagnosis.engine.windows import Point
 from mazeplan.physics.effect import INPUT
@@ -74,14 +65,11 @@ class Finding:
 class Search:
     """One search. known: declared values; along: names of effects that are fitted in every model"""
 
-    def __init__(
-        self, model: Model, known: Values, along: Sequence[str], tell: Callable[[str], None],
-        levels: Sequence[Level] | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, model: Model, known: Values, along: Sequence[str], tell: Words) -> None:
         self.model, self.known, self.tell = model, known, tell
-        self.levels = tuple(levels or levels_of(model))
         self.always = tuple(dict.fromkeys([model.system.motion.name, *known, *along]))
-        self.judge = Judge(model, self.levels)
+        self.judge = Judge(model)
+        self.levels = self.judge.levels
         self.cache: dict[frozenset[str], Trial] = {}
         self.likely: list[str] = []  # those that explain most alone
         self.rivals: dict[str, set[str]] = {}  # of an effect that was taken: those that explained nearly as much

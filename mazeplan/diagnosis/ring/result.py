@@ -90,7 +90,7 @@ class RingDiagnosis:
         """The finding in one sentence."""
         if self.verdict == "nothing_missing":
             return self.before.nothing_found()
-        names, change = ", ".join(map(effect_words, self.effects)), self.before.change(self.after)
+        names, change = ", ".join(map(effect_words, self.effects)), self.before.both(self.after)
         return lacking(self.verdict, names, self._description(), self.finding.alike, change)
 
     def _description(self) -> str:

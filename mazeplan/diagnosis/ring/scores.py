@@ -81,12 +81,6 @@ class RingScore:
             return f"nRMSE of theta_dd {self.nrmse:.3f} -> {after.nrmse:.3f}"
         return f"40-step error {self.rollout40:.4f} -> {after.rollout40:.4f} rad"
 
-    def change(self, after: RingScore) -> str:
-        """As `both`, with a remark if the found effects do not lower the error."""
-        worse = math.isfinite(self.rollout40) and after.rollout40 > self.rollout40
-        no_better = " where it was held out, which is no better: a longer record would tell more"
-        return self.both(after) + no_better * worse
-
 
 def seen_and_held(record: RingRecord) -> tuple[np.ndarray, np.ndarray, str]:
     """Seen rows and held-out rows (N,), and the held-out rows in words.

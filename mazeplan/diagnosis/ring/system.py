@@ -176,10 +176,11 @@ class RingSystem:
 
     def _averaged(self, delay: float) -> Array:
         """Motions (1 + S, N, 2, 6) as `_motion`, averaged over each sample: as they act on speed and on position."""
-        return remembered(
-            self._averages, KEPT, round(delay, 9),
-            lambda: np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay), AVERAGE)),
-        )  # fmt: skip
+
+        def make() -> Array:
+            return np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay), AVERAGE))
+
+        return remembered(self._averages, KEPT, round(delay, 9), make)
 
     def _parts(self, values: Values) -> tuple[float, Array, Array, Array]:
         """Delay of the camera (s), errors of the stage (standard errors), scales of the tilt sensor, parameters.

@@ -94,21 +94,14 @@ class Known:
         return StageModel(*(self._axis(axis) for axis in AXES))
 
     def _axis(self, axis: str) -> StageAxis:
-        gain, lag = self.values["servo_gain"][axis], self.values["servo_lag"]
+        old, lag = getattr(self.kind, axis), self.values["servo_lag"]
         mean = 0.5 * (self.kind.beta.dead_time + self.kind.gamma.dead_time)  # `command_delay` is that of both axes
         later = self.values.get("command_delay", {}).get("delay", 0.0) - mean
-        return replace(
-            getattr(self.kind, axis),
-            gain=gain,
-            natural_frequency=lag[f"{axis}_natural_frequency"],
-            damping=lag[f"{axis}_damping"],
-            dead_time=max(getattr(self.kind, axis).dead_time + later, 0.0),
-            offset=getattr(self.kind, axis).offset,
-            stderr={},
-            backlash=self.values.get("backlash", {}).get(axis, 0.0),
-            deadband=self.values.get("deadband", {}).get(axis, 0.0),
-            coupling=self.values.get("axis_coupling", {}).get(COUPLINGS[axis], 0.0),
-        )
+        loose = {effect.name: self.values.get(effect.name, {}).get(axis, 0.0) for effect in PLAY_AND_DEADBAND}
+        coupling = self.values.get("axis_coupling", {}).get(COUPLINGS[axis], 0.0)
+        moving = {key: lag[f"{axis}_{key}"] for key in ("natural_frequency", "damping")}
+        moving |= {"gain": self.values["servo_gain"][axis], "dead_time": max(old.dead_time + later, 0.0)}
+        return replace(old, stderr={}, coupling=coupling, **moving, **loose)
 
 
 def measured(stage: Stage, effect: Effect) -> tuple[dict[str, float], dict[str, float]]:
@@ -205,10 +198,11 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
 
     names, fits = (), fitted(())
     pairs = list(zip(stage.axes, olds, strict=True))
-    ways = [
-        name for name, keys in NUMBERS_OF.items()
-        if any(getattr(now, key) != getattr(old, key) for key in keys for now, old in pairs)
-    ]  # fmt: skip
+
+    def differ(key: str) -> bool:
+        return any(getattr(now, key) != getattr(old, key) for now, old in pairs)
+
+    ways = [name for name, keys in NUMBERS_OF.items() if any(map(differ, keys))]
     while unexplained(fits):
         tried = {name: fitted((*names, name)) for name in ways if name not in names}
         if not tried or len(names) == MOST_CHANGES:
@@ -257,10 +251,10 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
     like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or looser]
     found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
     names = {effect.name for effect in PLAY_AND_DEADBAND}
-    gears = {
-        made["name"]: max(abs(value - made["known_before"][key]) for key, value in values_of(made).items())
-        for made in found if made["name"] in names
-    }  # fmt: skip
+    gears = {}
+    for made in found:
+        if made["name"] in names:
+            gears[made["name"]] = max(abs(v - made["known_before"][key]) for key, v in values_of(made).items())
     return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
 
 

@@ -72,10 +72,9 @@ def servos_look_changed(stage: Stage, known: Known) -> list[str]:
     if was is None:
         return words
     axes = list(zip(AXES, stage.axes, (was.beta, was.gamma), strict=True))
-    words += [
-        f"the servo of {axis} is slower" for axis, now, old in axes
-        if now.order == old.order and now.natural_frequency < SLOWER * old.natural_frequency
-    ]  # fmt: skip
+    for axis, now, old in axes:
+        if now.order == old.order and now.natural_frequency < SLOWER * old.natural_frequency:
+            words.append(f"the servo of {axis} is slower")
     # a first-order lag with a dead time looks like a second-order servo: their sum counts
     later = min(_linear_lag(now) - _linear_lag(old) for _, now, old in axes)
     return [*words, "the plate follows commands later"] if later > LATER else words
@@ -116,10 +115,8 @@ def nearer_by_coupling(record: RingRecord, stage: Stage, was: tuple[float, float
 
     Gains come from the other half of the record in both predictions."""
     second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))
-    u = _commands(record)
-    for axis, own, other, angle, old in zip(
-        stage.axes, u.T, u.T[::-1], (record.beta, record.gamma), was, strict=True
-    ):  # fmt: skip
+    u, angles = _commands(record).T, (record.beta, record.gamma)
+    for axis, own, other, angle, old in zip(stage.axes, u, u[::-1], angles, was, strict=True):
         follows = [_follows(axis, command, record.dt) for command in (own, other)]
         for rows in (second, ~second):
             before = _left(angle, [follows[0] + old * follows[1]], rows)
