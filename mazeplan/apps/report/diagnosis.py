@@ -16,16 +16,7 @@ from pydantic_core import from_json, to_json
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.inputs import Input, number, read_as_printed, row
-from mazeplan.apps.report.page import (
-    INK,
-    Note,
-    PagePicture,
-    PageSection,
-    PageTable,
-    legend_beside,
-    line,
-    write_page,
-)
+from mazeplan.apps.report.page import INK, Note, PagePicture, PageSection, PageTable, legend_beside, line, write_page
 from mazeplan.apps.report.words import DEG
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS

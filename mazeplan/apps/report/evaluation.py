@@ -12,15 +12,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from mazeplan.apps.report.inputs import Input, map_in, number, read_as_printed
-from mazeplan.apps.report.page import (
-    FAILURE_MARKERS,
-    Note,
-    PagePicture,
-    PageSection,
-    PageTable,
-    failure_mark,
-    line,
-)
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, failure_mark, line
 from mazeplan.apps.report.words import MISSING, seconds, setup_facts
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array
@@ -120,7 +112,7 @@ def _places(figure: Figure, failures: list[tuple[str, float, float]], maze: Maze
     places = np.array([(x, y) for _, x, y in failures])
     draw_maze(maze, axes, path=places[np.isfinite(places).all(axis=1)], ball=False)
     kinds = np.array([kind for kind, *_ in failures])
-    for kind, marker in zip(dict.fromkeys(kinds.tolist()), FAILURE_MARKERS, strict=False):
-        mark = failure_mark(marker, markersize=6.5, markeredgewidth=0.7, alpha=0.85)
+    for i, kind in enumerate(dict.fromkeys(kinds.tolist())):
+        mark = failure_mark(i, markersize=6.5, markeredgewidth=0.7, alpha=0.85)
         axes.plot(*(1e3 * places[kinds == kind].T), label=kind.replace("_", " "), **mark)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2)

@@ -122,10 +122,11 @@ def line(name: str, **more: Any) -> dict[str, Any]:
     return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
 
 
-def failure_mark(marker: str, **more: Any) -> dict[str, Any]:
-    """Keywords of Matplotlib for the marker of a failure."""
+def failure_mark(kind: int, **more: Any) -> dict[str, Any]:
+    """Keywords of Matplotlib for the marker of a failure. kind: number of its kind in the picture"""
+    line = {"marker": FAILURE_MARKERS[kind % len(FAILURE_MARKERS)], "color": COLOURS["failure"], "ls": "none"}
     edge = {"markeredgecolor": "white", "markeredgewidth": 0.9}
-    return {"marker": marker, "color": COLOURS["failure"], "ls": "none", "markersize": 8.0, "zorder": 8, **edge, **more}
+    return {**line, **edge, "markersize": 8.0, "zorder": 8, **more}
 
 
 def legend_beside(axes: Axes, **more: Any) -> None:

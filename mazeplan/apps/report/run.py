@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mazeplan.apps.report.inputs import map_in
-from mazeplan.apps.report.page import (
-    FAILURE_MARKERS,
-    PagePicture,
-    PageSection,
-    PageTable,
-    failure_mark,
-    legend_beside,
-    line,
-)
+from mazeplan.apps.report.page import PagePicture, PageSection, PageTable, failure_mark, legend_beside, line
 from mazeplan.apps.report.words import DEG, MISSING, setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
@@ -166,9 +158,9 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]
     figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label("time, s")
     if second is not None:
         draw_second(axes, second)
-    for kind, marker in zip(dict.fromkeys(m.kind for m in failures), FAILURE_MARKERS, strict=False):
+    for i, kind in enumerate(dict.fromkeys(m.kind for m in failures)):
         at = np.array([(m.x, m.y) for m in failures if m.kind == kind])
-        axes.plot(*(1e3 * at.T), **failure_mark(marker), label=kind.replace("_", " "))
+        axes.plot(*(1e3 * at.T), **failure_mark(i), label=kind.replace("_", " "))
     if failures or second is not None:
         axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0))
 

@@ -11,16 +11,7 @@ from mazeplan.control.estimation.rigid_body_parameters import FRICTION, number_o
 from mazeplan.core.constants import GRAVITY
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
-from mazeplan.diagnosis.rig.fitting import (
-    ENOUGH,
-    NEEDED,
-    NOISE,
-    POLISH,
-    STDERR_SCALE,
-    SURE,
-    Reference,
-    known_value,
-)
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, POLISH, STDERR_SCALE, SURE, Reference, known_value
 from mazeplan.diagnosis.rig.plate import MovedPlate
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.search import SearchResult

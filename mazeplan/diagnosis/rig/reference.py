@@ -23,29 +23,14 @@ import yaml
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import (
-    bead_stderr,
-    bead_values,
-    body_of,
-    value_of,
-    with_values,
-)
+from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, value_of, with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.logs.table import Table, join
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.side_by_side import in_processes, side_by_side
 from mazeplan.core.whole_file import whole_file
-from mazeplan.diagnosis.rig.fitting import (
-    ENOUGH,
-    HALF_GAIN_SHARE,
-    HOLLOW,
-    NEEDED,
-    ROUGH,
-    SOLID,
-    Reference,
-    alternate,
-)
+from mazeplan.diagnosis.rig.fitting import ENOUGH, HALF_GAIN_SHARE, HOLLOW, NEEDED, ROUGH, SOLID, Reference, alternate
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
 from mazeplan.diagnosis.stage.comparison import AXES, Known

@@ -46,13 +46,10 @@ AS_BEFORE = 1.3  # residual over the residual when the model was right: up to th
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something without a name, or of unknown cause and size.
+    """Something without a name, or of unknown cause and size: its description, what it depends on, where to look.
 
-    description: words for what has no name, "" if there is nothing
-    depends_on: what it depends on
-    look: advice where to look
-    cause: whether the description says what differs, although no model has a number for it
-    servos: what servos do that did not do it before; the record does not show the cause or the size"""
+    servos: what servos do that did not do it before; the record does not show the cause or the size
+    cause: whether the description says what differs, although no model has a number for it"""
 
     description: str = ""
     depends_on: tuple[str, ...] = ()
@@ -105,12 +102,12 @@ class RigVerdict:
 
     @property
     def before(self) -> dict[str, float]:
-        """Errors of roll-outs on held-out halves, without what was found."""
+        """Errors of roll-outs on held-out halves without what was found, as `after` with it."""
         return self.held.errors("before")
 
     @property
     def after(self) -> dict[str, float]:
-        """Errors of roll-outs on held-out halves, with what was found."""
+        """See `before`."""
         return self.held.errors("after") if self.effects or self.unknown is not None else self.before
 
     @property
@@ -129,9 +126,8 @@ class RigVerdict:
         decides = f"rollout{self.held.ahead}"
         errors = {"before": before[decides], "after": after[decides]}
         numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
-        test = {}
-        if self.test is not None:
-            test = {"test": {which: {"nrmse": None, **self.test.errors(which)} for which in ("before", "after")}}
+        further = [] if self.test is None else [(which, self.test.errors(which)) for which in errors]
+        test = {"test": {which: {"nrmse": None, **values} for which, values in further}} if further else {}
         return {
             "verdict": self.verdict, "sentence": sentence(self),
             "effects": [effect | errors for effect in self.effects],
