@@ -8,7 +8,8 @@ import numpy as np
 from hidden_effects import hidden_effect
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
@@ -18,7 +19,7 @@ BARE = {"rolling_friction_m": 0.0, "wall_grip": 0.0}
 
 
 def change_of(kind, seed=0, **settings):
-    return hidden_effect(kind, settings_from(settings), MAZE, seed)
+    return hidden_effect(kind, validated(SimulatedSettings, settings), MAZE, seed)
 
 
 def asked(kind, seed=0, **settings):

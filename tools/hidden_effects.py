@@ -20,8 +20,9 @@ import yaml
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.files import validated
 from mazeplan.rigs.registry import rig_file
-from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.sim.settings import SimulatedSettings
 
 PLACES = 3  # an effect with a place is in one of this many outermost rings
 Values = dict[str, float]
@@ -356,7 +357,7 @@ def write_hidden_rig(file: Path, kind: str, maze: Maze, seed: int = 0) -> Hidden
     toy = rig_file("toy")
     assert toy is not None
     data = yaml.safe_load(toy.read_text(encoding="utf-8"))
-    hidden = hidden_effect(kind, settings_from(data), maze, seed)
+    hidden = hidden_effect(kind, validated(SimulatedSettings, data), maze, seed)
     changes = {key: list(value) if isinstance(value, tuple) else value for key, value in hidden.changes.items()}
     file.write_text(yaml.safe_dump(data | changes), encoding="utf-8")
     return hidden

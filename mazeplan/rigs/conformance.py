@@ -135,10 +135,8 @@ def _clock(trial: RigTrial) -> None:
     steps = np.diff(times)
     period = float(np.polyfit(np.arange(len(times)), times, 1)[0])
     uneven = np.any(np.abs(steps - trial.dt) > UNEVEN * trial.dt)
-    _want(
-        not uneven and not abs(period - trial.dt) > CLOCK * trial.dt,
-        f"t goes up by {steps.min():.5f} to {steps.max():.5f} s, expected {trial.dt:.5f} s (1 / rate_hz)",
-    )
+    what = f"t goes up by {steps.min():.5f} to {steps.max():.5f} s, expected {trial.dt:.5f} s (1 / rate_hz)"
+    _want(not uneven and not abs(period - trial.dt) > CLOCK * trial.dt, what)
 
 
 def _observation(trial: RigTrial) -> None:

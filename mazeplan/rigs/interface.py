@@ -106,5 +106,4 @@ class RigWrapper:
         self._call("close")
 
     def _call(self, name: str, *args: Any, **more: Any) -> Any:
-        """Call a method of the rig inside."""
         return getattr(self.inside, name)(*args, **more)

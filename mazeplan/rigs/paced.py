@@ -7,6 +7,7 @@ Any thread may call `level_now`. It acts within one sample, also while the loop 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from time import monotonic
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
+
+Wait = Callable[[threading.Event, float], object]
 
 
 class PacedRig(RigWrapper):
@@ -24,27 +27,20 @@ class PacedRig(RigWrapper):
 
     realtime = False  # still a simulation: no watchdog
 
-    def __init__(
-        self,
-        rig: Rig,
-        now: Callable[[], float] = monotonic,
-        wait: Callable[[threading.Event, float], object] = threading.Event.wait,
-    ) -> None:
+    def __init__(self, rig: Rig, now: Callable[[], float] = monotonic, wait: Wait = threading.Event.wait) -> None:
         super().__init__(rig)
         self._now, self._wait = now, wait
         self._due: float | None = None  # wall time of the next sample
         self._woken = threading.Event()  # another thread wants the loop to act now
         self._levelled = False
-        self._orders: list[Callable[[], object]] = []
-        self._lock = threading.Lock()
+        self._orders: deque[Callable[[], object]] = deque()  # threads may append while another one pops
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Reset the rig inside; forget the order to level, and waiting orders."""
         super().reset(ring=ring, theta=theta, rng=rng)
         self._due, self._levelled = None, False
         self._woken.clear()
-        with self._lock:
-            self._orders.clear()
+        self._orders.clear()
 
     def observe(self) -> Observation:
         """The next sample, when it is due."""
@@ -73,10 +69,8 @@ class PacedRig(RigWrapper):
             self._woken.clear()
             if self._levelled:
                 self.inside.level()
-        with self._lock:
-            orders, self._orders = self._orders, []
-        for order in orders:
-            order()
+        while self._orders:
+            self._orders.popleft()()
 
     def level_now(self) -> None:
         """Level the plate until the next reset, and ignore commands. Any thread may call."""
@@ -85,5 +79,4 @@ class PacedRig(RigWrapper):
 
     def between_samples(self, order: Callable[[], object]) -> None:
         """Call `order` between two samples, in the loop's thread. Any thread may call."""
-        with self._lock:
-            self._orders.append(order)
+        self._orders.append(order)

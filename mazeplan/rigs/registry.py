@@ -17,9 +17,9 @@ from mazeplan.core.user_modules import reason, user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
-from mazeplan.rigs.files import FileSettings, placed, read_rig_file
+from mazeplan.rigs.files import FileSettings, placed, read_rig_file, validated
 from mazeplan.rigs.interface import Rig, RigWrapper
-from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.sim.settings import SimulatedSettings
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
@@ -80,9 +80,8 @@ def rig_file(spec: str) -> Path | None:
         return path
     if ":" in spec:
         return None
-    raise SettingsError(
-        f"got rig {shown(spec)}, expected {one_of(rig_names(), spec, ', a YAML file, or module:Class')}"
-    )
+    names = one_of(rig_names(), spec, ", a YAML file, or module:Class")
+    raise SettingsError(f"got rig {shown(spec)}, expected {names}")
 
 
 def is_simulated(rig: str | Path | Rig | type) -> bool:
@@ -145,7 +144,7 @@ def make_rig(spec: str, maze: Maze) -> Rig:
     from mazeplan.rigs.sim.simulated import SimulatedRig
 
     _check_keys(data)
-    settings = settings_from(data)
+    settings = validated(SimulatedSettings, data)
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
     try:
         return SimulatedRig(own, settings)

@@ -9,7 +9,8 @@ from time import time
 import yaml
 
 from mazeplan.rigs import registry
-from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 TOY = Path(registry.__file__).parent / "toy.yaml"
@@ -17,7 +18,7 @@ TOY = Path(registry.__file__).parent / "toy.yaml"
 
 class TracedRig(SimulatedRig):
     def __init__(self, maze, settings):
-        super().__init__(maze, settings_from(yaml.safe_load(TOY.read_text(encoding="utf-8"))))
+        super().__init__(maze, validated(SimulatedSettings, yaml.safe_load(TOY.read_text(encoding="utf-8"))))
         self._trace = os.open(os.environ["MAZEPLAN_TRACE"], os.O_WRONLY | os.O_APPEND)
 
     def _note(self, word, size=0.0):

@@ -47,7 +47,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
-from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.sim.settings import SimulatedSettings
 
 SLOTS = 8  # places for pictures in the shared file
 PICTURES_HZ = 30.0
@@ -108,7 +108,7 @@ class EmulatedWorld:
     ) -> None:
         self.maze, self.settings, self._say = maze, settings, say
         self.truth = Truth.drawn(settings.seed)
-        physics = settings_from(dict(settings.physics))
+        physics = validated(SimulatedSettings, dict(settings.physics))
         self.machine = Machine(maze, SimulatedSettings(**{**dict(physics), "rate_hz": 2.0 * PICTURES_HZ}))
         self.machine.reset(ring=1, theta=0.0)
         self.here = False  # whether there is a ball

@@ -1,2 +1,1 @@
-"""The overhead camera. Modules: projection (pinhole), tilt of the plate (markers), the ball (detector), sources of
-pictures (source), calibration."""
+"""The overhead camera: projection, tilt of the plate by markers, the ball, sources of pictures, calibration."""

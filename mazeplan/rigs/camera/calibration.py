@@ -26,6 +26,7 @@ GOOD_PX = 0.25  # px, rms error of the corners above which a picture may be wron
 BETTER = 0.7  # a picture is left out if this reduces the error to less than this share
 MOST_PX = 1.5  # px, largest rms error of a calibration
 NamedPicture = tuple[str, np.ndarray]
+Pictures = Sequence[NamedPicture]
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,9 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         else:
             found.append((name, at))
     if size is None or len(found) < LEAST_BOARDS:
-        raise InputError(
-            f"chessboard: got {len(found)} pictures with a whole {what} among {len(found) + len(without)}, expected at "
-            f"least {LEAST_BOARDS}; take more, or count the inner corners for --corners"
-        )
+        got = f"got {len(found)} pictures with a whole {what} among {len(found) + len(without)}"
+        hint = "take more, or count the inner corners for --corners"
+        raise InputError(f"chessboard: {got}, expected at least {LEAST_BOARDS}; {hint}")
     lens = _zhang(board, [at for _, at in found], size)
     while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:
         # find the picture without which the others agree best
@@ -108,15 +108,14 @@ def _chessboard(image: np.ndarray, corners: tuple[int, int]) -> np.ndarray | Non
 def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> LensCalibration:
     start = np.array([[1.5 * size[0], 0, 0.5 * size[0]], [0, 1.5 * size[0], 0.5 * size[1]], [0, 0, 1.0]])
     flags = cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
-    error, matrix, bent, _, _ = cv2.calibrateCamera(
-        [board] * len(found), list(found), size, start, np.zeros(5), flags=flags
-    )
+    boards = [board] * len(found)
+    error, matrix, bent, _, _ = cv2.calibrateCamera(boards, list(found), size, start, np.zeros(5), flags=flags)
     values = np.array(bent, dtype=float).ravel()[:5]
     return LensCalibration(np.array(matrix, dtype=float), values, size, float(error), len(found))
 
 
 def calibrate_plate(
-    lens: LensCalibration, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers, pivot: Array | None = None
+    lens: LensCalibration, pictures: Pictures, maze: Maze, markers: Markers, pivot: Array | None = None
 ) -> Calibration:
     """Pose and background from pictures of the empty, level plate. Raises InputError if the pictures do not suffice.
 
@@ -134,9 +133,7 @@ def calibrate_plate(
     return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm)
 
 
-def _pose_by_markers(
-    lens: LensCalibration, pictures: Sequence[NamedPicture], markers: Markers
-) -> tuple[Array, Array, float]:
+def _pose_by_markers(lens: LensCalibration, pictures: Pictures, markers: Markers) -> tuple[Array, Array, float]:
     """(rotation, translation, rms error in px) from the level plate frame to the camera frame, by the median of each
     marker's corners over all pictures."""
     finder = detector()
@@ -159,9 +156,7 @@ def _pose_by_markers(
     return rotation(turn.ravel().tolist()), np.array(shift, dtype=float).ravel(), error
 
 
-def calibrate_background(
-    camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers
-) -> Background:
+def calibrate_background(camera: CameraModel, pictures: Pictures, maze: Maze, markers: Markers) -> Background:
     """The empty floor. Places that walls hide are filled in from their surroundings."""
     floor = Floor(maze)
     tilts = TiltFinder(camera, markers)

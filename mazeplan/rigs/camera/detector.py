@@ -4,7 +4,7 @@
 2. Straighten the picture of the floor (`floor`), and subtract the empty floor in the same light. Ball, reflections and
    shadows remain.
 3. Find discs of large difference at places where a ball has room.
-4. For each disc, fit the outline of a sphere to the visible edge (`outline`).
+4. For each disc, fit the outline of a sphere to the visible edge (`Outline`).
 
 If one outline fits, it is the ball. If two fit, there is no result. The detector uses this picture alone: it has no
 memory.
@@ -23,9 +23,8 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.floor import PX, Floor, floor_side
+from mazeplan.rigs.camera.floor import PX, Floor, Outline, OutlineFit, floor_side
 from mazeplan.rigs.camera.markers import Markers, TiltFinder
-from mazeplan.rigs.camera.outline import Outline, OutlineFit
 from mazeplan.rigs.camera.pinhole import CameraModel
 
 HALF = 2  # the search for discs uses a picture this many times smaller
@@ -226,11 +225,8 @@ def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np
     empty = cv2.LUT(picture, table)
     small = (picture.shape[1] // SLOW, picture.shape[0] // SLOW)
     share = cv2.resize(clear, small, interpolation=cv2.INTER_AREA)
-    off = cv2.subtract(
-        cv2.resize(cv2.cvtColor(seen, cv2.COLOR_BGR2GRAY), small, interpolation=cv2.INTER_AREA),
-        cv2.resize(cv2.cvtColor(empty, cv2.COLOR_BGR2GRAY), small, interpolation=cv2.INTER_AREA),
-        dtype=cv2.CV_16S,
-    )
+    grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (seen, empty)]
+    off = cv2.subtract(*(cv2.resize(one, small, interpolation=cv2.INTER_AREA) for one in grey), dtype=cv2.CV_16S)
     off = np.clip(off + 128, 0, 255).astype(np.uint8)
     off[share < 250] = 128
     off = cv2.GaussianBlur(cv2.medianBlur(off, 11), (0, 0), 2.0)

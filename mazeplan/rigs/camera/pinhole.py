@@ -52,13 +52,6 @@ class CameraModel:
     size: tuple[int, int] = (640, 480)  # width and height of a picture, px
     pivot: Array = field(default_factory=lambda: np.zeros(3))  # fixed point of the tilt in the plate frame, m
 
-    def __post_init__(self) -> None:
-        for name, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rotation", (3, 3)), ("translation", (3,))):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != shape or not np.isfinite(value).all():
-                raise ValueError(f"{name}: got shape {value.shape}, expected finite numbers of shape {shape}")
-            object.__setattr__(self, name, value)
-
     def to_camera(self, points: Array, beta: float, gamma: float) -> Array:
         """Points (N, 3) in the plate frame, converted to the camera frame, (N, 3)."""
         level = (np.asarray(points) - self.pivot) @ plate_rotation(beta, gamma).T + self.pivot

@@ -85,30 +85,21 @@ class CameraSection(Section):
         return CameraModel(matrix, distortion, rotation(turn), shift, self.size, pivot)
 
     def detector(self, maze: Maze, folder: Path) -> BallDetector:
-        """The detector of the ball. Raises SettingsError without a background.
-
-        folder: folder of the rig's file."""
+        """The detector of the ball. folder: of the rig's file. Raises SettingsError without a background."""
         from mazeplan.rigs.camera.detector import Background, BallDetector
 
-        key = "camera.background"
         if self.background is None:
-            raise SettingsError("is missing; make one with `mazeplan calibrate camera`", key=key)
-        try:
-            background = Background.read(folder / self.background, maze)
-        except SettingsError as problem:
-            raise SettingsError(f"{problem.file}: {problem.problem}", key=key) from None
+            raise SettingsError("is missing; make one with `mazeplan calibrate camera`", key="camera.background")
+        background = Background.read(folder / self.background, maze)
         return BallDetector(maze, self.model(), background, None if self.markers is None else self.markers.markers())
 
 
 def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[str, Any]:
-    """Content of the section `camera:` for a calibrated camera.
-
-    more: further keys of CameraSection."""
+    """Content of the section `camera:` for a calibrated camera. more: further keys of CameraSection."""
     import cv2
 
     m = camera.matrix
-    out: dict[str, Any] = {"source": more.pop("source")} if "source" in more else {}
-    out |= {
+    out: dict[str, Any] = {
         "size": list(camera.size),
         "focal_px": [round(float(v), 3) for v in (m[0, 0], m[1, 1])],
         "centre_px": [round(float(v), 3) for v in (m[0, 2], m[1, 2])],

@@ -125,15 +125,14 @@ class NewestPicture:
         """Wait for a picture that arrived later than `after`; None if none has come by `until`. Host's clock, s.
 
         Raises RigError if the source has ended."""
-        with self._news:
-            while self._frame is None or self._frame.t <= after:
-                if self._problem is not None and not self._closing:
-                    raise RigError(f"camera {self._name}: {self._problem}")
-                left = until - time.monotonic()  # wall clock, because this waits for a device
-                if left <= 0.0:
-                    return None
-                self._news.wait(left)
-            return self._frame
+        with self._news:  # wall clock, because this waits for a device
+            self._news.wait_for(lambda: self._problem or self._newer(after), max(0.0, until - time.monotonic()))
+            if self._problem is not None and not self._closing and self._newer(after) is None:
+                raise RigError(f"camera {self._name}: {self._problem}")
+            return self._newer(after)
+
+    def _newer(self, after: float) -> CameraFrame | None:
+        return None if self._frame is None or self._frame.t <= after else self._frame
 
     def close(self) -> None:
         """End the thread. Does not wait longer than 1 s, because a driver may hang."""

@@ -73,13 +73,10 @@ class Drawn:
 
     def to_json(self) -> dict[str, Any]:
         """The fault as JSON for the report of a run; duration_s is None for a fault for good."""
-        return {
-            "kind": self.kind.name,
-            "at_s": round(self.at_s, 4),
-            "duration_s": None if math.isinf(self.until_s) else round(self.until_s - self.at_s, 4),
-            "size": round(self.size, 4) if self.kind.size is not None else None,
-            "unit": self.kind.unit or None,
-        }
+        lasting = None if math.isinf(self.until_s) else round(self.until_s - self.at_s, 4)
+        size = None if self.kind.size is None else round(self.size, 4)
+        what = {"kind": self.kind.name, "at_s": round(self.at_s, 4), "duration_s": lasting}
+        return {**what, "size": size, "unit": self.kind.unit or None}
 
 
 def sample_at(past: Sequence[Observation], t: float) -> Observation:
@@ -139,10 +136,8 @@ def _spikes(p: FaultContext) -> Observation:
 
 
 def _tilt_frozen(p: FaultContext) -> Observation:
-    then, axes = p.start, p.fault.axes
-    return replace(
-        p.sample, beta=then.beta if 0 in axes else p.sample.beta, gamma=then.gamma if 1 in axes else p.sample.gamma
-    )
+    beta, gamma = (p.start if axis in p.fault.axes else p.sample for axis in (0, 1))
+    return replace(p.sample, beta=beta.beta, gamma=gamma.gamma)
 
 
 def _tilt_nan(p: FaultContext) -> Observation:
@@ -164,8 +159,7 @@ _ALL = (
         change=lambda p: p.with_ball(p.start.x, p.start.y),
     ),
     FaultKind(
-        "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s", AGE_S,
-        change=_late,
+        "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s", AGE_S, change=_late,
     ),
     FaultKind(
         "frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share",
@@ -184,11 +178,11 @@ _ALL = (
         change=_false_ball,
     ),
     FaultKind(
-        "position_nan", "camera", "x and y are NaN", (0.2, 1.0), change=lambda p: p.with_ball(math.nan, math.nan)
+        "position_nan", "camera", "x and y are NaN", (0.2, 1.0), change=lambda p: p.with_ball(math.nan, math.nan),
     ),
     FaultKind(
-        "tilt_drift", "tilt", "the sensor drifts evenly, then is right again", (1.0, 2.0), (1.0, 3.0), "deg", ANGLE_DEG,
-        change=_drift,
+        "tilt_drift", "tilt", "the sensor drifts evenly, then is right again", (1.0, 2.0), (1.0, 3.0), "deg",
+        ANGLE_DEG, change=_drift,
     ),
     FaultKind(
         "tilt_spikes", "tilt", "three samples in ten are far off", (0.5, 1.5), (3.0, 30.0), "deg", ANGLE_DEG,
@@ -210,8 +204,8 @@ _ALL = (
     FaultKind("ball_taken_out", "machine", "the ball is taken out and put back", (0.5, 2.0), machine="removed"),
     FaultKind("ball_stuck", "machine", "the ball sticks to the floor", (0.4, 1.2), machine="stuck"),
     FaultKind(
-        "ball_pushed", "machine", "somebody pushes the ball", ONCE, (0.1, 0.4), "m/s", (0.0, 2.0),
-        machine="push", machine_size="speed_m_s",
+        "ball_pushed", "machine", "somebody pushes the ball", ONCE, (0.1, 0.4), "m/s", (0.0, 2.0), machine="push",
+        machine_size="speed_m_s",
     ),
     FaultKind("gate_blocked", "machine", "a plug in the next opening", FOR_GOOD, machine="blocked"),
     FaultKind("servo_stuck", "machine", "one servo stands still", (0.3, 1.0), machine="dead_axis"),
@@ -238,12 +232,12 @@ _ALL = (
     ),
     FaultKind(
         "clock_stopped", "clock", "the time of all samples is the same", FOR_GOOD,
-        change=lambda p: replace(p.sample, t=p.start.t),
-        because="nothing measures how old a sample is", ends=("rig_failed",),
+        change=lambda p: replace(p.sample, t=p.start.t), because="nothing measures how old a sample is",
+        ends=("rig_failed",),
     ),
     FaultKind(
-        "observe_raises", "rig", "observe() raises RigError", FOR_GOOD,
-        because="the rig itself says that it failed", ends=("rig_failed",),
+        "observe_raises", "rig", "observe() raises RigError", FOR_GOOD, because="the rig itself says that it failed",
+        ends=("rig_failed",),
     ),
     FaultKind(
         "observe_hangs", "rig", "observe() does not return", ONCE, (5.0, 5.0), "s", JUMP_S,
@@ -258,8 +252,8 @@ _ALL = (
         because="no way is left, and no order says so", ends=("missed_opening", "stuck", "out_of_time"),
     ),
     FaultKind(
-        "openings_closed", "orders", "orders close all openings to the next ring", FOR_GOOD,
-        because="no way is left", ends=("no_route", "opening_closed"),
+        "openings_closed", "orders", "orders close all openings to the next ring", FOR_GOOD, because="no way is left",
+        ends=("no_route", "opening_closed"),
     ),
 )  # fmt: skip
 KINDS = {kind.name: kind for kind in _ALL}

@@ -1,8 +1,7 @@
 """Checks a rig on a table part by part: port, firmware, servos, then tilt sensor, camera, markers and ball.
 
 `check_rig` goes on from there: whether the plate follows commands, and the rules of every rig. The board comes first,
-because it needs no calibration. A lost part, or a mistake in the rig's file, ends the check with an error. A failed
-step that is in `NEEDED` ends the check without an error.
+because it needs no calibration. A lost part, or a mistake in the rig's file, ends the check with an error.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from mazeplan.core.records import Array
 from mazeplan.rigs.conformance import CheckResult, UnfitError
 from mazeplan.rigs.hardware.rig import HardwareRig, NotSeen
 from mazeplan.rigs.hardware.tiltcalibration import PulseHolder
-from mazeplan.rigs.link.port import ports_found
+from mazeplan.rigs.link.board import ports_found
 
 LOOK_S, SETTLE_S = 1.5, 1.0
 TILT_DEG = 3.0  # tilt in the step that tests a servo's direction
@@ -26,7 +25,6 @@ OFF_DEG = 0.7  # largest error of a level plate
 MARKERS_DEG = 0.5  # largest difference between the tilt by the markers and the tilt by the sensor
 RATE = 0.1  # largest relative error of the camera's rate
 AVERAGE_S = 0.3  # s over which reports are averaged
-NEEDED = ("camera",)  # steps without which the later ones cannot run
 MOVED_V = 0.05  # V, minimum change of a tilt channel when the plate moves
 PINS = {"beta": 11, "gamma": 12}
 SIDES = {"beta": "the +x side (right in the maze's drawing) lower", "gamma": "the +y side (top) higher"}
@@ -54,8 +52,6 @@ class HardwareCheck:
                 yield CheckResult(name, True, step())
             except (UnfitError, NotSeen) as problem:
                 yield CheckResult(name, False, str(problem))
-                if name in NEEDED:
-                    return
             except MazeplanError as problem:
                 error = self.rig.cause(problem)
                 yield CheckResult(name, False, str(error))
@@ -143,9 +139,8 @@ class HardwareCheck:
             seen += [(o.x, o.y)] if o.seen else []
         if not seen or len(seen) < 0.9 * pictures:
             why = "" if self.rig.sighting is None else f" ({self.rig.sighting.why})"
-            raise UnfitError(
-                f"seen in {len(seen)} of {pictures} pictures{why}; more light, or calibrate the camera anew"
-            )
+            what = f"seen in {len(seen)} of {pictures} pictures{why}"
+            raise UnfitError(f"{what}; more light, or calibrate the camera anew")
         spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
         x, y = 1e3 * np.mean(seen, axis=0)
         return f"in {len(seen)} of {pictures} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"

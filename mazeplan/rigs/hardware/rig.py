@@ -67,7 +67,8 @@ class HardwareRig:
         self._given = settings
         self.settings = validated(self.settings_kind, settings)
         self.rate_hz = self.settings.rate_hz
-        self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
+        late = self.settings.latency
+        self.latency = None if late is None else Latency(1e-3 * late.camera_ms, 1e-3 * (late.command_ms + late.host_ms))
         self.unseen_s = self.settings.unseen_s
         self._parts: Parts | None = None
         self._board: Board | None = None  # the board may be open while the other parts are not

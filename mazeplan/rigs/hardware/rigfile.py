@@ -40,8 +40,7 @@ class RigFile:
         try:
             validated(type(self.settings), {**self.data, **sections})
         except SettingsError as problem:
-            found = f"the result is not valid: {problem.problem}; the file stays as it is"
-            raise SettingsError(found, file=self.target, key=problem.key) from None
+            raise SettingsError(f"not written: {problem.problem}", file=self.target, key=problem.key) from None
         write_sections(self.target, sections, base=self.path)
         return self.target
 
@@ -56,10 +55,9 @@ def hardware_file(spec: str) -> RigFile:
     """The file of the rig on a table that `spec` names. Raises SettingsError with file, line and key."""
     path = rig_file(spec)
     settings_kind = None if path is None else _settings_kind(path)
-    packaged = path is not None and path.resolve().parent == PACKAGED
     if path is None or settings_kind is None:
-        wanted = f"expected one on a table: its file has class: {CLASS}"
-        raise SettingsError(f"got rig {shown(spec)}, {wanted}", file=None if packaged else path)
+        raise SettingsError(f"got rig {shown(spec)}, expected one on a table: its file has class: {CLASS}")
+    packaged = path.resolve().parent == PACKAGED
     given = read_rig_file(path)[1]
     return RigFile(path, Path(path.name) if packaged else path, validated(settings_kind, given), given)
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.records import Latency
 from mazeplan.maze.sections import Section
 from mazeplan.rigs.camera.section import CameraSection
 from mazeplan.rigs.files import placed
@@ -51,11 +50,11 @@ class TiltSensor(Section):
         """beta, gamma, rad, at these voltages. Voltages beyond REACH are clamped."""
         pairs = zip((v0, v1), self.centre_v, self.scale_v, strict=True)
         a, b = (min(max((v - c) / s, -REACH), REACH) for v, c, s in pairs)
-        beta, gamma = (
-            sum(k * a ** POWERS[name][0] * b ** POWERS[name][1] for name, k in terms.items())
-            for terms in (self.beta_deg, self.gamma_deg)
-        )
-        return math.radians(beta), math.radians(gamma)
+
+        def value(terms: dict[Term, float]) -> float:
+            return math.radians(sum(k * a ** POWERS[name][0] * b ** POWERS[name][1] for name, k in terms.items()))
+
+        return value(self.beta_deg), value(self.gamma_deg)
 
     def reaches(self, v0: float, v1: float) -> bool:
         """Whether the voltages are within REACH. If not, the laser's spot has left the diode."""
@@ -94,9 +93,7 @@ class Servo(Section):
 
     def limits(self) -> ServoLimits:
         """The limits of the pulses that go to the board."""
-        beta, gamma = (
-            AxisLimits(axis.min_us, axis.max_us, axis.level_us, self.slew_us_per_s) for axis in (self.beta, self.gamma)
-        )
+        beta, gamma = (AxisLimits(a.min_us, a.max_us, a.level_us, self.slew_us_per_s) for a in (self.beta, self.gamma))
         return beta, gamma
 
 
@@ -107,10 +104,6 @@ class LatencySection(Section):
     camera_ms: float = Field(ge=0.0, le=500.0, description="age of a picture when its sample is taken")
     host_ms: float = Field(default=0.0, ge=0.0, le=200.0, description="from a sample to the command that answers it")
     date: str = ""
-
-    def record(self) -> Latency:
-        """The delays as a record for the estimator."""
-        return Latency(camera_s=1e-3 * self.camera_ms, command_s=1e-3 * (self.command_ms + self.host_ms))
 
 
 class HardwareSettings(Section):

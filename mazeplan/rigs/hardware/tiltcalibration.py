@@ -33,7 +33,8 @@ from mazeplan.rigs.hardware.settings import POWERS, Servo, Term, TiltSensor
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.protocol import HARD_US
 
-Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
+Pair = tuple[float, float]  # of beta and gamma
+Ask = Callable[[int, Pair], Pair | None]
 AGAIN_S = 0.05  # s between commands
 SETTLE_S, AVERAGE_S = 0.8, 0.4  # s: wait for the plate to settle; average of the voltages
 GRID_REACH = 1.15  # the grid goes to this many times the tilt limit: a polynomial is worst at the end of its range
@@ -151,7 +152,7 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
     write_text(path, text.getvalue())
 
 
-def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]]:
+def grid(servo: Servo, limit_deg: float, count: int) -> list[Pair]:
     """Pulses (beta, gamma), us, for a grid of count x count tilts around level. The rows alternate in direction."""
     steps = np.linspace(-GRID_REACH * limit_deg, GRID_REACH * limit_deg, count)
     beta, gamma = (
@@ -161,12 +162,15 @@ def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]
     return [(b, g) for i, b in enumerate(beta) for g in (gamma if i % 2 == 0 else gamma[::-1])]
 
 
+Keep = Callable[[list[Reading]], object]
+
+
 class PulseHolder:
     """Sends the same pulses again and again inside a `with` block; at its end, levels the plate.
 
     pulses: beta and gamma, us; may change inside the block."""
 
-    def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
+    def __init__(self, board: Board, pulses: Pair) -> None:
         self.pulses = pulses
         self._board, self._ended = board, threading.Event()
         self._problem: RigError | None = None
@@ -202,9 +206,7 @@ class PulseHolder:
         return np.mean(latest, axis=0)
 
 
-def take_readings(
-    board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
-) -> list[Reading]:
+def take_readings(board: Board, pulses: list[Pair], ask: Ask, keep: Keep | None = None) -> list[Reading]:
     """Take a reading at each pair of pulses. Raises RigError if the board is silent or lost.
 
     ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip these pulses, or raises

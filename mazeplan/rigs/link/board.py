@@ -20,14 +20,18 @@ from time import monotonic, monotonic_ns, sleep
 from typing import TYPE_CHECKING, TypeVar
 
 from mazeplan.core.errors import RigError
+from mazeplan.core.resources import to_install
 from mazeplan.rigs.link import protocol
-from mazeplan.rigs.link.port import named_port, open_port
 from mazeplan.rigs.link.protocol import Flag, Frame, FrameReader, Identity, ServoLimits, TiltReport
 
 if TYPE_CHECKING:
     import serial
 
 Answer = TypeVar("Answer")
+AUTO = "auto"  # as the name of a port: the only port behind USB
+BAUD = 115200
+POLL_S = 0.05  # s, longest wait of a read for the first byte
+WRITE_S = 0.2  # s, longest wait of a write; a port that accepts no byte for so long is dead
 LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`; longest wait for a confirmation, s
 REPORTS = 100  # number of newest reports that are kept: those of one second
 ANSWERS = 20  # number of newest frames that are kept as possible answers to a question
@@ -75,7 +79,7 @@ class Board:
         self._closing.clear()
         self._failure = self.identity = None
         self._reports.clear()
-        self._serial = open_port(self.port)
+        self._serial = _open_port(self.port)
         self._thread = threading.Thread(target=self._work, name=f"board {self.port}", daemon=True)
         self._thread.start()
         try:
@@ -144,9 +148,7 @@ class Board:
 
     def latest(self) -> TiltReport | None:
         """The newest report. Raises RigError if the board is lost."""
-        with self._news:
-            self._check()
-            return self._newest()
+        return self._wait(lambda: True, 0.0)
 
     def recent(self) -> list[TiltReport]:
         """The reports of the last second, newest last. Raises RigError if the board is lost."""
@@ -156,17 +158,17 @@ class Board:
 
     def wait_newer(self, than: TiltReport | None, timeout_s: float) -> TiltReport | None:
         """Wait for a report newer than the report `than`; None after the timeout. Raises RigError as `latest`."""
-        with self._news:
-            self._news.wait_for(lambda: self._failure or self._newest() is not than, timeout_s)
-            self._check()
-            return self._newest() if self._newest() is not than else None
+        return self._wait(lambda: self._newest() is not than, timeout_s)
 
     def wait_confirmed(self, number: int, timeout_s: float) -> TiltReport | None:
         """Wait for a report that confirms this command or a later one; None after the timeout. Raises as `latest`."""
+        return self._wait(lambda: self._confirmed(number), timeout_s)
+
+    def _wait(self, true: Callable[[], bool], timeout_s: float) -> TiltReport | None:
         with self._news:
-            self._news.wait_for(lambda: self._failure or self._confirmed(number), timeout_s)
+            self._news.wait_for(lambda: self._failure or true(), timeout_s)
             self._check()
-            return self._newest() if self._confirmed(number) else None
+            return self._newest() if true() else None
 
     def level(self) -> TiltReport:
         """Level the plate now, without the limit of the slew rate. Raises RigError if no report confirms it."""
@@ -294,8 +296,38 @@ def _wire_number(sequence: int) -> int:
     return 1 + (sequence - 1) % SEQUENCES
 
 
+def ports_found() -> list[str]:
+    """Names of the serial ports behind USB. One of them may be the board. Raises RigError without pyserial."""
+    try:
+        from serial.tools.list_ports import comports
+    except ImportError as missing:
+        raise RigError(f"a serial port needs pyserial: {to_install('hardware')}") from missing
+    return sorted(port.device for port in comports() if port.vid is not None)
+
+
+def _open_port(name: str) -> serial.Serial:
+    """Open the port at 115200 baud, exclusively. Raises RigError with the port and advice."""
+    found = ", ".join(ports_found()) or "none"
+    import serial
+
+    try:
+        return serial.Serial(name, BAUD, timeout=POLL_S, write_timeout=WRITE_S, exclusive=True)
+    except Exception as problem:  # also termios.error, which is no OSError: a port that vanishes while it is opened
+        what = f"cannot be opened ({' '.join(str(problem).split())})"
+        raise RigError(
+            f"{name}: {what}; is it the board's port (found: {found}), does no other program use it, and may you open"
+            " it (often: sudo usermod -aG dialout $USER, then log in again)?"
+        ) from problem
+
+
 def open_board(port: str, limits: ServoLimits) -> Board:
-    """An open board. port: name of the serial port, or `auto`. Raises RigError if that fails."""
-    board = Board(named_port(port), limits)
+    """An open board. port: name of the serial port, or `auto`, the only one behind USB. Raises RigError."""
+    if port == AUTO:
+        found = ports_found()
+        if len(found) != 1:
+            got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
+            raise RigError(f"port: auto: {got}")
+        port = found[0]
+    board = Board(port, limits)
     board.open()
     return board

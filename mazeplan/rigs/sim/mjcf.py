@@ -116,9 +116,15 @@ def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
 
 
 def _surface(settings: SimulatedSettings) -> str:
-    """Friction and contact attributes of all walls."""
+    """Friction and contact attributes of all walls. With a damping ratio below 1 the ball bounces off.
+
+    MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. A lower ratio alone would make the wall
+    too stiff for the time step, and every contact would add energy. So the time constant grows as the ratio falls.
+    Without priority MuJoCo would use the mean of the values of wall and ball."""
     friction = f"{settings.wall_grip} {TORSIONAL} {settings.wall_rolling_friction_m}"
-    return f'friction="{friction}" {_bounce(settings.contact_damping_ratio)}'
+    ratio = settings.contact_damping_ratio
+    time = TIME_CONSTANT if ratio >= 1.0 else f"{TIME_CONSTANT / ratio:.8g}"
+    return f'friction="{friction}" solref="{time} {ratio}" priority="1"'
 
 
 def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
@@ -127,17 +133,6 @@ def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
     near, far = math.sqrt(ring.inner_radius**2 - half**2), ring.outer_radius
     x, y = 0.5 * (near + far) * math.cos(wall.angle), 0.5 * (near + far) * math.sin(wall.angle)
     return _box(x, y, wall.angle, 0.5 * (far - near), half, maze.wall_height, _surface(settings))
-
-
-def _bounce(damping_ratio: float) -> str:
-    """Contact attributes of a wall. With a damping ratio below 1 the ball bounces off.
-
-    MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. A lower ratio alone would make the wall
-    too stiff for the time step, and every contact would add energy. So the time constant grows as the ratio falls.
-    Without priority MuJoCo would use the mean of the values of wall and ball."""
-    if damping_ratio >= 1.0:
-        return f'solref="{TIME_CONSTANT} {damping_ratio}" priority="1"'
-    return f'solref="{TIME_CONSTANT / damping_ratio:.8g} {damping_ratio}" priority="1"'
 
 
 def _even(start: float, end: float, step: float) -> list[float]:

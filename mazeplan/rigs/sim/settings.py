@@ -5,13 +5,11 @@ The file has all keys at its top level.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from mazeplan.maze.sections import Section
-from mazeplan.rigs.files import validated
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Scale = Annotated[float, Field(ge=0.3, le=3.0)]
@@ -24,19 +22,11 @@ Turn = Annotated[float, Field(ge=-360.0, le=360.0)]  # deg
 class Fault(Section):
     """A fault of the machine. It begins at at_s and lasts for duration_s.
 
-    Kinds that act on a ball (`ball`: 1 is the first):
-      stuck: it is glued to the floor.
-      push: it gets a kick of `speed_m_s` towards `direction_deg`.
-      teleport: it is put to rest in `ring` at `direction_deg`.
-      removed: it is taken out, and put back at the end of the fault.
-    Kinds that act on the servo of `axis`:
-      dead_axis: it follows no command.
-      slow_axis: it follows at `slew_deg_s` at most.
-      offset_axis: it stands `offset_deg` beside its set point.
-      brown_out: it has no current, and a spring moves it to its middle.
-    Other kinds:
-      blackout: the camera sees nothing.
-      blocked: a plug is in `opening`."""
+    Kinds that act on a ball (`ball`: 1 is the first): stuck (glued to the floor), push (a kick of `speed_m_s` towards
+    `direction_deg`), teleport (put to rest in `ring` at `direction_deg`), removed (taken out, and put back at the end).
+    Kinds that act on the servo of `axis`: dead_axis (follows no command), slow_axis (at most `slew_deg_s`), offset_axis
+    (`offset_deg` beside its set point), brown_out (without current, a spring moves it to its middle).
+    Others: blackout (the camera sees nothing), blocked (a plug is in `opening`)."""
 
     kind: Literal[
         "stuck", "blackout", "dead_axis", "blocked", "push",
@@ -79,7 +69,7 @@ class RigSettings(Section):
     # servos and commands
     servo_gain: tuple[Scale, Scale] = Field(default=(1.0, 1.0), description="beta, gamma: tilt over command")
     servo_coupling: tuple[Share, Share] = Field(
-        default=(0.0, 0.0), description="added share of the other axis's command"
+        default=(0.0, 0.0), description="share of the other command that is added"
     )
     servo_slew_deg_s: float = Field(default=120.0, ge=5.0, le=2000.0, description="fastest change of the set point")
     command_delay_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="from a command to the servo")
@@ -139,8 +129,3 @@ class SimulatedSettings(RigSettings):
     contact_damping_ratio: float = Field(default=1.0, ge=0.02, le=5.0, description="below 1 the ball bounces off walls")
     wall_rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="of a ball that turns at a wall")
     wall_segments: int = Field(default=360, ge=192, le=1440, description="boxes per full circle of wall")
-
-
-def settings_from(data: Mapping[str, Any]) -> SimulatedSettings:
-    """Validated settings. Raises SettingsError with the key, and with file and line if the data are from a file."""
-    return validated(SimulatedSettings, data)

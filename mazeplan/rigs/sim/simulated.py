@@ -15,10 +15,11 @@ import numpy as np
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array, Observation
 from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.files import validated
 from mazeplan.rigs.interface import check_command
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS, Machine
-from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
+from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 
 
 class _Trail:
@@ -42,7 +43,8 @@ class SimulatedRig:
         build: Callable[[], Gimbal] | None = None,
     ) -> None:
         self.maze = maze
-        self.settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        given = isinstance(settings, SimulatedSettings)
+        self.settings = settings if given else validated(SimulatedSettings, settings or {})
         self.rate_hz, self.balls = self.settings.rate_hz, maze.balls
         self.machine = Machine(maze, self.settings, build)
         if maze.balls > 1 and (build is not None or self.machine.forces.any):

@@ -103,8 +103,6 @@ class _Drive:
 
 def _read_model(path: Path) -> mujoco.MjModel:
     """A model from a file. Raises SettingsError with a message of one line."""
-    if not path.is_file():
-        raise SettingsError(f"no such file: {path}", key="mjcf")
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except Exception as problem:  # the types of MuJoCo's errors differ from version to version
@@ -146,7 +144,6 @@ class UserGimbal(Gimbal):
         mujoco.mj_resetData(model, data)
         self._pose((0.0, 0.0))
         self.drive(np.zeros(2))
-        data.qvel[:] = 0.0
         data.qpos[self._q : self._q + 3] = self._centre() + self.drawn() @ positions[0]
         data.qpos[self._q + 3 : self._q + 7] = 1.0, 0.0, 0.0, 0.0
         mujoco.mj_forward(model, data)

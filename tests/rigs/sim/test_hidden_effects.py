@@ -11,7 +11,8 @@ from hidden_effects import KINDS
 from hidden_rigs import BALL, BARE, MAZE, OUTER, R, asked, change_of, gained, gained_by, plain, rolled, started, thrown
 
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 NO_KIND = {
@@ -41,7 +42,7 @@ def test_true_parameters_are_within_the_bounds_of_the_effect(name):
         for values in found.by_ring.values():
             PACKAGED[found.effect](**values)  # raises for unknown names and beyond the bounds
         assert found.by_ring != found.known_before, "something is otherwise"
-        settings_from(found.changes)  # within the bounds of the settings
+        validated(SimulatedSettings, found.changes)  # within the bounds of the settings
 
 
 # -- what slows and pushes the ball ----------------------------------------------------------------------------------

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.files import validated
 from mazeplan.rigs.sim.mjcf import CHEEK, mjcf
-from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZES = {name: load_map(name) for name in ("cme", "lopsided")}
@@ -30,7 +31,7 @@ def machine(name, segments=360):
 
 
 def built(maze, segments=360):
-    model = mujoco.MjModel.from_xml_string(mjcf(maze, settings_from({"wall_segments": segments})))
+    model = mujoco.MjModel.from_xml_string(mjcf(maze, validated(SimulatedSettings, {"wall_segments": segments})))
     data = mujoco.MjData(model)
     data.qpos[2:6] = 0.0, 0.0, 1.0, 1.0
     mujoco.mj_forward(model, data)
