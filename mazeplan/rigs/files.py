@@ -55,9 +55,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def validated(kind: type[M], data: Mapping[str, Any]) -> M:
-    """`data` as a section of the class `kind`.
-
-    Raises SettingsError with the key, and with file and line if the data are `FileSettings`."""
+    """`data` as a section of the class `kind`. Raises SettingsError with the key; if `FileSettings`, with its line."""
     try:
         return kind.model_validate(as_tuples(data))
     except ValidationError as problem:

@@ -37,8 +37,7 @@ class _KeptOpen(RigWrapper):
 def named_rig(rig: str | Path | Rig | type, *, alone: bool) -> Iterator[str]:
     """A name for `make_rig` within this context. A class of rigs is made anew each time, a rig is closed at the end.
 
-    alone: whether all work is done in this process, and none is kept. Otherwise a rig that is an object raises
-        InputError: nobody else could make it."""
+    alone: all work is done in this process, and none is kept. If not, a rig that is an object raises InputError."""
     if isinstance(rig, str | Path):
         yield str(rig)
         return
@@ -63,9 +62,7 @@ def rig_names() -> tuple[str, ...]:
 
 
 def rig_file(spec: str) -> Path | None:
-    """The YAML file that a spec names, or None for a class.
-
-    Raises SettingsError for an unknown rig."""
+    """The YAML file that a spec names, or None for a class. Raises SettingsError for an unknown rig."""
     if spec in GIVEN:
         return None
     packaged = PACKAGED / f"{spec}.yaml"
@@ -184,9 +181,7 @@ def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
 
 
 def rig_class(spec: str, where: dict[str, Any]) -> Any:
-    """The class that module:Class names. Raises SettingsError.
-
-    where: file of the rig, and line in it, for errors"""
+    """The class that module:Class names. Raises SettingsError. where: file of the rig, and line in it, for errors"""
     module_name, _, class_name = spec.partition(":")
     if not class_name:
         raise SettingsError(f"got rig {spec!r}, expected module:Class", **where)

@@ -122,7 +122,7 @@ class NewestPicture:
             self._news.notify_all()
 
     def wait(self, after: float, until: float) -> CameraFrame | None:
-        """Wait for a picture that arrived later than `after`; None if none has come by `until`. Host's clock, s.
+        """A picture that arrived later than `after`; None if none has come by `until`. Host's clock, s.
 
         Raises RigError if the source has ended."""
         with self._news:  # wall clock, because this waits for a device

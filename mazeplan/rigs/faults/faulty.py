@@ -52,10 +52,8 @@ class FaultyRig(RigWrapper):
         self._maze, self._faults, self.orders = maze, tuple(faults), orders or DriverHooks()
         self._inject = traits(rig).inject
         for fault in faults:
-            if fault.kind.machine and self._inject is None:
-                raise SettingsError(f"{fault.kind.name}: this rig has no `inject`; a simulated rig has")
-            if fault.kind.name in unsupported_faults(rig):
-                raise SettingsError(f"{fault.kind.name}: this rig cannot do that; a rig of the program's own can")
+            if (fault.kind.machine and self._inject is None) or fault.kind.name in unsupported_faults(rig):
+                raise SettingsError(f"{fault.kind.name}: this rig cannot do that; a simulated rig of the program can")
         self._chance: dict[int, np.random.Generator] = {}
         self._closed = threading.Event()
         self._clear()
@@ -143,9 +141,7 @@ class FaultyRig(RigWrapper):
         self.inside.close()
 
     def tilt_after(self, seconds: float) -> float:
-        """Tilt of the plate `seconds` after the end of the last fault, rad: the larger one of both axes.
-
-        The tilt comes from the rig inside, without faults of the sensor. A simulation gives its true tilt."""
+        """Larger tilt of the plate `seconds` after the last fault, rad, by the rig inside (of a simulation: true)."""
         self._closed.set()
         until = max([self.now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
         tilts: deque[tuple[float, float]] = deque(maxlen=5)
@@ -195,8 +191,7 @@ class FaultyRig(RigWrapper):
     def _chosen(self, fault: Drawn, sample: Observation) -> list[str]:
         """Names of the openings that the fault closes: the next opening, or all openings in its wall.
 
-        If `orders` names no next opening, take the nearest one in the wall inside the ball's ring. For a ball in the
-        centre, this is the wall around the centre."""
+        If `orders` names no next opening, take the nearest one in the wall inside the ball's ring."""
         maze, aimed_at = self._maze, self.orders.aimed_at()
         if aimed_at is None:
             wall = [o for o in maze.openings if o.outer == min(self._ring(sample), len(maze.rings) - 1)]

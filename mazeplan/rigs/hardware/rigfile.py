@@ -33,10 +33,9 @@ class RigFile:
     data: Mapping[str, Any]  # sections of the file
 
     def write(self, sections: Mapping[str, Any]) -> Path:
-        """Replace sections of the file, and return the path of the written file.
+        """Replace sections of the file, or of a copy of the packaged one, and return the path of the written file.
 
-        A new file starts as a copy of the packaged one. For invalid sections, raises SettingsError and writes nothing.
-        """
+        For invalid sections, raises SettingsError and writes nothing."""
         try:
             validated(type(self.settings), {**self.data, **sections})
         except SettingsError as problem:

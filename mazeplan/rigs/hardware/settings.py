@@ -32,17 +32,13 @@ class TiltSensor(Section):
         beta = sum_k c_k a^i b^j,   a = (v0 - centre0) / scale0,   b = (v1 - centre1) / scale1,   gamma alike
 
     The plate turns a laser. The laser's spot on the diode moves nearly in proportion to both tilts. Products and powers
-    correct for a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients.
+    correct for a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients."""
 
-    centre_v, scale_v: of the two channels.
-    beta_deg, gamma_deg: coefficients by the name of their term.
-    error_deg, readings, date: of the calibration."""
-
-    centre_v: tuple[float, float]
+    centre_v: tuple[float, float]  # of the two channels
     scale_v: tuple[Volts, Volts]
-    beta_deg: Terms
+    beta_deg: Terms  # coefficients by the name of their term
     gamma_deg: Terms
-    error_deg: float = Field(default=0.0, ge=0.0)
+    error_deg: float = Field(default=0.0, ge=0.0)  # of the calibration
     readings: int = Field(default=0, ge=0)
     date: str = ""
 

@@ -233,8 +233,7 @@ def take_readings(board: Board, pulses: list[Pair], ask: Ask, keep: Keep | None 
 def fit_tilt(readings: Sequence[Reading]) -> TiltFit:
     """Fit sensor and servos. Raises InputError for too few readings, or readings along one line."""
     if len(readings) < LEAST:
-        missing = LEAST - len(readings)
-        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}: {missing} are missing")
+        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}")
     v = np.array([r.v for r in readings])
     low, high = v.min(axis=0), v.max(axis=0)
     _check_spread(v, low, high)
@@ -243,8 +242,7 @@ def fit_tilt(readings: Sequence[Reading]) -> TiltFit:
     for axis in ("beta", "gamma"):
         y = np.array([getattr(r, f"{axis}_deg") for r in readings])
         if np.ptp(y) < LEAST_RANGE:
-            wanted = f"expected a range of {LEAST_RANGE:g} deg at least; are they degrees?"
-            raise InputError(f"got {y.min():g} to {y.max():g} deg, {wanted}", key=f"{axis}_deg")
+            raise InputError(f"got {y.min():g} to {y.max():g}, expected {LEAST_RANGE:g} deg or more", key=f"{axis}_deg")
         fit, good, said = _fit_axis(v, y, centre, scale)
         fits.append(fit)
         left_out = np.flatnonzero(~good).tolist()

@@ -118,8 +118,7 @@ class Gimbal:
     def kick(self, x: float, y: float, index: int = 0) -> None:
         """Add x and y to a ball's velocity, m/s."""
         v = self._v + 6 * index
-        self.data.qvel[v] += x
-        self.data.qvel[v + 1] += y
+        self.data.qvel[v : v + 2] += x, y
 
     def push(self, force: Array, torque: Array | None = None) -> None:
         """Apply a force (3,), N, and a torque (3,), N m, to the ball from now on."""

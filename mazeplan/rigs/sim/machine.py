@@ -27,6 +27,7 @@ APART = 1.2  # radii of a ball: distance from the middle of the disc to each of 
 CHUNKS = 5  # chunks per sample; a chunk is 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
 ASIDE = 0.1  # m beside and above the plate's rim: place of a ball that is taken out
+Build = Callable[[], Gimbal]
 
 
 class Machine:
@@ -36,7 +37,7 @@ class Machine:
 
     Raises SettingsError for an opening, ring or ball in `settings` that the maze does not have."""
 
-    def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
+    def __init__(self, maze: Maze, settings: SimulatedSettings, build: Build | None = None) -> None:
         # _build is no bound method: with a cycle of references the machine would stay in memory after its run
         self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from mazeplan.core.records import Array, Observation
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.interface import check_command
-from mazeplan.rigs.sim.gimbal import Gimbal
-from mazeplan.rigs.sim.machine import CHUNKS, Machine
+from mazeplan.rigs.sim.machine import CHUNKS, Build, Machine
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
+
+Given = Mapping[str, Any] | SimulatedSettings
 
 
 class _Trail:
@@ -36,12 +37,7 @@ class SimulatedRig:
 
     realtime = False  # time advances only in observe(), so it needs no watchdog
 
-    def __init__(
-        self,
-        maze: Maze,
-        settings: Mapping[str, Any] | SimulatedSettings | None = None,
-        build: Callable[[], Gimbal] | None = None,
-    ) -> None:
+    def __init__(self, maze: Maze, settings: Given | None = None, build: Build | None = None) -> None:
         self.maze = maze
         given = isinstance(settings, SimulatedSettings)
         self.settings = settings if given else validated(SimulatedSettings, settings or {})
