@@ -23,8 +23,7 @@ from numba import njit, typeof
 
 from mazeplan.control import cost as ring_cost
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.deadline import Stopwatch
-from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
+from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner, Stopwatch
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.maths.compiled import KERNEL, copy_into
 from mazeplan.core.records import Array, Plan

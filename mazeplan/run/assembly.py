@@ -9,12 +9,11 @@ from dataclasses import replace
 
 from mazeplan.behavior.context import BallView, LeafOptions
 from mazeplan.control.cost import CostParameters, running
-from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.control.estimation.sample_check import Out, RimWatch
-from mazeplan.control.ilqg import IlqgOptions, compile_solver
+from mazeplan.control.ilqg import IlqgOptions, Stopwatch, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
 from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening_rollout import OpeningRollout

@@ -22,9 +22,9 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.builder import build
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.command_chain import CommandChain
-from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.fit_watch import FitWatch
 from mazeplan.control.estimation.sample_check import SampleCheck
+from mazeplan.control.ilqg import Stopwatch
 from mazeplan.core.errors import RigError
 from mazeplan.core.events import (
     DoubtRaised,

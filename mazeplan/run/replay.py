@@ -3,7 +3,7 @@ tick must make the recorded decision.
 
 The log identifies everything that affects decisions. Its header holds map, settings, goal and seed, and the
 names and SHA-256 of tree, modules and packaged model. Any other model is attached. Wall time affects only the
-planner's deadlines; a replay ends each search at the recorded iteration (`control.deadline`). The events of the log
+planner's deadlines; a replay ends each search at the recorded iteration (`control.ilqg`). The events of the log
 repeat the requests from outside (`goals`).
 """
 
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from mazeplan.behavior.trees import read_tree
-from mazeplan.control.deadline import Recorded
 from mazeplan.control.estimation.sample_check import FAR_M
+from mazeplan.control.ilqg import Recorded
 from mazeplan.core import resources
 from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent

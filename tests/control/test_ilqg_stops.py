@@ -18,8 +18,7 @@ from ilqg_problems import (
     ring_planner,
 )
 
-from mazeplan.control.deadline import Stopwatch
-from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.ilqg import IlqgOptions, Stopwatch
 from mazeplan.core.records import Plan, StopReason
 
 # --- why it stopped ---

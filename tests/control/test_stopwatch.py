@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ilqg_problems import ring_planner
 
-from mazeplan.control.deadline import Recorded, Stopwatch
+from mazeplan.control.ilqg import Recorded, Stopwatch
 from mazeplan.core.records import StopReason
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from stage_kinds import DEGREE, KINDS, jumps
 
-from mazeplan.control.estimation.fit_watch import LEARNED_OFF
-from mazeplan.control.estimation.stage_watch import OFF, StageWatch
+from mazeplan.control.estimation.fit_watch import LEARNED_OFF, OFF, StageWatch
 from mazeplan.core.records import Command, Observation
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import simulate_axis

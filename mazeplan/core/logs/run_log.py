@@ -6,7 +6,7 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
              started: wall-clock time in UTC, ISO 8601, for people
     /tick    each control tick: what was observed, estimated and commanded, by which leaf
              cut_off: after how many iterations the planner's deadline ended each search of the tick
-             (`control.deadline`)
+             (`control.ilqg`)
              x2, y2, estimate_x2, estimate_y2, ring2: of the second ball, if there are two
              ball: number of the ball that the tree steers, if there are two
     /plan    each plan: states and controls by component, cost, why the solver stopped
