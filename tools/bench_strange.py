@@ -55,7 +55,7 @@ def make(name: str, maze: Any, more: dict[str, Any] | None = None) -> Any:
 def true_model(s: dict[str, Any], maze: Any) -> Any:
     """The model with the numbers of a strange rig (settings s), as far as a model has them."""
     from mazeplan.control.estimation.rigid_body_filter import BodyModel
-    from mazeplan.control.estimation.rigid_body_parameters import with_body, with_values
+    from mazeplan.control.estimation.rigid_body_fit import with_body, with_values
     from mazeplan.learning.rig_model import RigModel
     from mazeplan.physics.ball_model import BallModel
     from mazeplan.physics.effects.ball import (

@@ -11,7 +11,7 @@ from mazeplan.behavior.context import BallView, LeafOptions
 from mazeplan.control.cost import CostParameters, running
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
-from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.estimation.rigid_body_fit import body_of
 from mazeplan.control.estimation.sample_check import Out, RimWatch
 from mazeplan.control.ilqg import IlqgOptions, Stopwatch, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING

@@ -11,7 +11,7 @@ import pytest
 from commands import plain
 from planar_rig import PlanarRig
 
-from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.estimation.rigid_body_fit import body_of
 from mazeplan.diagnosis.rig.reference import load_reference
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs

@@ -16,8 +16,7 @@ import pytest
 from commands import call
 
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import fit_body
-from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of, with_values
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.candidates import of_effect
 from mazeplan.diagnosis.rig.findings import registry_entry

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import value_of
+from mazeplan.control.estimation.rigid_body_fit import value_of
 from mazeplan.core.errors import TableError
 from mazeplan.diagnosis.rig.candidates import CANDIDATES
 from mazeplan.diagnosis.rig.fitting import fit_start

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.control.estimation.rigid_body_fit import with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.fitting import Reference

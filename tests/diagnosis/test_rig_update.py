@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import bead_values, with_body, with_values
+from mazeplan.control.estimation.rigid_body_fit import bead_values, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import reference_by_model

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit
-from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, value_of, with_values
 from mazeplan.diagnosis.rig import fitting, search
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.diagnosis.rig.fitting import Reference, placed, with_likeliest_noise

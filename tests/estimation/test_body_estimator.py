@@ -13,7 +13,7 @@ from hidden_effects import write_hidden_rig
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
-from mazeplan.control.estimation.rigid_body_parameters import body_of, value_of, with_body
+from mazeplan.control.estimation.rigid_body_fit import body_of, value_of, with_body
 from mazeplan.core.errors import ModelError
 from mazeplan.core.records import Command, Latency, Observation
 from mazeplan.core.resources import PACKAGE

@@ -9,8 +9,7 @@ import plainball
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, autocorrelation, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, autocorrelation, fit_body, with_values
 from mazeplan.diagnosis.rig.reference import fit_reference
 from mazeplan.physics.dynamics.plate import PlateMotion
 from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls

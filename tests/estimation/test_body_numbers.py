@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_parameters import (
+from mazeplan.control.estimation.rigid_body_fit import (
     bead_values,
     body_of,
     number_of,

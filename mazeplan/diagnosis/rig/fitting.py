@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, number_of, value_of, with_values
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.physics.effect import Term

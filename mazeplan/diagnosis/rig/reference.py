@@ -22,8 +22,16 @@ import numpy as np
 import yaml
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import DEFAULT_FREE, BodyFit, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import bead_stderr, bead_values, body_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import (
+    DEFAULT_FREE,
+    BodyFit,
+    bead_stderr,
+    bead_values,
+    body_of,
+    fit_body,
+    value_of,
+    with_values,
+)
 from mazeplan.core.errors import ModelError
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.logs.table import Table, join

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
-from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
-from mazeplan.control.estimation.rigid_body_parameters import number_of
+from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body, number_of
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array, IntArray
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, STEPS

@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
-from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search, value_of, with_values
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
 from mazeplan.diagnosis.rig.fitting import (
     ENOUGH,

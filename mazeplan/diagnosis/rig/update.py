@@ -11,8 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit
-from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, value_of, with_body, with_values
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.effect_entry import effect_entry, values_of
 from mazeplan.diagnosis.rig.fitting import Reference

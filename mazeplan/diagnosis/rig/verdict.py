@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyModel, Filtered
-from mazeplan.control.estimation.rigid_body_parameters import value_of
+from mazeplan.control.estimation.rigid_body_fit import value_of
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, with_plan
 from mazeplan.diagnosis.record import record_of

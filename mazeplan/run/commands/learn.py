@@ -19,8 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import fit_body
-from mazeplan.control.estimation.rigid_body_parameters import value_of, with_body
+from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of, with_body
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.table import Table, as_table, join, name_of, several
