@@ -48,7 +48,6 @@ from mazeplan.learning.samples import (
     orientation,
     oriented,
     ring_samples,
-    rings_of,
     rings_wanted,
 )
 from mazeplan.learning.smoothing import Smoothing
@@ -172,19 +171,14 @@ def compare(
     return scores
 
 
-def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> Sequence[Table]:
+def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> list[Table]:
     """The tables that have rows of `options.ring`; all, if that is None. Raises InputError if there are none."""
-    if options.ring is None:
-        return tables
     kept, without = [], []
     for table in tables:
-        seen = np.isfinite(table["theta"])
-        if (seen & (rings_wanted(table, maze, options) > 0)).any():
+        if options.ring is None or (np.isfinite(table["theta"]) & (rings_wanted(table, maze, options) > 0)).any():
             kept.append(table)
-            continue
-        there = np.unique(rings_of(table, maze)[seen])
-        others = ", ".join(f"{ring:.0f}" for ring in there[there > 0]) or "none"
-        without.append(f"{table.source.get('file', 'a table')} has no row of ring {options.ring}, but of {others}")
+        else:
+            without.append(f"{table.source.get('file', 'a table')} has no row of ring {options.ring}")
     if tables and not kept:
         raise InputError("; ".join(without))
     for text in without:

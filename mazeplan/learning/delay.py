@@ -28,19 +28,14 @@ HISTORY_S = 0.25  # s of tilt before a start and after a prediction: more than t
 RESAMPLES = 200
 
 
-def _history(dt: float) -> int:
-    """Samples of HISTORY_S."""
-    return math.ceil(HISTORY_S / dt)
-
-
-def _start(dt: float) -> int:
-    """Samples of START_S, an odd number."""
-    return min(max(int(START_S / dt) | 1, STARTS[0]), STARTS[1])
+def _spans(dt: float) -> tuple[int, int]:
+    """Samples of HISTORY_S, and of START_S (an odd number)."""
+    return math.ceil(HISTORY_S / dt), min(max(int(START_S / dt) | 1, STARTS[0]), STARTS[1])
 
 
 def usable_starts(table: Table, starts: IntArray) -> IntArray:
     """The starts from which the samples of START_S and AHEAD follow without a gap."""
-    seen, segment, around, first = np.isfinite(table["x"]), table.segment, _history(table.dt), _start(table.dt)
+    seen, segment, around, first = np.isfinite(table["x"]), table.segment, *_spans(table.dt)
     last = first + AHEAD + around
     starts = starts[(starts >= around) & (starts + last < len(table))]
     whole = np.lib.stride_tricks.sliding_window_view(seen, 2 * (first // 2) + AHEAD + 1)[starts].all(axis=1)
@@ -49,7 +44,7 @@ def usable_starts(table: Table, starts: IntArray) -> IntArray:
 
 def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay: float, dt: float) -> Array:
     """Distance (K,) between prediction and measurement after AHEAD samples, m."""
-    grid, around, first = np.arange(len(table)) * dt, _history(dt), _start(dt)
+    grid, (around, first) = np.arange(len(table)) * dt, _spans(dt)
     tilts = np.ascontiguousarray(np.stack([smoothed(table[axis], 5) for axis in ("beta", "gamma")], axis=1))
     tau = (np.arange(first) - first // 2) * dt
     smoother = np.linalg.pinv(np.stack([np.ones(first), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0

@@ -39,8 +39,7 @@ class DiscreteMap:
 
 def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> DiscreteMap:
     """Fit the map to pairs of neighbouring training rows."""
-    following = np.zeros(len(samples), dtype=bool)
-    following[:-1] = samples.good[1:] & (samples.segment[1:] == samples.segment[:-1])
+    following = np.append(samples.good[1:] & (samples.segment[1:] == samples.segment[:-1]), False)
     rows = rows[following[rows]]
     rows = rows[uniform_downsample(len(rows), options.most)]
     x, none = inputs(samples.at(rows)), np.zeros((len(rows), 0))

@@ -9,7 +9,7 @@ a roll-out.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -19,13 +19,13 @@ import numpy as np
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table
-from mazeplan.core.records import Array
 from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rig_gp import planned
 from mazeplan.learning.rollout import (
     PAST,
     STEPS,
+    Accelerate,
     Rollout,
     angle_noise,
     causal_start,
@@ -36,12 +36,11 @@ from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_s
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.ball_model import RingKinematics, kinematic_terms
+from mazeplan.physics.ball_model import kinematic_terms
 
 MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
 BRIDGED = 3  # pictures in a row
 FEWEST = 50  # minimum number of samples of a ring
-Predict = Callable[[RingKinematics], Array]
 GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
 NOISES = 3.0  # an error below this many times the noise is good: the noise hides any better model
 FEWEST_WINDOWS = 5  # minimum number of windows for a verdict
@@ -89,28 +88,24 @@ def ring_errors(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[in
             continue
         start, theta = windows.start, samples.k.theta
         stays = Rollout.against(np.repeat(theta[start, None], STEPS + 1, axis=1), theta, start)
-        goes_on = _rolled(lambda k: np.zeros(len(k.theta)), samples, windows.start)
-        done = _rolled(_predictor(model, ring), samples, windows.start)
+        goes_on = _rolled(lambda k: np.zeros(len(k.theta)), samples, start)
+        done = _rolled(_predictor(model, ring), samples, start)
         noise = math.sqrt(2.0 / math.pi) * angle_noise(samples)  # mean of its absolute value
         persistence = min(stays.after(STEPS), goes_on.after(STEPS))
         found[ring] = RingError(len(windows), STEPS * samples.dt, done.after(STEPS), persistence, noise)
     return found
 
 
-def _predictor(model: RigModel, ring: int) -> Predict:
+def _predictor(model: RigModel, ring: int) -> Accelerate:
     """The function for theta_dd by the model, as planner and estimator use it."""
     ball, process = model.ball(ring), model.processes.get(ring)
-
-    def learned(k: RingKinematics) -> Array:
-        if process is None:
-            return ball.acceleration(k)
-        base = planned(ball, k) if model.by_effects(ring) else kinematic_terms(k)
-        return base + process.mean(inputs(k))
-
-    return learned
+    if process is None:
+        return ball.acceleration
+    effects = model.by_effects(ring)
+    return lambda k: (planned(ball, k) if effects else kinematic_terms(k)) + process.mean(inputs(k))
 
 
-def _rolled(way: Predict, samples: RingSamples, start: Any) -> Rollout:
+def _rolled(way: Accelerate, samples: RingSamples, start: Any) -> Rollout:
     """Roll-outs of a model from the samples `start`. A filter with the model estimates their start."""
     misfit = MISFIT * max(float(np.std(samples.theta_ddot[samples.good])), 1e-300)
     theta, rate = causal_start(way, samples, start, angle_noise(samples), misfit)

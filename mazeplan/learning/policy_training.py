@@ -74,7 +74,6 @@ def fit_network(
     import torch
 
     require_device(device)
-
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(seed)

@@ -23,6 +23,7 @@ from mazeplan.core.errors import ModelError
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
 from mazeplan.core.whole_file import whole_file
+from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.learning.published_samples import (
     ACCELERATION,
     AXES,
@@ -51,7 +52,6 @@ MAX_BYTES = 64 << 20  # of one file; the published ones have at most 1.4 MB
 MIN_ROWS = 8  # fewer do not show how the recording was thinned
 MISFIT = 1e-3  # maximum relative difference from the weights that follow from alpha; matching files have 1e-12
 STRANGERS = "do the files of this ring belong together?"
-BLOCK = 1 << 22  # elements of the kernel matrix computed at a time
 
 
 @dataclass(frozen=True)
@@ -215,14 +215,10 @@ def _features(angles: Array, rates: Array) -> Array:
 
 def _kernel_times(model: DualForm, vector: Array) -> Array:
     """K vector (N,), with K = kernel_scale exp(-|x - x'|^2 / 2) on inputs in units of their lengths."""
-    x = (model.inputs - model.inputs.mean(axis=0)) / model.lengths
-    square = np.sum(x**2, axis=1)
-    out = np.empty(len(x))
-    for first in range(0, len(x), max(1, BLOCK // len(x))):
-        part = slice(first, first + max(1, BLOCK // len(x)))
-        distance = square[part, None] + square - 2.0 * (x[part] @ x.T)
-        out[part] = model.kernel_scale * np.exp(-0.5 * np.maximum(distance, 0.0)) @ vector
-    return out
+    term = KernelTerm(tuple(range(len(model.lengths))), model.lengths, float(np.sqrt(model.kernel_scale)))
+    none, hyper = np.zeros((len(vector), 0)), Hyperparameters((term,), 1.0, np.zeros(0))  # its noise has no effect
+    process = GaussianProcess(hyper, model.inputs, none, vector, np.zeros(0), np.zeros((0, 0)))
+    return process.mean(model.inputs)
 
 
 def import_ring(model: DualForm, *, advance: Advance = no_advance) -> ImportedRing:

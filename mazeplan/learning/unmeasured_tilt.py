@@ -1,7 +1,7 @@
 """The stage of a rig without a tilt sensor, by the ball: which lag between command and tilt explains its motion best.
 
 For each kind of axis on a grid, the tilt follows from the commands. The weak form of the ball's equation
-(`identification`) is linear in its unknowns then, so its residual is found at once for each delay of the picture. The
+(`weak_form`) is linear in its unknowns then, so its residual is found at once for each delay of the picture. The
 axis with the smallest residual is the stage; its tilt takes the place of the measured one in the table.
 
 The ball is slow, so springy axes look like damped ones with another delay. Only damped ones are tried: a plan on a
@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
-from mazeplan.learning.identification import (
+from mazeplan.learning.weak_form import (
     WeakWindows,
     find_windows,
     hardly_moving,
@@ -60,8 +60,8 @@ def stage_by_ball(table: Table, maze: Maze) -> StageModel:
     Raises ValueError if the ball hardly moves freely."""
     every = max(round(1.0 / (RATE * table.dt)), 1)
     few = _each(table, every)
-    found = [find_windows(few, maze, ring.number, few.dt) for ring in maze.rings if not ring.is_disc]
-    windows = [replace(w, start=w.start[::2], block=w.block[::2]) for w in found if len(w.start)]  # they overlap
+    found = [w for w in find_windows(few, maze) if len(w.start)]
+    windows = [replace(w, start=w.start[::2], block=w.block[::2]) for w in found]  # they overlap
     if not windows:
         raise hardly_moving(few, 0)
     tables = ((axis, with_tilt_by_commands(table, StageModel(axis, axis))) for axis in _axes())
@@ -111,7 +111,7 @@ def _loss(table: Table, windows: Sequence[WeakWindows]) -> float:
 def _at_delay(table: Table, tilts: dict[str, Array], windows: Sequence[WeakWindows], delay: float) -> float:
     rows: list[tuple[Array, Array]] = []
     for w in windows:
-        target, features = weak_rows(table, tilts, w, delay, table.dt)
+        target, features = weak_rows(table, tilts, w, delay)
         rows.append((w.radius * target, features * per_radius(w.radius)))
     y, X = np.concatenate([t for t, _ in rows]), np.concatenate([f for _, f in rows])
     weights, loss = np.ones(len(y)), math.inf

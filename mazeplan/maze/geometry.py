@@ -30,7 +30,7 @@ class Ball:
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """The channel between two walls: clear floor from inner to outer radius."""
+    """The channel between two walls: clear floor from inner to outer radius. The centre is a disc."""
 
     number: int
     inner_radius: float
@@ -124,10 +124,10 @@ class Maze:
 
     def opening(self, name: str) -> Opening:
         """The opening of that name."""
-        for opening in self.openings:
-            if opening.name == name:
-                return opening
-        raise KeyError(f"no opening {name!r}; there are {', '.join(o.name for o in self.openings)}")
+        found = next((opening for opening in self.openings if opening.name == name), None)
+        if found is None:
+            raise KeyError(f"no opening {name!r}; there are {', '.join(o.name for o in self.openings)}")
+        return found
 
     def openings_between(self, a: int, b: int) -> tuple[Opening, ...]:
         """All openings that join two rings, closed ones too."""
@@ -164,19 +164,20 @@ class Maze:
 
     def radial_walls_of(self, ring: int) -> tuple[RadialWall, ...]:
         """The radial walls in a ring by angle, from 0 upwards."""
-        return tuple(sorted((w for w in self.radial_walls if w.ring == ring), key=lambda w: w.angle % _TURN))
+        walls = (wall for wall in self.radial_walls if wall.ring == ring)
+        return tuple(sorted(walls, key=lambda wall: wall.angle % _TURN))
 
     def sector(self, ring: int, theta: float) -> int:
         """Sector of a ring at an angle. Sector n begins at wall n of `radial_walls_of`, from 0; 0 in a ring without
         radial walls."""
-        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        walls = self.radial_walls_of(ring)
         return min(range(len(walls)), key=lambda n: (theta - walls[n].angle) % _TURN, default=0)
 
     def turn(self, ring: int, start: float, end: float) -> float | None:
         """Signed angle of the ball's way from one angle of a ring to another; None if radial walls leave no way.
 
         Without radial walls it is the shorter way. With them it is the only open way, perhaps more than half a turn."""
-        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        walls = self.radial_walls_of(ring)
         if not walls:
             return difference(end, start)
         n = self.sector(ring, start)
@@ -190,7 +191,7 @@ class Maze:
 
     def clear_angle(self, ring: int, theta: float) -> float:
         """The angle nearest to theta at which the ball has room in the middle of a ring, beside its radial walls."""
-        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        walls = self.radial_walls_of(ring)
         if not walls:
             return theta
         halves = [w.half_angle(self.track_radius(ring), self.ball.radius + CLEARANCE) for w in walls]

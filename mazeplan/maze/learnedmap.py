@@ -108,17 +108,16 @@ def learn_map(
 
 def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, MapCheck, tuple[str, ...]]:
     """The maze with the radial walls of the prior map, if they fit; the result of `check_text`; warnings."""
-    check = check_text(dump_map(maze))
+    check, note = check_text(dump_map(maze)), f"radial walls, which no log shows, are those of {prior_name}"
     if not prior.radial_walls:
         return maze, check, ()
-    note = f"radial walls, which no log shows, are those of {prior_name}"
     if len(prior.rings) != len(maze.rings):
         return maze, check, (f"{note}, but left out: it has {len(prior.rings)} rings",)
-    with_them = replace(maze, radial_walls=prior.radial_walls)
-    checked = check_text(dump_map(with_them))
-    if checked.errors and not check.errors:
-        return maze, check, (f"{note}, but left out: {checked.errors[0].problem}",)
-    return with_them, checked, (note,)
+    walled = replace(maze, radial_walls=prior.radial_walls)
+    again = check_text(dump_map(walled))
+    if again.errors and not check.errors:
+        return maze, check, (f"{note}, but left out: {again.errors[0].problem}",)
+    return walled, again, (note,)
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mazeplan.core.logs.table import Table
-from mazeplan.learning.identification import find_windows, fit_rig, ridge, weak_function, window_of
+from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.weak_form import find_windows, ridge, weak_function, window_of
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.rig.stage import StageAxis
 from mazeplan.physics.rig.stage_simulation import simulate_axis
@@ -116,17 +117,17 @@ def test_rings_without_data_take_the_nearest_and_the_disc_rolls_freely(fitted):
 
 def test_windows_leave_out_gaps_other_rings_and_a_ball_that_stands():
     whole = table((1,), 60.0)
-    everything = find_windows(whole, MAZE, 1, DT)
+    everything = find_windows(whole, MAZE)[0]
     assert len(everything.start) > 50
-    assert len(find_windows(whole, MAZE, 2, DT).start) == 0
+    assert len(find_windows(whole, MAZE)[1].start) == 0
     columns = dict(whole.columns)
     columns["theta"] = columns["theta"].copy()
     columns["theta"][900:910] = np.nan
-    holed = find_windows(Table(columns), MAZE, 1, DT).start
+    holed = find_windows(Table(columns), MAZE)[0].start
     assert not np.any((holed > 887) & (holed < 910))
     assert np.any((everything.start > 887) & (everything.start < 910))
     still = {**whole.columns, "theta": np.full(len(whole), 0.3)}
-    assert len(find_windows(Table(still), MAZE, 1, DT).start) == 0
+    assert len(find_windows(Table(still), MAZE)[0].start) == 0
 
 
 def test_missing_columns_and_balls_are_said():
@@ -142,7 +143,7 @@ def test_at_a_low_rate_windows_are_as_long_as_usual():
     whole = table((1,), 120.0)
     half = Table({name: column[::2] for name, column in whole.columns.items()})
     assert [window_of(1.0 / rate) for rate in (10.0, 15.0, 20.0, 30.0, 60.0)] == [7, 7, 9, 13, 13]
-    assert len(find_windows(half, MAZE, 1, half.dt).start) > 0.4 * len(find_windows(whole, MAZE, 1, DT).start)
+    assert len(find_windows(half, MAZE)[0].start) > 0.4 * len(find_windows(whole, MAZE)[0].start)
     ball = fit_rig(half, MAZE).model.ball(1)
     assert ball.parameter("rolling_inertia", "factor", 0.0) == pytest.approx(TRUE["factor"], rel=0.06)
     assert ball.parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(TRUE["viscous"], abs=0.15)
