@@ -25,11 +25,9 @@ from mazeplan.core.logs.table import Table
 from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words, piece
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.camera_center import Centre, find_centre, smoothing_of, straightened
-from mazeplan.learning.discrete_map import fit_discrete, roll_out_discrete
 from mazeplan.learning.features import paper_features
-from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.fitting import FitOptions, fit_discrete, fit_kind, fit_linear, roll_out_discrete
 from mazeplan.learning.gp_training import TrainingOptions
-from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.rollout import (
     CHECKED,
     Accelerate,

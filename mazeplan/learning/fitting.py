@@ -7,8 +7,14 @@
 | np | Gaussian process on the inputs of the kernel |
 | sp | Gaussian process with an additional linear kernel on features |
 | rf | random forest on the nine inputs (scikit-learn) |
+| npd | Gaussian processes on the discrete map x_k -> x_{k+1}, without an equation of motion: the counter-example |
 
-np and sp learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity.
+np and sp learn the difference to `kinematic_terms`: the part due to the motion of the plate, without gravity. The map
+of npd is nearly the identity, and its error adds up with each step.
+
+Linear regression: the marginal likelihood (evidence) determines prior and noise of y = Phi w + e, e ~ N(0, s^2),
+w ~ N(0, diag(1 / a)). a (one for each feature) and s follow from the fixed-point rules of MacKay, "Bayesian
+interpolation", Neural Computation 1992. Features without influence get a weight of zero.
 
 Heavy tails: Student's t noise in place of normal noise.
 
@@ -31,15 +37,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.maths.angles import nearest
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs, paper_features
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_training import TrainingOptions, train
-from mazeplan.learning.linear import LinearFit, fit_linear
-from mazeplan.learning.rollout import Accelerate
-from mazeplan.learning.samples import RingSamples
+from mazeplan.learning.rollout import STEPS, Accelerate, Rollout
+from mazeplan.learning.samples import RingSamples, pick
 from mazeplan.learning.split import uniform_downsample
 from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_terms
 from mazeplan.physics.effects.ball import rolling_inertia
@@ -51,6 +57,11 @@ FEW = 1000  # maximum number of rows of the Gaussian process whose residuals are
 LAGS, SHORT = 30, 0.1  # maximum lag, rows; share of the power below which residuals count as uncorrelated
 FREEDOM = (1.0, 30.0)  # bounds of nu; measured rings have 2 to 3, simulated ones 5 to 7
 FOLDS, BLOCK = 4, 10  # number of folds; rows of a block, because smoothing spreads an impact over its neighbours
+ROUNDS = 200
+CLOSE = 1e-6  # relative change of the precisions that ends the rounds
+SMALLEST = 1e-100  # minimum of a divisor
+DIGITS = 1e-14  # share of the target's square; a smaller rest is rounding
+LARGEST = 1e12  # maximum precision, in units of the scaled feature; the weight is then practically zero
 
 
 @dataclass(frozen=True)
@@ -202,3 +213,85 @@ def cross_residuals(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> A
             process = GaussianProcess.condition(hyper, x[some], phi[some], y[some])
             left[mine] -= process.mean(x[mine], phi[mine])
     return left
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A fitted linear model.
+
+    weights (M,), covariance (M, M):  mean and covariance of the weights
+    noise:                            standard deviation of a sample"""
+
+    weights: Array
+    covariance: Array
+    noise: float
+
+    def mean(self, features: Array) -> Array:
+        """Prediction (N,) for features (N, M)."""
+        return features @ self.weights
+
+
+def fit_linear(features: Array, target: Array) -> LinearFit:
+    """Weights of features (N, M) for a target (N,). Raises ValueError if there are no more rows than features."""
+    n, m = features.shape
+    if n <= m:
+        raise ValueError(f"got {n} samples, expected more than {m}")
+    scale = np.sqrt(np.mean(features**2, axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    X = features / scale
+    gram, moment, power = X.T @ X, X.T @ target, float(target @ target)
+    precision, noise = np.ones(m) / max(float(np.var(target)), SMALLEST), max(0.1 * power / n, SMALLEST)
+    mean, covariance = np.zeros(m), np.eye(m)
+    for _ in range(ROUNDS):
+        covariance = np.linalg.inv(gram / noise + np.diag(precision))
+        mean = covariance @ moment / noise
+        known = 1.0 - precision * np.diag(covariance)  # 1 for a weight that the data determine
+        before = precision
+        precision = np.minimum(np.maximum(known, 1e-12) / np.maximum(mean**2, SMALLEST), LARGEST)
+        rest = max(power - 2.0 * float(mean @ moment) + float(mean @ gram @ mean), DIGITS * power)
+        noise = max(rest / max(n - float(known.sum()), 1.0), SMALLEST)
+        if np.max(np.abs(np.log(precision / before))) < CLOSE:
+            break
+    return LinearFit(mean / scale, covariance / np.outer(scale, scale), float(np.sqrt(noise)))
+
+
+@dataclass(frozen=True)
+class DiscreteMap:
+    """Gaussian processes for sin theta, cos theta and theta_dot, one sample later."""
+
+    sine: GaussianProcess
+    cosine: GaussianProcess
+    rate: GaussianProcess
+
+    def next(self, k: RingKinematics) -> tuple[Array, Array]:
+        """Angle (on the turn of the present one) and rate (N,) one sample later."""
+        x = inputs(k)
+        angle = np.arctan2(self.sine.mean(x), self.cosine.mean(x))
+        return nearest(angle, k.theta), self.rate.mean(x)
+
+
+def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> DiscreteMap:
+    """Fit the map to pairs of neighbouring training rows."""
+    following = np.append(samples.good[1:] & (samples.segment[1:] == samples.segment[:-1]), False)
+    rows = rows[following[rows]]
+    rows = rows[uniform_downsample(len(rows), options.most)]
+    x, none = inputs(samples.at(rows)), np.zeros((len(rows), 0))
+    theta = samples.k.theta[rows + 1]
+    training = TrainingOptions(starts=1, seed=options.seed)
+
+    def process(target: Array) -> GaussianProcess:
+        return GaussianProcess.condition(train(x, none, target, training), x, none, target)
+
+    return DiscreteMap(process(np.sin(theta)), process(np.cos(theta)), process(samples.k.theta_dot[rows + 1]))
+
+
+def roll_out_discrete(
+    model: DiscreteMap, samples: RingSamples, start: IntArray, theta: Array, theta_dot: Array
+) -> Rollout:
+    """Roll the map out from (theta, theta_dot) (W,) at rows `start` along the measured tilt."""
+    angle, rate = np.empty((len(start), STEPS + 1)), theta_dot
+    angle[:, 0] = theta
+    for i in range(STEPS):
+        k = replace(pick(samples.k, start + i), theta=angle[:, i], theta_dot=rate)
+        angle[:, i + 1], rate = model.next(k)
+    return Rollout.against(angle, samples.k.theta, start)

@@ -1,4 +1,5 @@
-"""The model of a rig: what estimation and planning know of it. `transfer_model` adapts it to another maze."""
+"""The model of a rig: what estimation and planning know of it. `transfer_model` adapts it to another maze; `fits_words`
+says whether it fits the machine that it was learned from."""
 
 from __future__ import annotations
 
@@ -20,6 +21,8 @@ from mazeplan.physics.rig.stage import StageModel
 LATENCY_STDERR = 0.002  # s; standard error of a delay that was measured while the plate swung
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to a tilt of 0.4 deg
 ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
+FITS = 1.3  # times the noise up to which a description fits a record
+SLIDING, SMOOTH = 0.8, 0.02  # factor of gravity that no rolling ball has; friction of a wall that hardly has any
 
 
 @dataclass(frozen=True)
@@ -140,3 +143,29 @@ def transfer_model(model: RigModel, home: Maze, maze: Maze) -> RigModel:
 def _radius(ring: Ring) -> float:
     """Typical radius of the ball: that of the track; in the disc half of the outer radius."""
     return ring.track_radius or 0.5 * ring.outer_radius
+
+
+def fits_words(model: RigModel) -> str:
+    """One line about stage and ball; empty for a model that does not know how well it fits."""
+    fits: dict[str, float] = model.scores.get("fits") or {}
+    words = [
+        f"the {part} {'fits' if times <= FITS else 'does not fit'} ({times:.1f} times its noise)"
+        for part, times in fits.items()
+    ]
+    hints = ["a servo of another kind?"] if fits.get("stage", 0.0) > FITS else []
+    hints += [_hint(model)] if fits.get("ball", 0.0) > FITS else []
+    return ", ".join(words) + (": " + " ".join(hints) if hints else "")
+
+
+def _hint(model: RigModel) -> str:
+    """What a ball that does not fit may be."""
+    factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
+    wall = model.body.values.get("wall", 0.0) if model.body is not None else 1.0
+    return f"{kind_of_ball(max(factors, default=0.0) > SLIDING, wall)}?"
+
+
+def kind_of_ball(slides: bool, wall: float) -> str:
+    """What a ball that does not fit may be, by its numbers. wall: friction coefficient at a wall"""
+    if slides:
+        return "a ball that slides"
+    return "walls without friction" if wall < SMOOTH else "an unbalanced ball, or soft walls"

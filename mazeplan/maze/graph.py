@@ -12,14 +12,14 @@ different sectors, so a route may leave the ring and come back.
 
 The passage of an opening costs a fixed time, the extra cost in the map, and a fixed loss for every expected attempt
 beyond the first. With the probability of success p ~ Beta(A, B), A = prior + successes and B = prior + failures, the
-expected number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
+expected number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
 
@@ -27,7 +27,6 @@ import networkx as nx
 
 from mazeplan.core.constants import GRAVITY
 from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.maze.memory import OpeningMemory
 
 ROLLING_FACTOR = 5.0 / 9.0  # share of gravity along the ring that accelerates the ball
 SERVO_LAG_S = 0.1  # lag of the plate
@@ -35,7 +34,40 @@ PASSAGE_S = 0.25  # time through an opening
 DISC_S = 0.2  # time across the disc in the centre
 RETRY_S = 1.5  # time lost with every failed attempt
 PRIOR_SUCCESSES, PRIOR_FAILURES = 3.0, 0.3  # Beta prior of an untried opening; successes > 1, or E[1/p] is infinite
+FADING_S = 120.0  # s of rig time in which counts of the memory fall to 1/e
 _START, _GOAL = "start", "goal"
+
+
+@dataclass
+class OpeningMemory:
+    """Counts of successes and failures by opening, over all goals of a run.
+
+    A failure may be temporary. Therefore the counts decay with rig time by exp(-t / fading_s): recent attempts count
+    most, and an opening that is no longer tried returns to the prior.
+
+    fading_s: rig time until counts fall to 1/e, s
+    attempts: number of recorded attempts, without fading
+    """
+
+    fading_s: float = FADING_S
+    _counts: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # successes, failures, when
+    attempts: int = field(default=0, compare=False)
+
+    def record(self, name: str, success: bool, now: float) -> None:
+        """Record one attempt at an opening at rig time now, s."""
+        successes, failures = self.tries(name, now)
+        self._counts[name] = (successes + success, failures + (not success), now)
+        self.attempts += 1
+
+    def tries(self, name: str, now: float) -> tuple[float, float]:
+        """Faded successes and failures of an opening at rig time now, s."""
+        successes, failures, when = self._counts.get(name, (0.0, 0.0, now))
+        kept = math.exp(-max(now - when, 0.0) / self.fading_s)
+        return successes * kept, failures * kept
+
+    def at_end(self, now: float) -> dict[str, tuple[float, float]]:
+        """Faded successes and failures of all tried openings at rig time now, s."""
+        return {name: self.tries(name, now) for name in self._counts}
 
 
 @dataclass(frozen=True, slots=True)

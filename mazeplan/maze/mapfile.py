@@ -17,8 +17,17 @@ from mazeplan.core import resources
 from mazeplan.core.errors import MapError
 from mazeplan.core.name_hints import guess
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
-from mazeplan.maze.maprules import Problem, cut_off, doubts, opening_problems, ring_problems, wall_problems
-from mazeplan.maze.mapschema import MapFile, default_name, default_wall_name
+from mazeplan.maze.mapschema import (
+    MapFile,
+    Problem,
+    cut_off,
+    default_name,
+    default_wall_name,
+    doubts,
+    opening_problems,
+    ring_problems,
+    wall_problems,
+)
 from mazeplan.maze.sections import as_tuples, problems
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 

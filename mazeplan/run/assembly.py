@@ -25,8 +25,7 @@ from mazeplan.core.records import LEVEL, Command, Observation, State
 from mazeplan.core.side_by_side import beside
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.maprules import crowded
-from mazeplan.maze.mapschema import MAX_BALLS
+from mazeplan.maze.mapschema import MAX_BALLS, crowded
 from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.rigs.interface import Rig, traits

@@ -49,8 +49,7 @@ from mazeplan.core.records import (
     Plan,
     Start,
 )
-from mazeplan.maze.graph import RouteGraph
-from mazeplan.maze.memory import OpeningMemory
+from mazeplan.maze.graph import OpeningMemory, RouteGraph
 from mazeplan.rigs.interface import Rig
 from mazeplan.run.assembly import Balls, compiled_beside, planners_of, plate_of, rollout_of, safety_filter_of
 from mazeplan.run.goals import Requests

@@ -39,7 +39,7 @@ from mazeplan.core.records import (
     State,
     TreeOutline,
 )
-from mazeplan.maze.memory import OpeningMemory
+from mazeplan.maze.graph import OpeningMemory
 from mazeplan.run.specification import Job
 
 

@@ -25,7 +25,7 @@ def quick(monkeypatch):
     pytest.importorskip("torch").set_num_threads(1)
     short = replace(module.THOROUGH, starts=1, iterations=10, refinement=4)
     monkeypatch.setattr(module, "THOROUGH", short)
-    monkeypatch.setattr("mazeplan.learning.discrete_map.TrainingOptions", lambda **more: replace(short, **more))
+    monkeypatch.setattr("mazeplan.learning.fitting.TrainingOptions", lambda **more: replace(short, **more))
     whole = module.block_bootstrap
     monkeypatch.setattr(module, "block_bootstrap", lambda *a: whole(*a, draws=100))
 

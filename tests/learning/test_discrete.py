@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from ring_record import DT, RADII, Ball, Tilt, motion
 
-from mazeplan.learning.discrete_map import DiscreteMap, fit_discrete, roll_out_discrete
-from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.fitting import DiscreteMap, FitOptions, fit_discrete, fit_kind, roll_out_discrete
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.rollout import STEPS, choose_windows, roll_out
 from mazeplan.learning.samples import RingSamples

@@ -15,9 +15,8 @@ from mazeplan.learning.features import (
     effect_features,
     inputs,
 )
-from mazeplan.learning.fitting import FitOptions, fit_kind, fit_process
+from mazeplan.learning.fitting import FitOptions, fit_kind, fit_linear, fit_process
 from mazeplan.learning.gp_training import TrainingOptions
-from mazeplan.learning.linear import fit_linear
 from mazeplan.learning.policy_training import require_torch
 from mazeplan.learning.samples import MatchedKinematics, RingSamples
 from mazeplan.physics.ball_model import RingKinematics, gravity_part, kinematic_terms

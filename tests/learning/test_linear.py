@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.learning.linear import fit_linear
+from mazeplan.learning.fitting import fit_linear
 
 KNOWN = np.array([2.0, -30.0, 0.004])  # of features of unlike sizes
 SIZES = np.array([1.0, 0.1, 500.0])

@@ -6,9 +6,8 @@ import math
 
 import pytest
 
-from mazeplan.maze.graph import RouteGraph
+from mazeplan.maze.graph import OpeningMemory, RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.memory import OpeningMemory
 
 CME = load_map("cme")
 

@@ -39,7 +39,7 @@ def one_thread():
 def short_training_of_the_map():
     """The discrete map is trained as shortly as the others."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mazeplan.learning.discrete_map.TrainingOptions", lambda **more: replace(TRAINING, **more))
+        patch.setattr("mazeplan.learning.fitting.TrainingOptions", lambda **more: replace(TRAINING, **more))
         yield
 
 

@@ -74,7 +74,7 @@ def learn(
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
-    from mazeplan.learning.fits import fits_words
+    from mazeplan.learning.rig_model import fits_words
     from mazeplan.run.commands.learn import learn as fit
 
     if device == "cuda":

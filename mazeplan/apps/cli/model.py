@@ -128,9 +128,9 @@ def score(
     from mazeplan.apps.report.page import section_text
     from mazeplan.core.logs.column_units import parse_columns
     from mazeplan.core.logs.table import read_table
-    from mazeplan.learning.fits import fits_words
     from mazeplan.learning.model_score import learned_from, ring_errors, score_document
     from mazeplan.learning.modelfile import load_model
+    from mazeplan.learning.rig_model import fits_words
     from mazeplan.run.commands.log_context import logged_map
 
     found, maze = load_model(model), logged_map(map_, *logs).maze

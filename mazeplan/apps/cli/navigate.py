@@ -91,8 +91,8 @@ def note_missing_model(rig: str, model: str | None) -> None:
     """Print how well the model fits its machine, or a note if the run has no fitted model and uses nominal physics.
 
     Raises InputError for a rig or a model that does not exist."""
-    from mazeplan.learning.fits import fits_words
     from mazeplan.learning.modelfile import load_model, model_names
+    from mazeplan.learning.rig_model import fits_words
     from mazeplan.rigs.registry import rig_model_hint
 
     if model is not None:

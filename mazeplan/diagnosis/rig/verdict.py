@@ -30,7 +30,7 @@ from mazeplan.diagnosis.rig.search import SearchResult, search_against
 from mazeplan.diagnosis.rig.words import REMAINS, TWICE, advice, notes_on, plain, sentence
 from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.navigation import servos_look_changed
-from mazeplan.learning.fits import FITS, kind_of_ball
+from mazeplan.learning.rig_model import FITS, kind_of_ball
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body import effects_of
 from mazeplan.physics.effect import Effect

@@ -37,7 +37,6 @@ from mazeplan.diagnosis.rig.reference import (
     shortened,
 )
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.learning.fits import FITS
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.identification import TEST_SHARE, BallPrior, RigFit, fit_rig
@@ -46,6 +45,7 @@ from mazeplan.learning.model_score import ring_errors, score_document
 from mazeplan.learning.modelfile import KINDS, RigModel, save_model
 from mazeplan.learning.policy_training import DEVICES
 from mazeplan.learning.rig_gp import RingLearning, learn_processes
+from mazeplan.learning.rig_model import FITS
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageAxis, StageModel
