@@ -13,7 +13,7 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
     /tree    when a tree begins: its nodes, as `records.TreeOutline` explains
     /status  each tick that changes a status: how the last tick of every node ended, one letter each (`STATUSES`)
     /openings  each time an opening was tried: successes and failures at openings as they count at t; they fade
-             (`maze.memory`)
+             (`maze.graph`)
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
