@@ -28,30 +28,22 @@ Home = tuple[int, str]  # id of a scope, and the name of an entry there
 
 @dataclass(frozen=True)
 class Findings:
-    """Result of a check.
+    """Result of a check."""
 
-    errors: mistakes for which the tree is refused, or fails when it is ticked
-    warnings: doubtful parts, which have no effect
-    nodes: number of nodes of the tree; None if the tree cannot be built
-    """
-
-    errors: tuple[TreeError, ...] = ()
-    warnings: tuple[TreeError, ...] = ()
-    nodes: int | None = None
+    errors: tuple[TreeError, ...] = ()  # mistakes for which the tree is refused, or fails when it is ticked
+    warnings: tuple[TreeError, ...] = ()  # doubtful parts, which have no effect
+    nodes: int | None = None  # number of nodes of the tree; None if the tree cannot be built
 
 
 @dataclass(frozen=True)
 class _Use:
     """A node reads or sets a key.
 
-    attribute: through which the node uses the key
-    name: of the key at the node
-    chain: (scope, name there) from the node's scope to the scope to which the key belongs
-    """
+    chain: (scope, name there) from the node's scope to the scope to which the key belongs"""
 
     node: TreeNode
-    attribute: str
-    name: str
+    attribute: str  # through which the node uses the key
+    name: str  # of the key at the node
     chain: tuple[tuple[Blackboard, str], ...]
 
     @property

@@ -54,20 +54,13 @@ ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ !
 
 @dataclass(frozen=True)
 class Script:
-    """A script, ready to run.
+    """A script, ready to run."""
 
-    text: as it was written
-    evaluate: runs the script and returns the value of its last statement
-    reads: names on the blackboard that it reads
-    writes: names that it assigns to by `:=`, which makes entries
-    needs: names that it always reads before it makes them
-    """
-
-    text: str
-    evaluate: Evaluate
-    reads: frozenset[str] = frozenset()
-    writes: frozenset[str] = frozenset()
-    needs: frozenset[str] = frozenset()
+    text: str  # as it was written
+    evaluate: Evaluate  # runs the script and returns the value of its last statement
+    reads: frozenset[str] = frozenset()  # names on the blackboard that it reads
+    writes: frozenset[str] = frozenset()  # names that it assigns to by `:=`, which makes entries
+    needs: frozenset[str] = frozenset()  # names that it always reads before it makes them
 
     def holds(self, board: Blackboard) -> bool:
         """Whether its value is true. Raises ScriptError."""

@@ -84,22 +84,14 @@ class Collection:
 
 @dataclass(frozen=True)
 class Collected:
-    """What a tour did.
+    """What a tour did."""
 
-    rows: number of samples
-    ring_s: time in each ring, s
-    passed: how often each opening was passed
-    changes: number of changes of ring
-    drives: number of drives
-    failed: number of drives that did not arrive
-    """
-
-    rows: int
-    ring_s: dict[int, float]
-    passed: dict[str, int]
-    changes: int
-    drives: int
-    failed: int
+    rows: int  # number of samples
+    ring_s: dict[int, float]  # time in each ring, s
+    passed: dict[str, int]  # how often each opening was passed
+    changes: int  # number of changes of ring
+    drives: int  # number of drives
+    failed: int  # number of drives that did not arrive
 
 
 def multisine(

@@ -39,14 +39,11 @@ SAFER: dict[str, tuple[str, ...]] = {  # parts that are safer in each descriptio
 
 @dataclass(frozen=True)
 class Judgement:
-    """The model to be used, and the errors by which it was chosen.
-
-    errors:   mean distance after AHEAD_S, m: of `learned`, without a part in PARTS, of `nothing`
-    dropped:  parts whose safer description was kept"""
+    """The model to be used, and the errors by which it was chosen."""
 
     model: RigModel
-    errors: dict[str, float]
-    dropped: tuple[str, ...]
+    errors: dict[str, float]  # mean distance after AHEAD_S, m: of `learned`, without a part in PARTS, of `nothing`
+    dropped: tuple[str, ...]  # parts whose safer description was kept
 
     def words(self) -> str:
         """The judgement in one line."""

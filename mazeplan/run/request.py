@@ -44,20 +44,15 @@ NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 class Company:
     """What goes along with a run.
 
-    display: shows its progress
-    goals: requests from other threads
-    own_process: whether the watchdog may end the process when a leaf hangs and nothing else ends it
     feed: called in the thread of the run with topic, rig time and document of each message of a log
-    around: wraps the rig, for example to pace it by the wall clock
     watch: called with each tree and its context before it begins
-    guard: a context around the run, entered with the rig, such as an emergency stop
-    """
+    guard: a context around the run, entered with the rig, such as an emergency stop"""
 
-    display: Display | None = None
-    goals: Goals | None = None
-    own_process: bool = False
+    display: Display | None = None  # shows its progress
+    goals: Goals | None = None  # requests from other threads
+    own_process: bool = False  # whether the watchdog may end the process when a leaf hangs and nothing else ends it
     feed: Sink | None = None
-    around: Callable[[Rig], Rig] | None = None
+    around: Callable[[Rig], Rig] | None = None  # wraps the rig, for example to pace it by the wall clock
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
     guard: Callable[[Rig], AbstractContextManager[object]] = nullcontext
 

@@ -40,20 +40,15 @@ TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures 
 class Job:
     """One navigation to do.
 
-    start, goal: numbers of the rings
-    theta: start angle, rad; None: drawn by the seed
-    time_limit: rig time for each goal, s
-    closed: names of openings that the run does not use
-    via: rings to visit before the goal
-    """
+    start, goal: numbers of the rings"""
 
     start: int
     goal: int
-    theta: float | None = None
+    theta: float | None = None  # start angle, rad; None: drawn by the seed
     seed: int = 0
-    time_limit: float = TIME_LIMIT
-    closed: tuple[str, ...] = ()
-    via: tuple[int, ...] = ()
+    time_limit: float = TIME_LIMIT  # rig time for each goal, s
+    closed: tuple[str, ...] = ()  # names of openings that the run does not use
+    via: tuple[int, ...] = ()  # rings to visit before the goal
 
     def start_angle(self, maze: Maze, rng: np.random.Generator) -> float:
         """The angle at which the ball is placed, rad, clear of radial walls. rng: seeded with the seed of the job."""
@@ -64,32 +59,22 @@ class Job:
 class Setup:
     """Everything that a job is done with, except the rig.
 
-    model: of ball and stage
-    behavior: name or file of the tree
-    behavior_modules: modules of the user, with leaves
-    model_source: where to load the model from again
-    watch: called with each tree before it begins
-    latency: delays measured on the rig; they replace those of the model
-    unseen_s: the run ends after this time without the ball, s; None: never
-    out_s: the run ends after this time with the ball out of the maze, s; None: the run does not check this
-    effects: MODULE:FUNCTION of the user
-    policy: a learned policy, for the leaf FollowPolicy
-    """
+    out_s: the run ends after this time with the ball out of the maze, s; None: the run does not check this"""
 
     maze: Maze
-    model: RigModel
-    behavior: str = "navigate"
+    model: RigModel  # of ball and stage
+    behavior: str = "navigate"  # name or file of the tree
     rig_name: str = ""
     model_name: str = ""
     settings: Settings = field(default_factory=load_settings)
-    behavior_modules: tuple[str, ...] = ()
-    model_source: str | None = None
-    watch: Callable[[BehaviorTree, RunContext], None] | None = None
-    latency: Latency | None = None
-    unseen_s: float | None = None
+    behavior_modules: tuple[str, ...] = ()  # modules of the user, with leaves
+    model_source: str | None = None  # where to load the model from again
+    watch: Callable[[BehaviorTree, RunContext], None] | None = None  # called with each tree before it begins
+    latency: Latency | None = None  # delays measured on the rig; they replace those of the model
+    unseen_s: float | None = None  # the run ends after this time without the ball, s; None: never
     out_s: float | None = 0.0
-    effects: str | None = None
-    policy: Policy | None = None
+    effects: str | None = None  # MODULE:FUNCTION of the user
+    policy: Policy | None = None  # a learned policy, for the leaf FollowPolicy
 
     def on(self, rig: Any) -> Setup:
         """The setup with what the rig states (`interface.RigTraits`): its latency, `unseen_s` and `out_s`.
@@ -137,21 +122,17 @@ class OwnEffects:
 class ReplayFacts:
     """The part `replay` of a log's header: everything that affects decisions and is not elsewhere in the header.
 
-    settings: `Settings.text`
-    modules: modules of the user, by name
-    start_theta: start angle, rad; None: drawn by the seed
-    model: folder or packaged name; None if the log holds the model, or the model is the nominal one
-    """
+    model: folder or packaged name; None if the log holds the model, or the model is the nominal one"""
 
     format: int
     rate_hz: float
     closed: tuple[str, ...]
-    settings: str
+    settings: str  # `Settings.text`
     model_sha256: str
     behavior_file: str
     behavior_sha256: str
-    modules: dict[str, SourceFile]
-    start_theta: float | None = None
+    modules: dict[str, SourceFile]  # modules of the user, by name
+    start_theta: float | None = None  # start angle, rad; None: drawn by the seed
     model: str | None = None
     unseen_s: float | None = None
     out_s: float | None = None

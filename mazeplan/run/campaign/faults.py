@@ -43,18 +43,12 @@ LEVEL_TOLERANCE = 5e-3  # rad, 0.3 deg: a plate counts as level within this, bec
 
 @dataclass(frozen=True)
 class Noticed:
-    """What came of the faults in one run.
+    """What came of the faults in one run."""
 
-    faults: documents of the faults that began
-    noticed_s: time from the beginning of the first fault until the run noticed it, s; None: never
-    noticed_as: name of the report that noticed it; empty: none
-    wrong: what happened that must never happen, in words
-    """
-
-    faults: tuple[dict[str, Any], ...]
-    noticed_s: float | None
-    noticed_as: str
-    wrong: tuple[str, ...]
+    faults: tuple[dict[str, Any], ...]  # documents of the faults that began
+    noticed_s: float | None  # time from the beginning of the first fault until the run noticed it, s; None: never
+    noticed_as: str  # name of the report that noticed it; empty: none
+    wrong: tuple[str, ...]  # what happened that must never happen, in words
 
     def document(self) -> dict[str, Any]:
         """The keys that the document of the run has beside those of `navigate`."""

@@ -42,41 +42,26 @@ KNOWS = 0.999  # share of the training inputs at a distance of at most 1
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a training.
+    """Options of a training."""
 
-    rounds: number of rounds of driving and fitting; in the first the planner drives
-    runs: number of runs in each round
-    workers: number of processes
-    epochs: of a fit; the last fit has twice as many
-    hidden: sizes of the hidden layers
-    device: of the fits, cpu or cuda
-    """
-
-    rounds: int = 6
-    runs: int = 60
+    rounds: int = 6  # number of rounds of driving and fitting; in the first the planner drives
+    runs: int = 60  # number of runs in each round
     seed: int = 0
-    workers: int = 1
-    epochs: int = 20
-    hidden: tuple[int, ...] = (64, 64)
-    device: str = "cpu"
+    workers: int = 1  # number of processes
+    epochs: int = 20  # of a fit; the last fit has twice as many
+    hidden: tuple[int, ...] = (64, 64)  # sizes of the hidden layers
+    device: str = "cpu"  # of the fits, cpu or cuda
 
 
 @dataclass(frozen=True)
 class Round:
-    """Result of a round.
+    """Result of a round."""
 
-    number: of the round, from 0
-    runs: number of runs
-    arrived: number of runs that arrived
-    samples: number of samples of all rounds until now
-    error: of the fit on held-out samples, deg
-    """
-
-    number: int
-    runs: int
-    arrived: int
-    samples: int = 0
-    error: float = math.nan
+    number: int  # of the round, from 0
+    runs: int  # number of runs
+    arrived: int  # number of runs that arrived
+    samples: int = 0  # number of samples of all rounds until now
+    error: float = math.nan  # of the fit on held-out samples, deg
 
 
 @dataclass(frozen=True)

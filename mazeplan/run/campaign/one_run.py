@@ -47,16 +47,13 @@ class Campaign(NavigationRequest):
 
 @dataclass(frozen=True)
 class Ran:
-    """A run that has ended.
-
-    noticed: what came of its fault; None without a fault
-    host: computer:process that did it"""
+    """A run that has ended."""
 
     result: NavigationResult
-    noticed: Noticed | None = None
+    noticed: Noticed | None = None  # what came of its fault; None without a fault
     wall_s: float = 0.0
     cpu_s: float = 0.0
-    host: str = ""
+    host: str = ""  # computer:process that did it
 
     def document(self) -> dict[str, Any]:
         """The result as `navigate --json` prints it, with additional keys about the fault."""

@@ -29,13 +29,11 @@ Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 class DiagnosisRequest:
     """Options of `diagnose`.
 
-    logs, test, references: paths, or tables in memory
-    radius: of the track, m
-    progress: gets the step under way"""
+    logs, test, references: paths, or tables in memory"""
 
     logs: list[Any]
     model: str | Path | RigModel | None
-    radius: float | None
+    radius: float | None  # of the track, m
     declare: list[str]
     ring: int | None
     test: Any
@@ -44,7 +42,7 @@ class DiagnosisRequest:
     output: Path | None
     references: list[Any]
     columns: Mapping[str, ColumnSource] = field(default_factory=dict)
-    progress: Words = no_words
+    progress: Words = no_words  # gets the step under way
 
     @property
     def known(self) -> RigModel | None:

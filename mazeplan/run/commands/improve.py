@@ -66,17 +66,13 @@ class Improvement(DocumentResult):
 
 @dataclass(frozen=True)
 class Loop:
-    """How the rounds are done.
+    """How the rounds are done."""
 
-    rig: its name or file; folder: of logs, models and reports
-    usual: the navigations, whose rig, map, seed and number are those of all rounds
-    """
-
-    rig: str
+    rig: str  # its name or file; folder: of logs, models and reports
     folder: Path
     rounds: int
     seconds: float
-    usual: Campaign
+    usual: Campaign  # the navigations, whose rig, map, seed and number are those of all rounds
     workers: int | None
     tell: Words
     progress: Words

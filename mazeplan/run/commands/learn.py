@@ -72,18 +72,15 @@ COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of i
 class Learned:
     """A model, and how it was found.
 
-    reference:  of the rig, for later diagnoses; None if the logs do not show a whole rig, because of `why`
-    rings:      Gaussian processes by ring
-    judgement:  of the model on parts of the logs that were not fitted
-    remaining:  rms of the innovations of the rigid ball over the camera's noise; NaN without one"""
+    reference:  of the rig, for later diagnoses; None if the logs do not show a whole rig, because of `why`"""
 
     model: RigModel
     fit: RigFit
     reference: RigReference | None
     why: str
-    rings: dict[int, RingLearning]
-    judgement: Judgement
-    remaining: float
+    rings: dict[int, RingLearning]  # Gaussian processes by ring
+    judgement: Judgement  # of the model on parts of the logs that were not fitted
+    remaining: float  # rms of the innovations of the rigid ball over the camera's noise; NaN without one
 
     def fits(self) -> dict[str, float]:
         """How well stage and ball fit the logs, in times the noise."""

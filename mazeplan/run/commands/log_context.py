@@ -21,14 +21,11 @@ NEAR, MOSTLY = 0.2, 0.9
 
 @dataclass(frozen=True)
 class LoggedMap:
-    """A map for a record.
-
-    source: where the map comes from, in words
-    known: whether its openings are known to be those of the record"""
+    """A map for a record."""
 
     maze: Maze
-    source: str
-    known: bool = True
+    source: str  # where the map comes from, in words
+    known: bool = True  # whether its openings are known to be those of the record
 
 
 def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
