@@ -134,16 +134,6 @@ class WasEntryUpdated(Leaf):
         return Status.SUCCESS if entry is not None and before != entry.changes else Status.FAILURE
 
 
-BUILTIN_LEAVES: dict[str, type[Leaf]] = {
-    leaf.__name__: leaf
-    for leaf in (
-        AlwaysSuccess,
-        AlwaysFailure,
-        Sleep,
-        RunScript,
-        ScriptCondition,
-        SetBlackboard,
-        UnsetBlackboard,
-        WasEntryUpdated,
-    )
-}
+SCRIPTED = (RunScript, ScriptCondition)
+ALL = (AlwaysSuccess, AlwaysFailure, Sleep, *SCRIPTED, SetBlackboard, UnsetBlackboard, WasEntryUpdated)
+BUILTIN_LEAVES: dict[str, type[Leaf]] = {leaf.__name__: leaf for leaf in ALL}

@@ -233,22 +233,6 @@ class TryCatch(Control):
         super().on_halt()
 
 
-CONTROLS: dict[str, type[Node]] = {
-    kind.__name__: kind
-    for kind in (
-        Sequence,
-        AsyncSequence,
-        SequenceWithMemory,
-        ReactiveSequence,
-        Fallback,
-        AsyncFallback,
-        ReactiveFallback,
-        Parallel,
-        ParallelAll,
-        IfThenElse,
-        WhileDoElse,
-        *SWITCHES,
-        TryCatch,
-        ManualSelector,
-    )
-}
+ORDERED = (Sequence, AsyncSequence, SequenceWithMemory, ReactiveSequence, Fallback, AsyncFallback, ReactiveFallback)
+OTHERS = (Parallel, ParallelAll, IfThenElse, WhileDoElse, *SWITCHES, TryCatch, ManualSelector)
+CONTROLS: dict[str, type[Node]] = {kind.__name__: kind for kind in (*ORDERED, *OTHERS)}

@@ -322,24 +322,12 @@ class SubTree(Decorator):
         return self.tick_child(0)
 
 
-DECORATORS: dict[str, type[Node]] = {
-    kind.__name__: kind
-    for kind in (
-        RetryUntilSuccessful,
-        Repeat,
-        Timeout,
-        Delay,
-        Inverter,
-        ForceSuccess,
-        ForceFailure,
-        KeepRunningUntilFailure,
-        RunOnce,
-        Precondition,
-        _loop("LoopInt", int, "whole numbers"),
-        _loop("LoopDouble", float, "numbers"),
-        _loop("LoopString", str, "words"),
-        _loop("LoopBool", bool, "true or false"),
-        SkipUnlessUpdated,
-        WaitValueUpdate,
-    )
-}
+RESULTS_CHANGED = (Inverter, ForceSuccess, ForceFailure, KeepRunningUntilFailure)
+QUEUES = (
+    _loop("LoopInt", int, "whole numbers"),
+    _loop("LoopDouble", float, "numbers"),
+    _loop("LoopString", str, "words"),
+    _loop("LoopBool", bool, "true or false"),
+)
+ALL = (RetryUntilSuccessful, Repeat, Timeout, Delay, *RESULTS_CHANGED, RunOnce, Precondition, *QUEUES)
+DECORATORS: dict[str, type[Node]] = {kind.__name__: kind for kind in (*ALL, SkipUnlessUpdated, WaitValueUpdate)}

@@ -21,6 +21,7 @@ import numpy as np
 from mazeplan.behavior.trees import read_tree
 from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.control.ilqg import Recorded
+from mazeplan.control.policy_file import load_policy, policy_sha256
 from mazeplan.core import resources
 from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent
@@ -151,6 +152,9 @@ def _setup_of(header: dict[str, Any], facts: ReplayFacts, path: Path, model: str
     for file, sha256 in modules.items():
         if file_sha256(file or "") != sha256:
             raise _changed("module", str(file), path)
+    policy = facts.policy
+    if policy is not None and policy_sha256(policy.file) != policy.sha256:
+        raise _changed("policy", policy.file, path)
     try:
         settings = settings_from_text(facts.settings)
     except (ValueError, SettingsError) as problem:
@@ -167,7 +171,7 @@ def _setup_of(header: dict[str, Any], facts: ReplayFacts, path: Path, model: str
         unseen_s=facts.unseen_s,
         out_s=facts.out_s,
         effects=None if facts.effects is None else facts.effects.spec,
-        policy=facts.policy_of_run(path),
+        policy=None if policy is None else load_policy(policy.file),
     )
 
 

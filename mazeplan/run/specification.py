@@ -18,9 +18,9 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
-from mazeplan.control.policy_file import load_policy, policy_sha256
+from mazeplan.control.policy_file import policy_sha256
 from mazeplan.core import resources
-from mazeplan.core.errors import LogError, ModelError
+from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.records import Latency
 from mazeplan.core.user_modules import user_module
@@ -82,8 +82,6 @@ class Setup:
         On a real rig somebody can put the ball back, so `out_s` is PUT_BACK_S there unless the rig states it."""
         own = traits(rig)
         out_s = PUT_BACK_S if own.out_s is None and own.realtime else own.out_s
-        if own.latency is None and own.unseen_s is None and out_s is None:
-            return self
         return replace(
             self,
             latency=own.latency or self.latency,
@@ -140,14 +138,6 @@ class ReplayFacts:
     effects: OwnEffects | None = None
     policy: SourceFile | None = None
 
-    def policy_of_run(self, log: Path) -> Policy | None:
-        """The policy of the run. Raises LogError if its files have changed, ModelError if they cannot be read."""
-        if self.policy is None:
-            return None
-        if policy_sha256(self.policy.file) != self.policy.sha256:
-            raise LogError(f"the policy {self.policy.file} is not that of the run, by its SHA-256", file=log)
-        return load_policy(self.policy.file)
-
 
 @cache
 def facts_adapter() -> TypeAdapter[ReplayFacts]:
@@ -203,7 +193,10 @@ def model_to_keep(setup: Setup) -> bytes | None:
 def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
     behavior = resources.find("behaviors", setup.behavior, ".xml")
     modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
-    policy = None if setup.policy is None else setup.policy.source
+    policy, effects = None if setup.policy is None else setup.policy.source, None
+    if setup.effects is not None:
+        file = user_module(setup.effects.partition(":")[0], "--effects").__file__ or ""
+        effects = OwnEffects(setup.effects, file_sha256(file))
     return ReplayFacts(
         format=REPLAY_FORMAT,
         rate_hz=rate_hz,
@@ -218,14 +211,9 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         unseen_s=setup.unseen_s,
         out_s=setup.out_s,
         latency=setup.latency,
-        effects=None if setup.effects is None else OwnEffects(setup.effects, effects_sha256(setup.effects)),
+        effects=effects,
         policy=None if policy is None else SourceFile(policy, policy_sha256(policy)),
     )
-
-
-def effects_sha256(spec: str) -> str:
-    """SHA-256 of the file that defines a user's effects, MODULE:FUNCTION."""
-    return file_sha256(user_module(spec.partition(":")[0], "--effects").__file__ or "")
 
 
 def file_sha256(*paths: str | Path) -> str:

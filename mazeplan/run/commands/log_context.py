@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,8 +44,7 @@ def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
             text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None
             if given is not None and maze is not None and not _same(maze, given.maze):
-                another = "another map" if maze.name == given.maze.name else "the map"
-                warning = f"{log}: recorded on {another} {maze.name}, used with --map {name}"
+                warning = f"{log}: recorded on another map, {maze.name}, used with --map {name}"
                 warnings.warn(warning, ShortWarning, stacklevel=2)
             if maze is not None:
                 found[log] = LoggedMap(maze, f"the log's map {maze.name}")
@@ -56,22 +55,15 @@ def logged_map(name: str | Path | Maze | None, *logs: object) -> LoggedMap:
     (first, logged), *others = found.items()
     for log, other in others:
         if not _same(other.maze, logged.maze):
-            another = "another map" if other.maze.name == logged.maze.name else "the map"
-            both = f"recorded on {another} {other.maze.name}, but {first} on {logged.maze.name}"
+            both = f"recorded on the map {other.maze.name}, but {first} on another, {logged.maze.name}"
             raise InputError(f"{both}; expected logs of one map, or --map", file=log)
     return logged
 
 
 def _same(one: Maze, other: Maze) -> bool:
-    """Whether two maps have the same plate. Names, the number of balls, and what only routes use may differ."""
     from mazeplan.maze.mapfile import dump_map
 
-    def plate(maze: Maze) -> str:
-        openings = tuple(replace(o, name="", closed=False, extra_cost=0.0) for o in maze.openings)
-        walls = tuple(replace(wall, name="") for wall in maze.radial_walls)
-        return dump_map(replace(maze, name="", balls=1, openings=openings, radial_walls=walls))
-
-    return plate(one) == plate(other)  # as text: a number of a log's map may differ by one bit
+    return dump_map(one) == dump_map(other)  # as text: a number of a log's map may differ by one bit
 
 
 def check_radius(table: Table, radius: float, ring: int | None = None) -> None:
