@@ -85,7 +85,6 @@ class Blackboard:
                 return
 
     def _resolve(self, name: str) -> tuple[Blackboard, str]:
-        """The scope to which a name belongs, and its name there."""
         *_, home = self.scope_chain(name)
         return home
 

@@ -75,7 +75,6 @@ class _Builder:
         self.mistakes: Mistakes = dict(file.mistakes)
 
     def build(self, main: str | None) -> BehaviorTree | None:
-        """The tree; None if the file has any mistakes."""
         file, name = self._file, None
         for taken in (other for other in file.trees if other in BUILTIN or other in self._registry):
             with keeping(self.mistakes):
@@ -133,7 +132,6 @@ class _Builder:
         return None
 
     def _path(self, element: Element, above: str, name: str) -> str:
-        """The path in the tree. Raises _TooLargeError if the tree is too large."""
         if len(name) > MAX_NAME or not name.isprintable():
             expected = f"expected at most {MAX_NAME} printing characters"
             raise self._file.error(element, above, f"name: got {shown(name)}, {expected}")
@@ -164,7 +162,6 @@ class _Builder:
         return node
 
     def _class(self, element: Element, path: str, kind: str) -> type[TreeNode]:
-        """The class of a node. Raises TreeError for an unknown name."""
         if kind in BUILTIN:
             return BUILTIN[kind]
         try:
@@ -241,7 +238,6 @@ class _Builder:
         return values
 
     def _value(self, element: Element, path: str, attribute: str, text: str, port: Port, board: Blackboard) -> Any:
-        """The literal or Key that an attribute gives to a port."""
         key = self._file.key(element, path, attribute, text)
         if key is None and port.direction == "out":
             example = f"a blackboard entry such as {{{attribute}}}"

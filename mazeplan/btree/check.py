@@ -48,7 +48,6 @@ class _Use:
 
     @property
     def home(self) -> Home:
-        """The scope to which the key belongs, and its name there."""
         board, name = self.chain[-1]
         return id(board), name
 
@@ -97,7 +96,6 @@ def reads_key(tree: BehaviorTree, name: str) -> bool:
 
 
 def _in_order(found: Iterable[TreeError], first: Path | None) -> tuple[TreeError, ...]:
-    """The errors sorted by file and line; those of the file `first` come first."""
     return tuple(sorted(found, key=lambda e: (e.file != first, str(e.file), e.line or 0)))
 
 
@@ -147,7 +145,6 @@ def _unread(calls: Iterable[SubTree], uses: Iterable[_Use]) -> Iterator[TreeErro
 
 
 def _all_uses(nodes: Iterable[TreeNode]) -> tuple[list[_Use], list[_Use]]:
-    """(reads, writes): all uses of keys by the nodes."""
     reads, writes = list[_Use](), list[_Use]()
     for node in nodes:
         for attribute, name, written in _uses(node):
@@ -183,7 +180,6 @@ def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
 
 
 def _scripts_of(node: TreeNode) -> Iterator[tuple[str, Script]]:
-    """The scripts of a node, by attribute."""
     port = SCRIPTS.get(type(node).__name__, "")
     text = node.values.get(port)
     if isinstance(text, str):

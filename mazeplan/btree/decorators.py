@@ -86,7 +86,6 @@ class _Timed(Decorator):
         self._began: float | None = None
 
     def started(self) -> float:
-        """The time since its start, ms."""
         now = self.clock()
         if self._began is None:
             self._began = now

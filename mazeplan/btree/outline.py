@@ -46,7 +46,6 @@ def _words(node: TreeNode) -> str:
 
 
 def _written(value: Any) -> str:
-    """A port's value as in a file; shortened or escaped if it is long or not printable."""
     if isinstance(value, Key):
         return str(value)
     text = ";".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -112,7 +112,6 @@ class Port:
         return self._bounded(value, context)
 
     def _converted(self, value: float) -> Any:
-        """A number in the port's type. Raises ValueError if the conversion would change the number."""
         if self.type in (str, list):
             return CONVERSIONS[self.type](str(value))
         if self.type is not float and value != self.type(value):

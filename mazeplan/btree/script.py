@@ -100,7 +100,6 @@ class _Parser:
         self._branches = 0  # number of ?: around the present place
 
     def whole(self) -> Evaluate:
-        """Parse all statements; the value is that of the last statement."""
         if self._now.kind == "end":
             self._unexpected("a script")
         statements = []
@@ -121,7 +120,6 @@ class _Parser:
         return self._tokens[self._at]
 
     def _take(self, *signs: str) -> str | None:
-        """The present token if it is one of these signs, and go to the next token; else None."""
         token = self._now
         if token.kind != "sign" or token.text not in signs:
             return None

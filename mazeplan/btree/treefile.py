@@ -185,7 +185,6 @@ def read_tree(source: str | Path, library: Path | None = None) -> TreeFile:
 def _with_includes(
     file: Path, root: Element, folder: Path, known: set[Path], library: Path | None
 ) -> Iterator[tuple[Path, Element]]:
-    """A file, then the files that it includes, each once. Raises TreeError at the line of an <include>."""
     yield file, root
     for element in root.iterchildren("include"):
         where = {"file": file, "line": element.sourceline, "key": "include"}
@@ -207,7 +206,6 @@ def _with_includes(
 
 
 def _read(path: Path) -> bytes:
-    """The bytes of a file, at most one more than MAX_BYTES. Raises TreeError."""
     try:
         with path.open("rb") as stream:
             return stream.read(MAX_BYTES + 1)

@@ -50,9 +50,7 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
     """The plate: tilt limit of the maze, and the tilt of the table that the model states."""
     ball = model.ball(1)
     return Plate(
-        maze.tilt_limit,
-        ball.parameter("tilt_offset", "beta", 0.0),
-        ball.parameter("tilt_offset", "gamma", 0.0),
+        maze.tilt_limit, ball.parameter("tilt_offset", "beta", 0.0), ball.parameter("tilt_offset", "gamma", 0.0)
     )
 
 

@@ -261,7 +261,6 @@ class _Tour:
         return min(shares, key=lambda ring: self.ring_s[ring] / shares[ring])
 
     def _excite(self, wanted: int) -> None:
-        """Excite the ball until the dwell is over, or the ball has been outside the ring for `away_s`."""
         began, inside, last = self.rows, self.rows, self.run.chain.wanted
         before = np.array([last.u_beta, last.u_gamma])
         dt = 1.0 / self.rig.rate_hz
@@ -276,7 +275,6 @@ class _Tour:
                 return
 
     def _drive(self, wanted: int) -> None:
-        """Drive the ball in closed loop until it has arrived, the tree gives up, or the time is over."""
         began, dt = self.rows, 1.0 / self.rig.rate_hz
         closed = () if self.gave_up else openings_to_avoid(self.maze, self.passed, self.refused, SPARE)
         self.drives += 1

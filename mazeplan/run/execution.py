@@ -156,7 +156,6 @@ def run_job(
 
 
 def _result_after(run: Run, error: Exception) -> NavigationResult:
-    """The result of a run that an error of the log, of a leaf, or of the program itself ended."""
     if blames_a_node(error):
         failure = Failure(FailureKind.LEAF_FAILED, "tree", run.context.now, exception_line(error))
     elif isinstance(error, LogError):
@@ -182,7 +181,6 @@ def _level(rig: Rig, ended: list[tuple[NavigationResult, RigError | None]]) -> N
 def _messages(
     rig: Rig, setup: Setup, job: Job, log: str | Path | None, feed: Sink | None, stack: ExitStack
 ) -> RunMessages:
-    """Messages of the run, to log and feed."""
     if log is None and feed is None:
         return RunMessages()
     header = log_header(setup, job, rig.rate_hz)

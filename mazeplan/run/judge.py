@@ -134,7 +134,6 @@ def block_errors(model: RigModel, table: Table, maze: Maze, rows: np.ndarray) ->
 def _errors(
     model: RigModel, table: Table, maze: Maze, first: int, end: int, rows: np.ndarray
 ) -> list[tuple[int, float]]:
-    """Row and error, m, of each prediction in a stretch of the log."""
     dt, out = table.dt, list[tuple[int, float]]()
     estimator = estimator_for(maze, model, rate_hz=1.0 / dt)
     columns = [table[name] for name in ("x", "y", "beta", "gamma", "u_beta", "u_gamma")]

@@ -108,7 +108,6 @@ class Run:
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
 
     def _prepare_control(self) -> None:
-        """Everything that steers by the model: planners, roll-outs, and the options of the leaves."""
         setup, model = self._setup, self._model
         leaves, late_s = self._leaf_options()
         planners = planners_of(
@@ -127,7 +126,6 @@ class Run:
         return self._setup.settings.leaves.on_stage(model.true_stage), late_s
 
     def _compile_rollout(self) -> None:
-        """Compile what tries commands in front of openings."""
         rollout = rollout_of(self._setup.maze, self._model, *self._leaf_options(), self._rig.rate_hz)
         if rollout is not None:
             rollout.warm_up()
@@ -218,7 +216,6 @@ class Run:
         return False
 
     def _preempt(self, goal: int, t: float) -> None:
-        """Go to another goal at once. Closed openings stay closed."""
         closed = self.context.graph.closed
         self.aim(goal, closed)
         for name in self.context.graph.closed - closed:  # closed in the map, but opened by a request
@@ -279,7 +276,6 @@ class Run:
         return over
 
     def _unseen_for_long(self, observation: Observation) -> bool:
-        """Whether a ball has been unseen for as long as the rig allows. It may lie beside the plate."""
         if observation.seen and all(other.seen for other in observation.others):
             self._seen_at = observation.t
         limit = self._setup.unseen_s
@@ -336,7 +332,6 @@ class Run:
         return admitted
 
     def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
-        """One tick, with a sample that was admitted."""
         began = perf_counter()
         run = self.context
         self._see(observation)
@@ -351,7 +346,6 @@ class Run:
         return status
 
     def _see(self, observation: Observation) -> None:
-        """Update the estimates with an observation and begin the tick."""
         first, *others = self._balls.update(observation)
         doubts = self._sample_check.judge(self._balls.doubts, observation.t)
         self.context.begin(observation.t, first.state, first.measured, self._balls.out(observation), tuple(others))

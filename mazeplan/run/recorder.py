@@ -203,7 +203,6 @@ class _RingHistory:
     since: float = 0.0
 
     def until(self, now: float) -> tuple[RingPassage, ...]:
-        """All passages, with the ring where the ball is now."""
         last = [] if self.ring is None else [RingPassage(self.ring, now - self.since, None)]
         return (*self.passages, *last)
 
@@ -221,7 +220,6 @@ def _others(context: RunContext, observation: Observation) -> dict[str, float | 
 
 
 def _words(timed: TimedEvent) -> str:
-    """The line for an event on the display; empty for an event that the display does not show."""
     match timed.event:
         case FailureReported(kind, where, detail):
             return kind if timed.error_follows else ", ".join(filter(None, (kind, where, detail)))

@@ -261,7 +261,6 @@ class _Script:
             self.replayed.append((topic, json.loads(encode(document))))
 
     def _alike(self) -> bool:
-        """Whether all messages until now are like those of the recorded run."""
         while self._same < min(len(self.replayed), len(self.recorded)):
             if _differing(self.recorded[self._same], self.replayed[self._same]):
                 return False
@@ -306,7 +305,6 @@ def _observation(document: dict[str, Any]) -> Observation:
 
 
 def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
-    """Names of the fields in which two messages decide otherwise."""
     if a is None or b is None or a[0] != b[0]:
         return ("message",)
     (topic, then), (_, now) = a, b
@@ -316,7 +314,6 @@ def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
 
 
 def _near(a: Any, b: Any, near: float) -> bool:
-    """Whether two values are equal, apart from the rounding of numbers."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_near(a[key], b[key], near) for key in a)
     if isinstance(a, list) and isinstance(b, list):

@@ -56,7 +56,6 @@ def settings_from_text(text: str) -> Settings:
 
 
 def _filled(options: Any, values: Any) -> Any:
-    """A copy with these values."""
     held = {f.name: getattr(options, f.name) for f in fields(options)}
     sections = {name for name, value in held.items() if is_dataclass(value)}
     if not isinstance(values, dict) or not values.keys() >= held.keys():

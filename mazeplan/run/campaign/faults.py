@@ -99,12 +99,10 @@ class _Inspected(FaultyRig):
     """A faulty rig that stays open until somebody has looked at its plate."""
 
     def close(self) -> None:
-        """End a call that hangs."""
         self._closed.set()
 
 
 def _left_wrong(faulty: FaultyRig) -> list[str]:
-    """What the run did to the rig that must never happen. Closes the rig."""
     wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
     if faulty.idle_s > IDLE_S:
         wrong.append(f"no call of the rig for {faulty.idle_s:.1f} s")

@@ -160,7 +160,6 @@ def train(
 def _fitted(
     lessons: list[Demonstration], plate: Plate, options: Options, facts: dict[str, Any], done: Round, advance: Advance
 ) -> Policy:
-    """The policy fitted to all lessons; the fit of the last round has twice as many epochs."""
     inputs = np.concatenate([of.inputs for of in lessons])
     commands = np.concatenate([of.commands for of in lessons])
     fit = fit_network(

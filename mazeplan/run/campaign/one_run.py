@@ -100,7 +100,6 @@ def _collect_garbage() -> None:
 
 
 def _rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
-    """The result of a run of which only the rig's failure is known."""
     failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
     reason, none = str(FailureKind.RIG_FAILED), spread([])
     return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)

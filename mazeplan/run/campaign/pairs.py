@@ -70,7 +70,6 @@ def _by_seed(document: Mapping[str, Any], name: str) -> dict[int, Mapping[str, A
 
 
 def _times(difference: np.ndarray) -> dict[str, Any]:
-    """Mean of the differences (N,), s, with its interval; None with fewer than two."""
     if len(difference) < 2:
         return {"pairs": len(difference), "difference": None, "interval": None}
     from scipy.stats import t  # slow to import

@@ -219,7 +219,6 @@ def campaign_files(folder: Path) -> list[Path]:
 
 
 def _end_line(path: Path) -> None:
-    """Remove a last line without its end."""
     content = path.read_bytes()
     if not content.endswith(b"\n"):
         with path.open("r+b") as file:

@@ -92,14 +92,12 @@ def diagnose(
 
 
 def _single(logs: list[Any], why: str) -> Any:
-    """The only log. Raises InputError for more."""
     if len(logs) != 1:
         raise InputError(f"{name_of(logs[1]) if logs else 'logs'}: got {len(logs)} logs, expected one with {why}")
     return logs[0]
 
 
 def _check_system(system: Any, request: DiagnosisRequest) -> None:
-    """Raises InputError for an unknown system, and for options of a ball in a maze."""
     if isinstance(system, str) and system != "emps" and ":" not in system:
         raise InputError(f"--system: got {system!r}, expected ring, emps or MODULE:CLASS")
     single = {f"--{name}": getattr(request, name) for name in ("ring", "radius", "map", "model")}
@@ -178,7 +176,6 @@ def _machine(system: Any, folder: Path, own: Sequence[Effect]) -> System:
 
 
 def _declared(declare: Sequence[str], machine: System) -> tuple[Values, list[str]]:
-    """The declared effects: those with known values, and the names of those with unknown values."""
     fitted = [text for text in declare if "=" not in text and "." not in text]
     known: Values = {}
     names = [effect.name for effect in machine.library]

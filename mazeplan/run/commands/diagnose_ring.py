@@ -55,7 +55,6 @@ def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> Diagnos
 def _diagnose(
     log: Any, maze: Maze, model: RigModel | None, request: DiagnosisRequest
 ) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
-    """Diagnose a ring. Returns the diagnosis and its document."""
     added = own_effects(request.effects)
     raw = as_table(log, request.columns)
     check_wiring(raw, maze if request.radius is None else None)
@@ -131,7 +130,6 @@ def ring_openings(maze: Maze, ring: int) -> Openings:
 
 
 def _check_rings(table: Table, maze: Maze) -> None:
-    """Raises InputError if a table has no column `ring` and its radii do not fit the map."""
     if "ring" in table or "r" not in table:
         return
     seen = np.isfinite(table["r"])
@@ -142,7 +140,6 @@ def _check_rings(table: Table, maze: Maze) -> None:
 
 
 def _ring(table: Table, maze: Maze, ring: int | None) -> int:
-    """The given ring, otherwise the ring of most rows. Raises InputError if there is none, or if it is a disc."""
     if ring is None:
         numbers = rings_of(table, maze)
         found, counts = np.unique(numbers[numbers > 0], return_counts=True)

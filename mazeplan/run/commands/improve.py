@@ -219,7 +219,6 @@ def check_seconds(seconds: float, rate_hz: float) -> None:
 
 
 def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
-    """Write a model and, beside it, the reference of the rig; returns the folder."""
     path = save_model(known, folder).parent
     if not was.body.open:
         save_reference(was, known, path)

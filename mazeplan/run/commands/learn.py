@@ -137,7 +137,6 @@ def learn_model(
 
 
 def _far_off(beads: RigModel, ball: BodyModel) -> bool:
-    """Whether delay, tilt or rolling factor of the beads are far from those of the rigid ball."""
     one, free = next(iter(beads.balls.values())), rolling_factor(ball)
     tilts = [
         abs(one.parameter("tilt_offset", axis, 0.0) - value_of(ball, f"tilt_{axis}")) for axis in ("beta", "gamma")
@@ -202,7 +201,6 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
 
 
 def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:
-    """The model without the learned parts that predict test blocks worse than the effects alone."""
     if model.kind not in WITH_BODY:
         return model
     kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
@@ -285,7 +283,6 @@ def learn(
 
 
 def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: str) -> dict[str, Any]:
-    """The score of the model on the logs that it was learned from."""
     try:
         rings = ring_errors(model, tables, maze)
     except InputError:  # the logs are too short for any ring
