@@ -22,7 +22,7 @@ SECONDS, SEED, RINGS = 600.0, 7001, (1, 2, 3, 4)
 def keep(name: str, folder: Path) -> Path:
     """Record a rig for ten minutes, and write what its record tells."""
     maze, model, log = load_map("cme"), load_model(name), folder / f"{name}.mcap"
-    plan = Collection(SECONDS, RINGS, SEED, rig_given=name, map_given="cme")
+    plan = Collection(SECONDS, RINGS, SEED)
     run_collection(make_rig(name, maze), maze, plan, log, rig_name=name)
     return save_reference(reference_of([read_table(log)], maze, model), model, reference_path(name).parent)
 

@@ -17,8 +17,7 @@ class CommandError(Exception):
     """A command that cannot go out. If a leaf gives it, the error becomes a TreeError at the leaf's line."""
 
 
-RAISED = "raised by the {} at "
-KINDS = ("leaf", "node")
+NAMED = "raised by the "  # begins the note that names the node
 OUTSIDE = "_of_no_node"  # attribute that marks an exception for which no node is to blame
 
 
@@ -34,8 +33,7 @@ def blame_no_node() -> Iterator[None]:
 
 def blames_a_node(problem: BaseException) -> bool:
     """Whether a node raised this exception. The exception then names the node by file and line."""
-    begins = tuple(RAISED.format(kind) for kind in KINDS)
-    return isinstance(problem, TreeError) or any(n.startswith(begins) for n in getattr(problem, "__notes__", ()))
+    return isinstance(problem, TreeError) or any(n.startswith(NAMED) for n in getattr(problem, "__notes__", ()))
 
 
 def raised(problem: BaseException) -> str:
@@ -65,5 +63,5 @@ def blame(problem: Exception | SystemExit, where: str, kind: str = "leaf") -> Ex
     else:
         ended = problem
     code = traceback.extract_tb(problem.__traceback__)[-1]  # kept as text: tracebacks do not reach another process
-    ended.add_note(f"{RAISED.format(kind)}{where} ({Path(code.filename).name}:{code.lineno})")
+    ended.add_note(f"{NAMED}{kind} at {where} ({Path(code.filename).name}:{code.lineno})")
     return ended

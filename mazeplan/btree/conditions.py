@@ -1,15 +1,8 @@
-"""Pre- and postconditions, which any node of a tree may have as attributes, with the semantics of BehaviorTree.CPP 4.
+"""Pre- and postconditions, which any node of a tree may have as attributes, with the semantics of BehaviorTree.CPP 4
+(docs/tree-nodes.md has their table).
 
-| precondition | if the node is idle | if it is running |
-|---|---|---|
-| _failureIf | true: FAILURE at once | not evaluated |
-| _successIf | true: SUCCESS at once | not evaluated |
-| _skipIf | true: SKIPPED | not evaluated |
-| _while | false: SKIPPED | false: the node is halted, SKIPPED |
-
-Preconditions are evaluated in this order; the first that is decisive gives the result. Postconditions are scripts:
-_onSuccess and _onFailure run when the node has ended with this result, _post after either, _onHalted when the node is
-halted while it runs. All scripts use the blackboard scope of the node; for a SubTree, that of the tree around it.
+Preconditions are evaluated in the order of DECISIONS, in an idle node; _while in one that runs, too, which it halts.
+All scripts use the blackboard scope of the node; for a SubTree, that of the tree around it.
 """
 
 from __future__ import annotations
@@ -53,18 +46,14 @@ class Conditions:
 
     def after(self, result: Status) -> None:
         """Run the scripts of a node that has ended. Raises ScriptError, which names the attribute."""
-        for name, ending in ENDINGS.items():
-            if result is ending:
-                self._run(name)
-        self._run(POST)
+        for name in (*(name for name, ending in ENDINGS.items() if result is ending), POST):
+            if name in self.given:
+                self._named(name, Script.run)
 
     def halted(self) -> None:
         """Run the script of a node that was halted while it ran. Raises ScriptError, which names the attribute."""
-        self._run(ON_HALTED)
-
-    def _run(self, name: str) -> None:
-        if name in self.given:
-            self._named(name, Script.run)
+        if ON_HALTED in self.given:
+            self._named(ON_HALTED, Script.run)
 
     def _named(self, name: str, action: Callable[[Script, Blackboard], Any]) -> Any:
         try:

@@ -1,16 +1,9 @@
 """Excite a rig and log it: the data that models are fitted to.
 
-With sines alone the inner rings get too few samples: the ball leaves them after seconds and comes back only by chance.
-Two functions give every ring its share of the time:
-
-    run_collection   The ball is placed in each ring in turn; on a real rig a person places it. Each placing begins a
-                     new segment of the log.
-    run_tour         The ball is placed once. Then the tour alternates: it drives the ball to the ring that has had the
-                     least time, with estimator, tree and planner as in a navigation, and excites the ball there. The
-                     log has one segment.
-
-The log has all commands, also those of the drives, so every row can be used for learning. The column `leaf` names the
-phase: EXCITE, or the leaf of the tree that drove.
+With sines alone the inner rings get too few samples. Two functions give every ring its share: `run_collection` places
+the ball in each ring in turn (on a real rig a person does it), each placing a segment of the log; `run_tour` places it
+once and drives it to the ring that has had the least time, as in a navigation. The log has all commands, so every row
+can be used for learning. The column `leaf` names the phase: EXCITE, or the leaf of the tree that drove.
 """
 
 from __future__ import annotations
@@ -65,7 +58,6 @@ class Collection:
     seed: of the sines and the start angles
     tilt: largest tilt that is commanded, rad; None: the limit of the map
     highest_hz: highest frequency of the sines
-    rig_given, map_given: names of rig and map as the user gave them; only the log uses them
     """
 
     seconds: float
@@ -73,8 +65,6 @@ class Collection:
     seed: int = 0
     tilt: float | None = None
     highest_hz: float = BAND_HZ[1]
-    rig_given: str = ""
-    map_given: str = ""
 
     def commands(self, rng: np.random.Generator, rate_hz: float, limit: float) -> Array:
         """The sines (N, 2) in rad; `limit` is the tilt limit of the map, rad."""
@@ -199,9 +189,7 @@ def openings_to_avoid(maze: Maze, passed: Mapping[str, int], refused: Container[
 
 
 def _header(maze: Maze, plan: Collection, rig_name: str) -> dict[str, object]:
-    given = {"rig_given": plan.rig_given, "map_given": plan.map_given}
     return {
-        **{name: text for name, text in given.items() if text},
         "program": "mazeplan", "rig": rig_name, "map": dump_map(maze), "map_name": maze.name, "seed": plan.seed,
         "excitation": "multisine", "seconds": plan.seconds,
     }  # fmt: skip

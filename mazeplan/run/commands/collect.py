@@ -80,7 +80,7 @@ def collect(
     spec = str(rig) if isinstance(rig, str | Path) else None
     label = rig_label(rig)
     given = maze.name if isinstance(map, Maze) else str(map)
-    plan = Collection(seconds, (first, *others), seed, most, highest_hz, spec or label, given)
+    plan = Collection(seconds, (first, *others), seed, most, highest_hz)
     setup, tour = None, None
     if rings and not place:
         name = "" if isinstance(model, RigModel | None) else str(model)

@@ -25,7 +25,7 @@ from mazeplan.core.whole_file import named_when_whole, whole_file, whole_folder
 from mazeplan.diagnosis.rig.record import FEWEST
 from mazeplan.diagnosis.rig.reference import RigReference, known_reference, reference_of, save_reference
 from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
-from mazeplan.diagnosis.rig.verdict import RigVerdict, verdict_on
+from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.rig.words import advice
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
@@ -41,7 +41,6 @@ from mazeplan.run.commands.learn import learn_model
 from mazeplan.run.resolve import model_source, resolve_model
 
 UNSEEN = 90  # pictures more than a diagnosis needs, because the camera misses the ball in some
-WORSE = 1.05  # navigation counts as slower if its mean time grows by more than this factor
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ class Loop:
         """A record of the rig. seed: beside that of the navigations"""
         maze = self.usual.maze
         rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
-        given = maze.name if isinstance(self.usual.map, Maze) else str(self.usual.map)
-        plan = Collection(self.seconds, rings, seed + self.usual.seed, rig_given=self.rig, map_given=given)
+        plan = Collection(self.seconds, rings, seed + self.usual.seed)
         machine = watched(make_rig(self.rig, maze), own_process=self.usual.own_process)
         shown = of_total(self.advance, math.ceil(self.seconds))
         run_collection(machine, maze, plan, folder / "record.mcap", rig_name=rig_label(self.rig), progress=shown)
@@ -180,7 +178,6 @@ def do_rounds(loop: Loop, model: str | Path | RigModel | None, references: Seque
             new = document["model"]
             before = before or loop.navigate(path, "before")
             after = before if new is None else loop.navigate(new, "after")
-            document["advice"] += _looked_at(done, before, after)
             runs = {"before": before, "after": after}
             compared = None if new is None else paired(before, after, ("before", "after"), "after").document
             short = {when: {key: part for key, part in n.items() if key != "results"} for when, n in runs.items()}
@@ -223,18 +220,3 @@ def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
     if not was.body.open:
         save_reference(was, known, path)
     return str(path)
-
-
-def _looked_at(done: RigVerdict, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    """Advice if navigation fails or got slower: what the diagnosis compared, and what to try next; else empty."""
-    mean = [n["time_s"]["mean"] for n in (before, after)]
-    lost = after["success"] < after["runs"]
-    worse = None not in mean and mean[1] > WORSE * mean[0]
-    if not lost and not worse and after["success"] >= before["success"]:
-        return []
-    how = f"{after['success']} of {after['runs']} runs arrived" if lost else "navigation is slower than before"
-    found = "nothing that differs was found" if not done.effects else "with what was found"
-    return [
-        f"But {how}, {found}: servos, tilt sensor, camera, table, friction, ball and floor were compared. "
-        "Try a longer record (--seconds 800), a second round (--rounds 2), or learn the model again (mazeplan learn)."
-    ]
