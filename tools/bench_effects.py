@@ -16,8 +16,8 @@ from hidden_effects import KINDS, write_hidden_rig
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.run.campaign.evaluate import evaluate, summary
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.commands.evaluate import results_of, summary
 from mazeplan.run.commands.improve import improve
 
 HEALTHY, HEALTHY_RUNS = 10, 4  # rigs without a change, and runs of each before and after
@@ -88,7 +88,7 @@ def effects_section(quick: bool) -> Section:
     """A row for each kind of effect, and totals."""
     runs, seconds, count = (2, 100.0, 1) if quick else (16, 400.0, HEALTHY)
     kinds = list(KINDS)[: 2 if quick else None]
-    toy = summary(evaluate(Campaign(runs=runs)))["time_s"]["mean"]
+    toy = summary(results_of(Campaign(runs=runs)))["time_s"]["mean"]
     done = resumed(BUILD / "effects.jsonl", outcome, [(kind, runs, seconds) for kind in kinds])
     nulls = resumed(BUILD / "healthy.jsonl", healthy, [(seed, runs, seconds) for seed in range(1, count + 1)])
     silent = sum(null["verdict"] == "nothing_missing" for null in nulls)

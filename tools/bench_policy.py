@@ -23,8 +23,8 @@ from mazeplan.control.tilt import Plate
 from mazeplan.core import resources
 from mazeplan.core.records import State
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.commands.evaluate import results_of
 
 FOLDER = BUILD / "policy"
 SEED, WORKERS = 20_000, 2  # no choice was made by runs with seeds from here on
@@ -82,7 +82,7 @@ def arrival_table(quick: bool) -> Table:
     def row(what: str, count: int, **more: str) -> None:
         given = {"rig": "toy", "policy": str(FOLDER), "behavior": "policy", **more}
         campaign = Campaign(runs=count, seed=SEED, deadline=False, **{k: v for k, v in given.items() if v})  # pyright: ignore
-        results = evaluate(campaign, workers=WORKERS)
+        results = results_of(campaign, workers=WORKERS)
         arrived, times, failures = arrivals(results)
         figures = (f"{statistics.mean(times):.2f}", f"{max(times):.2f}") if times else ("-", "-")
         table.add(what, arrived, *figures, sum(r.planner_ms["max"] > 0.0 for r in results), failures)

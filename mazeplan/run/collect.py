@@ -233,7 +233,8 @@ class _Tour:
         self.ring_s = {ring.number: 0.0 for ring in self.maze.rings}
         self.passed = {opening.name: 0 for opening in self.maze.openings}
         while self.going:
-            wanted = self._next_ring()
+            shares = {n: DISC_SHARE if self.maze.ring(n).is_disc else 1.0 for n in self.plan.rings}
+            wanted = min(shares, key=lambda ring: self.ring_s[ring] / shares[ring])
             if self.ring != wanted:
                 self._drive(wanted)
             self._excite(wanted)
@@ -242,11 +243,6 @@ class _Tour:
     @property
     def going(self) -> bool:
         return self.rows < len(self.commands)
-
-    def _next_ring(self) -> int:
-        """The ring with the least time so far, relative to its share."""
-        shares = {n: DISC_SHARE if self.maze.ring(n).is_disc else 1.0 for n in self.plan.rings}
-        return min(shares, key=lambda ring: self.ring_s[ring] / shares[ring])
 
     def _excite(self, wanted: int) -> None:
         began, inside, last = self.rows, self.rows, self.run.chain.wanted

@@ -86,20 +86,15 @@ def model_source(model: str | Path | None, rig: str | None) -> str | None:
 
     Raises SettingsError if the rig's file names a model that does not exist, with the line in that file."""
     if model is None and rig is not None:
-        model = _model_of_rig(rig)
+        model = rig_model_hint(rig)
+        try:
+            if model is not None:
+                model_path(model)
+        except ModelError as problem:
+            raise unusable_model(rig, str(problem)) from None
         if model is None and rig in model_names():
             model = rig
     if model is None:
         return None
     there = not is_packaged_model(model) and Path(model).exists()
     return str(Path(model).absolute()) if there else str(model)
-
-
-def _model_of_rig(rig: str) -> str | None:
-    hint = rig_model_hint(rig)
-    try:
-        if hint is not None:
-            model_path(hint)
-    except ModelError as problem:
-        raise unusable_model(rig, str(problem)) from None
-    return hint

@@ -11,8 +11,8 @@ from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input, of_document
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.words import MISSING
-from mazeplan.run.campaign.evaluate import evaluate, setup_document, summary
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.commands.evaluate import results_of, setup_document, summary
 
 
 def given(name="toy", setup=None, **more):
@@ -43,7 +43,7 @@ def test_the_picture_shows_runs_that_did_not_arrive():
 
 def test_a_real_evaluation_has_starts_and_its_setup():
     campaign = Campaign(runs=2, rig="toy", start=4, seed=7)
-    document = {**summary(evaluate(campaign)), "setup": setup_document(campaign)}
+    document = {**summary(results_of(campaign)), "setup": setup_document(campaign)}
     (one,) = of_document(document, Path("e.json"))
     assert [result["start"]["ring"] for result in document["results"]] == [4, 4]
     assert evaluation_section(one).facts[:2] == [("rig", "toy"), ("map", "cme")]

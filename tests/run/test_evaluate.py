@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
-from mazeplan.run.campaign.evaluate import evaluate, summary
 from mazeplan.run.campaign.one_run import Campaign, start_angle
+from mazeplan.run.commands.evaluate import results_of, summary
 
 
 def outcome(success=True, time_s=3.0, failures=(), planner=1.0):
@@ -45,9 +45,9 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path):
     def same(result):  # all but what the clock on the wall says
         return result.success, result.time_s, result.rings, result.failures, result.seed, result.replans
 
-    alone = evaluate(campaign, workers=1, progress=finished.append)
+    alone = results_of(campaign, workers=1, progress=finished.append)
     assert finished == [1, 2, 3]
-    assert [same(r) for r in evaluate(campaign, workers=2)] == [same(r) for r in alone]
+    assert [same(r) for r in results_of(campaign, workers=2)] == [same(r) for r in alone]
     assert [r.seed for r in alone] == [7, 8, 9]
     assert all(r.success for r in alone)
 

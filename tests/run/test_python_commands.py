@@ -197,7 +197,7 @@ def test_what_is_no_table(given, said):
         (lambda: mazeplan.navigate(seed="a"), "seed: got 'a', expected a whole number"),
         (lambda: mazeplan.evaluate(-4), "runs: got -4, expected a number > 0"),
         (lambda: mazeplan.collect("never.mcap", seconds=-3), "seconds: got -3, expected a finite number > 0"),
-        (lambda: mazeplan.collect("never.mcap", place=True), "place: needs --rings"),
+        (lambda: mazeplan.collect("never.mcap", place=True), "--place needs --rings"),
         (lambda: mazeplan.learn([], kind="xx"), "kind: got 'xx', expected one of p, pi"),
     ],
 )

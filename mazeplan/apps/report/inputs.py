@@ -79,7 +79,7 @@ def read_as_printed(given: Input) -> Iterator[None]:
 def read_input(path: Path) -> list[Input]:
     """The inputs in a file or folder. A document of `improve` has several inputs. Raises InputError for other files."""
     if path.is_dir():
-        from mazeplan.run.campaign.evaluate import stored_documents  # slow to import
+        from mazeplan.run.commands.evaluate import stored_documents  # slow to import
 
         if documents := stored_documents(path):
             names = [path.name, *(f"{path.name}, {i}" for i in range(2, len(documents) + 1))]

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -54,24 +54,12 @@ def open_executor(
     Raises InputError for a scheduler that does not answer, has no workers, or has workers that would compute something
     else."""
     if dask is None:
-        return _here(workers or 1, copies and workers is None)
+        return closing(InProcess(copies and workers is None) if workers in (None, 1) else Processes(workers))
     from mazeplan.run.campaign.dask_cluster import dask_executor
 
     if workers is not None:
         raise InputError(f"--workers: got {workers} with --dask {dask}, whose workers are as many as they are")
     return dask_executor(dask, say)
-
-
-@contextmanager
-def _here(workers: int, copies: bool) -> Iterator[Executor]:
-    if workers == 1:
-        yield InProcess(copies)
-        return
-    processes = Processes(workers)
-    try:
-        yield processes
-    finally:
-        processes.close()
 
 
 class InProcess:
@@ -89,6 +77,9 @@ class InProcess:
             return
         for index, task in enumerate(tasks):
             yield index, alone(work, task)
+
+    def close(self) -> None:
+        """Nothing is left to end."""
 
 
 class Processes:

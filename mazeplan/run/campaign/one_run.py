@@ -87,19 +87,10 @@ def run_one(campaign: Campaign, index: int, company: Company | None = None, job:
     try:
         return execute(campaign, replace(company or Company(), own_process=campaign.own_process), job)
     except RigError as problem:
-        return problem.result or _rig_failed(problem, job, rig_label(str(campaign.rig)))
+        failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
+        reason, none, name = str(FailureKind.RIG_FAILED), spread([]), rig_label(str(campaign.rig))
+        failed = NavigationResult(False, reason, 0.0, job.seed, name, (), (failure,), 0, none, None, none)
+        return problem.result or failed
     finally:
-        _collect_garbage()
-
-
-def _collect_garbage() -> None:
-    """Collect all garbage, once every GC_INTERVAL runs of this process. The parts of a run refer to one another;
-    without this call they would be freed only after they fill about 1 GB."""
-    if next(_runs) % GC_INTERVAL == 0:
-        gc.collect()
-
-
-def _rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
-    failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
-    reason, none = str(FailureKind.RIG_FAILED), spread([])
-    return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)
+        if next(_runs) % GC_INTERVAL == 0:  # the parts of a run refer to one another; else they would fill about 1 GB
+            gc.collect()

@@ -139,7 +139,10 @@ class Store:
             self.runs = {
                 row["index"]: Ran(result_of(row["result"]), Noticed.of_document(row["result"])) for row in rows
             }
-            _end_line(self.path)
+            content = self.path.read_bytes()
+            if not content.endswith(b"\n"):  # a last line without its end
+                with self.path.open("r+b") as file:
+                    file.truncate(content.rfind(b"\n") + 1)
         else:
             self._append(head)
 
@@ -216,13 +219,6 @@ def result_of(document: Mapping[str, Any]) -> NavigationResult:
 def campaign_files(folder: Path) -> list[Path]:
     """The files of the campaigns in a folder."""
     return sorted(folder.glob("campaign-*.jsonl"))
-
-
-def _end_line(path: Path) -> None:
-    content = path.read_bytes()
-    if not content.endswith(b"\n"):
-        with path.open("r+b") as file:
-            file.truncate(content.rfind(b"\n") + 1)
 
 
 def _write_table(folder: Path) -> None:

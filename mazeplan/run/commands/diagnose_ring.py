@@ -61,7 +61,14 @@ def _diagnose(
     camera, of_positions = _known_camera(raw, model, request.declare)
     centre = centred(raw, camera)
     if request.radius is None:
-        ring = _ring(centre, maze, request.ring)
+        ring = request.ring
+        if ring is None:
+            found, counts = np.unique(rings_of(centre, maze), return_counts=True)
+            found, counts = found[found > 0], counts[found > 0]
+            if not len(found):
+                raise InputError("the ball is in no ring of the map; expected --radius M, or another --map")
+            ring = int(found[np.argmax(counts)])
+        check_channel(ring, maze)
         radius, rows, openings = maze.track_radius(ring), rings_of(centre, maze) == ring, ring_openings(maze, ring)
     else:
         ring, radius, rows, openings = request.ring, request.radius, np.ones(len(centre), dtype=bool), None
@@ -137,14 +144,3 @@ def _check_rings(table: Table, maze: Maze) -> None:
     if outside > 1.0 - FEWEST_IN_RINGS:
         problem = f"the ball is in no ring of the map in {outside:.0%} of the samples that show it"
         raise InputError(f"{problem}; expected --radius M, or another --map")
-
-
-def _ring(table: Table, maze: Maze, ring: int | None) -> int:
-    if ring is None:
-        numbers = rings_of(table, maze)
-        found, counts = np.unique(numbers[numbers > 0], return_counts=True)
-        if not len(found):
-            raise InputError("the ball is in no ring of the map; expected --radius M, or another --map")
-        ring = int(found[np.argmax(counts)])
-    check_channel(ring, maze)
-    return ring

@@ -1,15 +1,24 @@
-"""`evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults."""
+"""`evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults.
+
+Start angles: the first 16 are theta = pi k / 8 + pi / 16, as in the published evaluation; further ones are drawn by the
+run's seed. Each run has its own seed, so the results are the same for any number of workers on any machines.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from mazeplan.core.errors import RigError
-from mazeplan.core.progress import Words, no_words
+from mazeplan.core.maths.spread import spread
+from mazeplan.core.progress import Display, Words, no_words
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
@@ -17,13 +26,13 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.schedule import every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import is_simulated, named_rig
-from mazeplan.run.campaign.evaluate import run_all, setup_document, summary
-from mazeplan.run.campaign.executor import open_executor
+from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.faults import report
-from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.pairs import PairedRuns, paired
-from mazeplan.run.campaign.store import Store, open_stores
-from mazeplan.run.specification import TIME_LIMIT
+from mazeplan.run.campaign.store import Store, campaign_files, open_stores, read_runs, result_of
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import TIME_LIMIT, log_header
 
 RUNS, FAULT_RUNS = 16, 10
 Bar = Callable[[int, int], AbstractContextManager[Callable[[int], None]]]  # of so many runs, of which some are done
@@ -105,3 +114,103 @@ def evaluate(
 
 def _kept(stores: Sequence[Store], runs: int) -> int:
     return sum(index in store.runs for store in stores for index in range(runs))
+
+
+def results_of(
+    campaign: Campaign, *, workers: int | None = 1, progress: Callable[[int], None] | None = None,
+    executor: Executor | None = None, store: Store | None = None,
+) -> list[NavigationResult]:  # fmt: skip
+    """All results of a campaign in the order of their runs; see `run_all`."""
+    with open_executor(workers, copies=is_simulated(campaign.rig)) as own:
+        (runs,) = run_all([campaign], executor or own, progress=progress, stores=[] if store is None else [store])
+    return [run.result for run in runs]
+
+
+def run_all(
+    campaigns: Sequence[Campaign], executor: Executor, *, progress: Callable[[int], None] | None = None,
+    stores: Sequence[Store] = (),
+) -> list[list[Ran]]:  # fmt: skip
+    """All runs of campaigns that differ in their faults only, in their order.
+
+    progress: is called with the number of finished runs after each run
+    stores: one for each campaign, or none; runs in it are not done again, and new runs are stored as they end
+    """
+    every = [(c, k) for c, campaign in enumerate(campaigns) for k in range(campaign.runs)]
+    done = {(c, k): run for c, store in enumerate(stores) for k, run in store.runs.items() if (c, k) in every}
+    missing = [place for place in every if place not in done]
+    if missing and (executor.apart or stores):
+        check(campaigns[0])
+    given = [replace(one, own_process=one.own_process or executor.apart) for one in campaigns]
+    for number, ran in executor.each(do_run, [(given[c], k) for c, k in missing]):
+        c, k = missing[number]
+        done[c, k] = ran
+        if stores:
+            stores[c].keep(k, ran)
+        if progress is not None:
+            progress(len(done))
+    return [[done[c, k] for k in range(campaign.runs)] for c, campaign in enumerate(campaigns)]
+
+
+def check(campaign: Campaign) -> None:
+    """Prepare a run without doing it, to find wrong input before any process begins. Raises InputError."""
+    ready = campaign.resolve(job=campaign.job_of(0))
+    Run(ready.rig, ready.setup, ready.job, None, Display())
+
+
+def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
+    """The document that `evaluate --json` prints. Its times are those of the runs that arrived; null if none did."""
+    times = np.array([outcome.time_s for outcome in outcomes if outcome.success])
+    failures = Counter(str(failure.kind) for outcome in outcomes for failure in outcome.failures)
+    if times.size:
+        p50, p95 = np.percentile(times, [50.0, 95.0])
+        figures = {"mean": times.mean(), "best": times.min(), "p50": p50, "p95": p95, "worst": times.max()}
+        time_s: dict[str, float | None] = {key: round(float(value), 4) for key, value in figures.items()}
+    else:
+        time_s = dict.fromkeys(("mean", "best", "p50", "p95", "worst"))
+    return {
+        "runs": len(outcomes),
+        "success": sum(outcome.success for outcome in outcomes),
+        "time_s": time_s,
+        "failures": dict(sorted(failures.items())),
+        "planner_ms": worst(outcomes, "planner_ms"),
+        "tick_ms": worst(outcomes, "tick_ms"),
+        "results": [outcome.json() for outcome in outcomes],
+    }
+
+
+def stored_documents(folder: Path) -> list[dict[str, Any]]:
+    """The campaigns of a folder that `--store` named, each as a document of `evaluate --json`. Raises InputError."""
+    documents = []
+    for head, runs in map(read_runs, campaign_files(folder)):
+        kept = ("version", "rig", "model", "behavior", "start_ring", "goal_ring", "time_limit_s", "fault")
+        setup = {key: head[key] for key in kept if head.get(key) is not None} | {"map": head["setup"]["map"]}
+        outcomes = [result_of(run["result"]) for run in sorted(runs, key=itemgetter("index"))]
+        if outcomes:
+            documents.append(summary(outcomes) | {"setup": setup | {"seed": outcomes[0].seed}})
+    return documents
+
+
+def setup_document(campaign: Campaign) -> dict[str, Any]:
+    """The setup of a campaign, for readers of its document: program, rig, text of the map, and names of the rest.
+
+    Two keys are there only if they apply:
+    effects: MODULE:FUNCTION of the user
+    policy: folder of the policy
+    """
+    ready = campaign.resolve(job=campaign.job_of(0))
+    header = log_header(ready.setup, ready.job, 0.0)
+    names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
+    more = {"effects": campaign.effects, "policy": None if campaign.policy is None else str(campaign.policy)}
+    return {**{name: header[name] for name in (*names, "time_limit_s")}, **{k: v for k, v in more.items() if v}}
+
+
+def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:
+    """The spread over all runs: median of the runs' medians, largest p99 and largest maximum."""
+    spreads = [getattr(outcome, which) for outcome in outcomes]
+    if not spreads:
+        return spread([])
+    return {
+        "p50": round(float(np.median([s["p50"] for s in spreads])), 4),
+        "p99": max(s["p99"] for s in spreads),
+        "max": max(s["max"] for s in spreads),
+    }

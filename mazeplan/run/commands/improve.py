@@ -33,10 +33,10 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, named_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run.campaign.evaluate import evaluate, summary
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.pairs import paired
 from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.commands.evaluate import results_of, summary
 from mazeplan.run.commands.learn import learn_model
 from mazeplan.run.resolve import model_source, resolve_model
 
@@ -91,7 +91,7 @@ class Loop:
         """The document of the navigations with a model."""
         self.progress(f"navigating {when}")
         campaign = replace(self.usual, model=model)
-        document = summary(evaluate(campaign, workers=self.workers, progress=of_total(self.advance, campaign.runs)))
+        document = summary(results_of(campaign, workers=self.workers, progress=of_total(self.advance, campaign.runs)))
         mean = document["time_s"]["mean"]
         arrived = f"{when}: {document['success']} of {campaign.runs} arrived"
         self.tell(arrived + (f", mean {mean:.2f} s" if mean else ""))

@@ -124,7 +124,9 @@ def learn_model(
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
     elif kind != "pi":
         model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
-        model = _without_worse_processes(model, rings)
+        if model.kind in WITH_BODY:  # without the learned parts that predict test blocks worse than the effects alone
+            kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
+            model = replace(model, processes=kept, kind=model.kind if kept else "pi")
     if reference is not None and kind in WITH_BODY:
         model = with_body(model, reference.body.model, reference.body.stderr)
     progress("judging as a run would use it")
@@ -198,13 +200,6 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     if math.isfinite(getattr(axis, name)):
         axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
     return StageModel(axis, axis), ball
-
-
-def _without_worse_processes(model: RigModel, rings: dict[int, RingLearning]) -> RigModel:
-    if model.kind not in WITH_BODY:
-        return model
-    kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
-    return replace(model, processes=kept, kind=model.kind if kept else "pi")
 
 
 def later_part(table: Table) -> np.ndarray:

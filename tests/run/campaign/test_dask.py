@@ -19,10 +19,10 @@ from campaign_work import refuse
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import NavigationResult
 from mazeplan.run.campaign import dask_cluster as daskcluster
-from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.store import open_stores, program, runs_table
+from mazeplan.run.commands.evaluate import results_of
 
 RUNS = 12
 ROOT = Path(__file__).resolve().parents[3]
@@ -116,14 +116,14 @@ def test_what_work_raises_comes_out(site):
 
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_under_way(site, tmp_path):
-    alone = evaluate(CAMPAIGN)
+    alone = results_of(CAMPAIGN)
 
     def kill(finished: int) -> None:
         if finished == 4:
             os.kill(site.workers[0].pid, signal.SIGKILL)
 
     with open_stores(tmp_path, [CAMPAIGN]) as (store,), open_executor(dask=site.address) as executor:
-        assert same(evaluate(CAMPAIGN, executor=executor, store=store, progress=kill)) == same(alone)
+        assert same(results_of(CAMPAIGN, executor=executor, store=store, progress=kill)) == same(alone)
     assert site.workers[0].wait() == -signal.SIGKILL
     table = runs_table(tmp_path)
     assert list(table["index"]) == list(range(RUNS))
@@ -137,5 +137,5 @@ def test_a_killed_worker_loses_nothing_and_then_a_lost_scheduler_only_what_was_u
     with open_stores(tmp_path, [more]) as (store,), open_executor(dask=site.address) as executor:
         assert len(store.runs) == RUNS
         with pytest.raises(RigError, match=r"the scheduler at .* does not answer any more"):
-            evaluate(more, executor=executor, store=store, progress=end)
+            results_of(more, executor=executor, store=store, progress=end)
     assert len(runs_table(tmp_path)) >= RUNS + 2

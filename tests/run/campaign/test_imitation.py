@@ -12,9 +12,9 @@ from mazeplan.control.policy import INPUTS
 from mazeplan.control.policy_file import load_policy, save_policy
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
 from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.commands.evaluate import results_of
 from mazeplan.run.execution import navigate
 from mazeplan.run.replay import replay
 
@@ -100,7 +100,7 @@ def test_a_run_with_a_policy_replays_alike_and_not_with_another(tmp_path, folder
 @pytest.mark.slow
 def test_workers_get_the_policy_and_do_what_one_process_does(folder):
     campaign = Campaign(runs=2, rig="ideal", policy=str(folder), behavior="policy", goal=3, seed=9, deadline=False)
-    alone, apart = (evaluate(campaign, workers=workers) for workers in (1, 2))
+    alone, apart = (results_of(campaign, workers=workers) for workers in (1, 2))
     assert [r.time_s for r in alone] == [r.time_s for r in apart]
     assert all(r.success and not r.planner_ms["max"] for r in apart)
 

@@ -12,9 +12,9 @@ import pytest
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Doubt, Failure, FailureKind, GoalGiven, NavigationResult, RingPassage, Start
-from mazeplan.run.campaign.evaluate import evaluate
 from mazeplan.run.campaign.one_run import Campaign, Ran
 from mazeplan.run.campaign.store import open_stores, runs_table
+from mazeplan.run.commands.evaluate import results_of
 
 LIGHT = Campaign(runs=4, rig="mazeplan.apps.testing.lightrig:LightRig", start=4, seed=7, deadline=False)
 SPREAD = {"p50": 0.1, "p99": 1.0 / 3.0, "max": 7.25}
@@ -70,17 +70,17 @@ def test_a_row_is_pleasant_to_read(tmp_path):
 
 @pytest.mark.slow
 def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
-    alone = evaluate(LIGHT)
+    alone = results_of(LIGHT)
     begun = []
     with open_stores(tmp_path, [replace(LIGHT, runs=2)]) as (store,):
-        evaluate(replace(LIGHT, runs=2), store=store, progress=begun.append)
+        results_of(replace(LIGHT, runs=2), store=store, progress=begun.append)
     with open_stores(tmp_path, [LIGHT]) as (store,):
         assert set(store.runs) == {0, 1}
-        gone_on = evaluate(LIGHT, store=store, progress=begun.append)
+        gone_on = results_of(LIGHT, store=store, progress=begun.append)
     assert begun == [1, 2, 3, 4]  # the third was the first that the second command did
     assert [same(result) for result in gone_on] == [same(result) for result in alone]
     with open_stores(tmp_path, [LIGHT]) as (store,):
-        assert evaluate(LIGHT, store=store, progress=begun.append) == gone_on
+        assert results_of(LIGHT, store=store, progress=begun.append) == gone_on
     assert len(begun) == 4
     assert list(runs_table(tmp_path)["index"]) == [0, 1, 2, 3]
 
