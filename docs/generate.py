@@ -156,9 +156,9 @@ def faults() -> Iterator[str]:
 
 def nodes() -> Iterator[str]:
     """Nodes of behaviour trees that the format has."""
-    from mazeplan.btree.builtin_leaves import BUILTIN_LEAVES
     from mazeplan.btree.controls import CONTROLS
     from mazeplan.btree.decorators import DECORATORS
+    from mazeplan.btree.leaf import BUILTIN_LEAVES
 
     yield from ("# All nodes of the format", "", "Attributes, scripts and differences: [nodes](../tree-nodes.md).", "")
     groups = {"Control nodes": CONTROLS, "Decorators": DECORATORS, "Leaves of the format": BUILTIN_LEAVES}

@@ -13,11 +13,10 @@ from typing import Any
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.blame import raised
-from mazeplan.btree.builtin_leaves import BUILTIN_LEAVES
 from mazeplan.btree.conditions import CONDITIONS, Conditions
 from mazeplan.btree.controls import CONTROLS
 from mazeplan.btree.decorators import DECORATORS, SubTree
-from mazeplan.btree.leaf import Context
+from mazeplan.btree.leaf import BUILTIN_LEAVES, Context
 from mazeplan.btree.node import Node, Place, TreeNode
 from mazeplan.btree.ports import REQUIRED, Key, Port, shown
 from mazeplan.btree.script import Script, parse_script

@@ -212,15 +212,12 @@ class Run:
                     closed |= dict.fromkeys(more, True)
         run.edit(closed)
         if goal is not None:
-            self._preempt(goal, t)
+            shut = run.graph.closed
+            self.aim(goal, shut)
+            for name in self.context.graph.closed - shut:  # closed in the map, but opened by a request
+                self.context.graph.reopen(name)
+            self._goals.append(GoalGiven(goal, t))
         return False
-
-    def _preempt(self, goal: int, t: float) -> None:
-        closed = self.context.graph.closed
-        self.aim(goal, closed)
-        for name in self.context.graph.closed - closed:  # closed in the map, but opened by a request
-            self.context.graph.reopen(name)
-        self._goals.append(GoalGiven(goal, t))
 
     def drive(self) -> NavigationResult:
         """Place the ball and run until the tree succeeds, fails or is skipped, the time is over, or a request stops it.

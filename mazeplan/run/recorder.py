@@ -115,6 +115,9 @@ class RunRecorder:
         self._tick_ms.append(ms)
         led = context.balls.led == 1
         first = context.here if led else context.balls.views[0].state
+        plan, planned = context.leg.plan, None
+        if led and plan is not None and context.leg.followed:  # the angle of the plan at the time of the state
+            planned = float(plan.states[plan_step(plan, context.here.t), 0])
         self._display.tick(observation.t, first.ring, context.commanded_by)
         self._log.tick(
             observation,
@@ -124,7 +127,7 @@ class RunRecorder:
             leaf=context.commanded_by,
             opening=None if context.leg.opening is None else context.leg.opening.name,
             goal_theta=context.leg.goal_theta if led else None,
-            planned_theta=_planned_theta(context) if led else None,
+            planned_theta=planned,
             planner_ms=context.history.planner_ms[-1] if context.history.planner_ms else None,
             tick_ms=ms,
             cut_off=cut_off,
@@ -236,13 +239,6 @@ def _words(timed: TimedEvent) -> str:
         case event if isinstance(event, Request):
             return " ".join((timed.kind, *(str(value) for value in timed.detail.values() if value)))
     return ""
-
-
-def _planned_theta(context: RunContext) -> float | None:
-    """The angle of the plan at the time of the state, rad; None unless the leaf Track follows a plan."""
-    if context.leg.plan is None or not context.leg.followed:
-        return None
-    return float(context.leg.plan.states[plan_step(context.leg.plan, context.here.t), 0])
 
 
 def weak_reporter(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:

@@ -26,7 +26,6 @@ from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.core.records import Array, Command
 from mazeplan.learning.policy_training import fit_network
-from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.assembly import plate_of
 from mazeplan.run.campaign.executor import open_executor
@@ -107,18 +106,13 @@ class Teacher:
 def demonstrate(campaign: Campaign, index: int, policy: Policy | None) -> Demonstration:
     """Do run number `index` and return its lesson. policy: drives; None: the planner drives."""
     teacher = Teacher(policy)
-    job = _job(campaign.maze, campaign.seed + index, index, campaign.time_limit)
+    seed, start, goal = campaign.seed + index, 1, len(campaign.maze.rings)
+    if index % 2:
+        start, goal = np.random.default_rng(seed).choice(np.arange(1, goal + 1), 2, replace=False)
+    job = Job(int(start), int(goal), None, seed, campaign.time_limit)
     result = run_one(campaign, index, Company(watch=teacher.watch), job)
     commands = np.array([(c.u_beta, c.u_gamma) for c in teacher.commands]).reshape(-1, 2)
     return Demonstration(np.array(teacher.rows).reshape(-1, len(INPUTS)), commands, result.success)
-
-
-def _job(maze: Maze, seed: int, index: int, time_limit: float) -> Job:
-    last = len(maze.rings)
-    if index % 2 == 0:
-        return Job(1, last, None, seed, time_limit)
-    start, goal = np.random.default_rng(seed).choice(np.arange(1, last + 1), 2, replace=False)
-    return Job(int(start), int(goal), None, seed, time_limit)
 
 
 def train(
