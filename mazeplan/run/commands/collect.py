@@ -64,22 +64,18 @@ def collect(
     advance: gets the progress, s
 
     Raises InputError, RigError."""
-    if model is not None and (place or not rings):
-        raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
-    if place and not rings:
-        raise InputError("needs --rings: only then somebody places the ball in each ring", key="--place")
+    if (model is not None and (place or not rings)) or (place and not rings):
+        raise InputError("--model needs --rings without --place, --place needs --rings: else they have no effect")
     if not 0.0 < seconds < math.inf:
         raise InputError(f"got {seconds:g}, expected a finite number > 0 of s", key="--seconds")
     maze = map if isinstance(map, Maze) else load_map(map)
     first = ring_number(ring, maze)
     others = [r.number for r in maze.rings if r.number != first] if rings else []
-    limit = math.degrees(maze.tilt_limit)
     if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
-        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees")
+        allowed = f"{LEAST_TILT:g} to {math.degrees(maze.tilt_limit):g}"
+        raise InputError(f"--tilt: got {tilt:g}, expected {allowed} degrees")
     most = None if tilt is None else math.radians(tilt)
-    spec = str(rig) if isinstance(rig, str | Path) else None
-    label = rig_label(rig)
-    given = maze.name if isinstance(map, Maze) else str(map)
+    spec, label = str(rig) if isinstance(rig, str | Path) else None, rig_label(rig)
     plan = Collection(seconds, (first, *others), seed, most, highest_hz)
     setup, tour = None, None
     if rings and not place:
@@ -97,7 +93,7 @@ def collect(
             tour = run_tour(machine, setup, plan, output, progress=shown)
             samples = tour.rows
     document = {
-        "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "map": given, "seed": seed,
-        "tour": None if tour is None else asdict(tour),
+        "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "seed": seed,
+        "map": maze.name if isinstance(map, Maze) else str(map), "tour": None if tour is None else asdict(tour),
     }  # fmt: skip
     return RecordResult(document, Path(output), tour)
