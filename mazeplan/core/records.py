@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -70,14 +70,10 @@ LEVEL = Command(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Measured delays of a rig.
+    """Measured delays of a rig, s."""
 
-    camera_s:  by how much the ball's position in a sample is older than the tilt in this sample, s
-    command_s: time from a sample to the first movement of the plate by the command that answers the sample, s
-    """
-
-    camera_s: float
-    command_s: float
+    camera_s: float  # by how much the ball's position in a sample is older than the tilt in this sample
+    command_s: float  # from a sample to the first movement of the plate by the command that answers the sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,27 +134,17 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True)
 class Plan:
-    """A planned trajectory with its feedback.
+    """A planned trajectory with its feedback."""
 
-    states:      (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
-    controls:    (T, 2) commanded tilt, inside the limits
-    gains:       (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
-    cost:        total cost reached
-    reason:      why the solver stopped
-    iterations:  number of iterations of the solver
-    ms:          duration of the search, ms
-    t0, dt:      rig time of states[0] and step, s
-    """
-
-    states: Array
-    controls: Array
-    gains: Array
-    cost: float
-    reason: StopReason
-    iterations: int
-    ms: float
-    t0: float = 0.0
-    dt: float = 1.0 / 30.0
+    states: Array  # (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
+    controls: Array  # (T, 2) commanded tilt, inside the limits
+    gains: Array  # (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
+    cost: float  # total cost reached
+    reason: StopReason  # why the solver stopped
+    iterations: int  # of the solver
+    ms: float  # duration of the search
+    t0: float = 0.0  # rig time of states[0], s
+    dt: float = 1.0 / 30.0  # step, s
 
     @property
     def ok(self) -> bool:
@@ -168,34 +154,24 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class TreeOutline:
-    """The nodes of a behaviour tree, parents first.
-
-    paths:      path of each node
-    kinds:      class name of each node
-    names:      name of each node
-    parents:    number of the node above, -1 for the root
-    conditions: numbers of the nodes that only check a condition, so that their failure means no; None in logs of older
-                versions
-    """
+    """The nodes of a behaviour tree, parents first."""
 
     paths: tuple[str, ...]
-    kinds: tuple[str, ...]
+    kinds: tuple[str, ...]  # names of classes
     names: tuple[str, ...]
-    parents: tuple[int, ...]
-    conditions: tuple[int, ...] | None = None
+    parents: tuple[int, ...]  # number of the node above, -1 for the root
+    conditions: tuple[int, ...] | None = None  # nodes that only check something; None in logs of older versions
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> TreeOutline:
         """Read a message /tree of a run log. Raises KeyError, TypeError or ValueError for a damaged one."""
-        found = cls(*(tuple(document[name]) for name in ("paths", "kinds", "names", "parents")))
+        columns = [tuple(document[name]) for name in ("paths", "kinds", "names", "parents")]
         conditions = document.get("conditions")
-        if len({len(column) for column in (found.paths, found.kinds, found.names, found.parents)}) != 1:
+        if len({len(column) for column in columns}) != 1:
             raise ValueError("a tree with columns of different lengths")
-        if conditions is None:
-            return found
-        if not all(isinstance(i, int) and 0 <= i < len(found.paths) for i in conditions):
+        if not all(isinstance(i, int) and 0 <= i < len(columns[0]) for i in conditions or ()):
             raise ValueError("a condition that is no node")
-        return replace(found, conditions=tuple(conditions))
+        return cls(*columns, conditions=None if conditions is None else tuple(conditions))
 
 
 class FailureKind(StrEnum):
@@ -223,24 +199,16 @@ class FailureKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """One thing that went wrong.
-
-    where:    leaf or place
-    t:        rig time, s
-    words:    a sentence for people
-    recovery: name of the recovery that the tree chose, None without one
-    x, y:     place of the ball, m; None if unknown
-    detail:   what was measured, by name with unit; of a missed opening: `current_leg.measured_miss`
-    """
+    """One thing that went wrong."""
 
     kind: FailureKind
-    where: str
-    t: float
-    words: str = ""
-    recovery: str | None = None
-    x: float | None = None
+    where: str  # leaf or place
+    t: float  # rig time, s
+    words: str = ""  # a sentence for people
+    recovery: str | None = None  # name of the recovery that the tree chose
+    x: float | None = None  # place of the ball, m; None if unknown
     y: float | None = None
-    detail: dict[str, float] = field(default_factory=dict)
+    detail: dict[str, float] = field(default_factory=dict)  # measured, by name with unit (`measured_miss`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,34 +277,26 @@ class Start:
 class NavigationResult(Result):
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    success:    the tree succeeded with the ball in the newest of `goals`
-    reason:     "arrived", a failure kind, "stopped" (from outside), "skipped", "interrupted", or "crashed" (the program
-                itself raised an unexpected exception)
-    rings:      rings of the first ball
-    planner_ms: p50, p99 and max of all plans, ms
-    doubts:     measurements that were wrong or not used
-    start:      None if the run ended before the ball was placed
-    others:     balls after the first
-    misfits:    how the rig does not behave as the model says
-    """
+    reason: "arrived", a failure kind, "stopped" (from outside), "skipped", "interrupted", or "crashed" (the program
+        itself raised an unexpected exception)"""
 
     kind: ClassVar[str] = "run"
 
-    success: bool
+    success: bool  # the tree succeeded with the ball in the newest of `goals`
     reason: str
     time_s: float
     seed: int
     rig: str
-    rings: tuple[RingPassage, ...]
+    rings: tuple[RingPassage, ...]  # of the first ball
     failures: tuple[Failure, ...]
     replans: int
-    planner_ms: dict[str, float]
+    planner_ms: dict[str, float]  # p50, p99 and max of all plans
     log: str | None
     tick_ms: dict[str, float] = field(default_factory=dict)
     goals: tuple[GoalGiven, ...] = ()
     doubts: tuple[Doubt, ...] = ()
-    start: Start | None = None
-    others: tuple[OtherBall, ...] = ()
+    start: Start | None = None  # None if the run ended before the ball was placed
+    others: tuple[OtherBall, ...] = ()  # balls after the first
     misfits: tuple[Misfit, ...] = ()
 
     def json(self) -> dict[str, Any]:

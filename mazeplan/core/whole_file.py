@@ -18,9 +18,7 @@ WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 def is_stream(path: str | Path) -> bool:
     """Whether a path is a device or a pipe, such as /dev/null; /dev/stdout counts, wherever it leads."""
-    if in_dev(path):
-        return True
-    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
+    return in_dev(path) or (os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)))
 
 
 def in_dev(path: str | Path) -> bool:
@@ -83,22 +81,6 @@ def whole_folder(folder: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def named_when_whole(folder: Path) -> Iterator[None]:
-    """If the block fails, rename the folder that it made to NAME.part. So the same work can begin again, and nothing
-    that was measured is lost."""
-    new = not folder.exists()
-    try:
-        yield
-    except BaseException as problem:
-        if new and folder.exists():
-            part = folder.with_name(f"{folder.name}.part")
-            shutil.rmtree(part, ignore_errors=True)
-            folder.rename(part)
-            problem.add_note(f"what was made so far is in {part}")
-        raise
-
-
 def write_text(path: Path, text: str) -> None:
     """Write a whole file and the folders above it. Raises InputError."""
     try:
@@ -110,9 +92,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def lock(file: IO[Any]) -> bool:
-    """Lock an open file until it is closed; the system releases it when the process ends in any way.
-
-    False: another process holds the lock."""
+    """Lock an open file until it is closed, or the process ends in any way. False: another process holds the lock."""
     try:
         import fcntl
     except ImportError:  # not on this system: no lock

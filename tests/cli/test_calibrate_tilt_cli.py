@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from time import monotonic
@@ -79,10 +78,6 @@ def test_a_table_becomes_a_section_of_the_rigs_file(desk, call):
 
 
 def test_a_bad_fit_leaves_the_rigs_file_alone(desk, call):
-    code, out, err = call(*write(rows(noise=0.4)), "--json")
-    document = json.loads(out)
-    assert document["error_deg"] > 0.1
-    assert document["rig"] is None
     code, _, err = call(*write(rows(noise=0.4)))
     assert code == 1
     assert "expected at most 0.1: take more readings, over the whole range" in err

@@ -9,7 +9,7 @@ import pytest
 from commands import plain
 
 from mazeplan.core.errors import InputError, RigError
-from mazeplan.core.whole_file import named_when_whole, whole_folder
+from mazeplan.core.whole_file import whole_folder
 
 
 @pytest.fixture
@@ -62,23 +62,3 @@ def test_what_was_measured_is_kept_where_the_rig_fails(tmp_path, error, kept):
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == kept
     assert (tmp_path / "out").exists() == bool(kept)
     assert not (folder / "model").exists()
-
-
-def test_work_that_was_cut_begins_again_under_the_same_name(tmp_path):
-    folder = tmp_path / "out"
-
-    def work(cut: bool) -> None:
-        with named_when_whole(folder):
-            folder.mkdir()
-            (folder / "a.mcap").touch()
-            if cut:
-                raise KeyboardInterrupt
-
-    for _ in range(2):
-        with pytest.raises(KeyboardInterrupt) as caught:
-            work(cut=True)
-        assert (tmp_path / "out.part" / "a.mcap").exists()
-        assert str(tmp_path / "out.part") in caught.value.__notes__[0]
-        assert not folder.exists()
-    work(cut=False)
-    assert (folder / "a.mcap").exists()

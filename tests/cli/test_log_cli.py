@@ -119,18 +119,3 @@ def test_export_writes_the_known_columns_first(run, log, cut, tmp_path):
     err = run("export", cut, "-o", tmp_path / "cut.csv")[2]
     assert len(rows_of((tmp_path / "cut.csv").read_text())) == 54
     assert re.match(r"mazeplan: .*: the log is cut off, .*; used are its 54 ticks up to t = 1.77 s\n", err)
-
-
-def test_info_shows_what_is_understood_of_a_table(run, tmp_path):
-    table = tmp_path / "bench.csv"
-    rows = [f"{100 * k},{'' if k == 3 else 90},{k},{0.5 * k},0,7" for k in range(10)]
-    table.write_text("\n".join(["t_ms,x_mm,y_mm,beta_deg,gamma,force", *rows]) + "\n")
-    code, out, _ = run("info", str(table))
-    assert (code, out.splitlines()[0]) == (0, f"{table}: 10 rows, 10.0 a second, 0.9 s in 1 uninterrupted part")
-    said = {line.split()[0]: line for line in out.splitlines()[1:]}
-    assert said["x"].split(maxsplit=1)[1] == "0.09 to 0.09 m, from x_mm, missing in 10.0 %"
-    assert said["beta"].split(maxsplit=1)[1] == "0 to 0.07854 rad, from beta_deg"
-    assert "force" in said["not"]
-    code, out, _ = run("info", str(table), "--columns", "u_beta=force:mrad", "--json")
-    (found,) = (c for c in json.loads(out)["columns"] if c["name"] == "u_beta")
-    assert (found["column"], found["max"]) == ("force", pytest.approx(0.007))

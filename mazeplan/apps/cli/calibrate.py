@@ -6,7 +6,6 @@ import math
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +14,7 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import number
-from mazeplan.apps.cli.output import free_name, print_json, say
+from mazeplan.apps.cli.output import free_name, say
 from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -65,7 +64,6 @@ def camera(
     corners: Corners = "9x6",
     square_mm: SquareMm = 20.0,
     map_: opt.Map = "cme",
-    as_json: opt.AsJson = False,
 ) -> None:
     """Calibrate the overhead camera: lens from a chessboard, place over the plate, background of the empty plate."""
     import numpy as np
@@ -94,10 +92,6 @@ def camera(
     )  # fmt: skip
     done.background.write(file.target.parent / section["background"])
     written = str(file.write({"camera": section}))
-    if as_json:
-        out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
-        print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), **out, "rig": written})
-        return
     for name in lens.left_out:
         say(f"left out {name}")
     if lens.used:
@@ -147,7 +141,6 @@ def tilt(
     readings: Readings = None,
     grid: Grid = 7,
     map_: opt.Map = "cme",
-    as_json: opt.AsJson = False,
 ) -> None:
     """Fit the tilt sensor, and with known pulses the servos, to readings of a clinometer. The map sets the tilt limit.
 
@@ -170,7 +163,7 @@ def tilt(
     try:
         written = str(file.write(_tilt_sections(fit, file.data.get("servo")))) if good else None
     finally:
-        _report(fit, readings, as_json, written)
+        _report(fit, readings, written)
     sys.exit(0 if good else 1)
 
 
@@ -226,14 +219,9 @@ def _ask(question: str) -> tuple[float, float] | None:
         say("expected two finite numbers, such as: -2.3 0.4")
 
 
-def _report(fit: TiltFit, readings: Path | None, as_json: bool, written: str | None) -> None:
+def _report(fit: TiltFit, readings: Path | None, written: str | None) -> None:
     """Print the fit. written: the rig's file, if it was written"""
     axes, servos = {"beta": fit.beta, "gamma": fit.gamma}, fit.servos
-    if as_json:
-        found, out = {axis: asdict(f) for axis, f in axes.items()}, [asdict(o) for o in fit.outliers]
-        document = {"readings": fit.sensor.readings, "error_deg": fit.error_deg, "tilt": found, "servo": servos or None}
-        print_json({**document, "outliers": out, "rig": written})
-        return
     for axis, f in axes.items():
         errors = f"rms {f.rms_deg:.3f} deg, worst {f.worst_deg:.3f}, at held-out readings {f.left_out_deg:.3f}"
         print(f"{axis:6s} {errors}; terms {' '.join(f.terms)}")

@@ -42,13 +42,9 @@ def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> It
     wake, waker = os.pipe()
 
     def listen() -> None:
-        while True:
-            ready, _, _ = select.select([fd, wake], [], [])
-            if wake in ready:
-                return
+        while wake not in select.select([fd, wake], [], [])[0]:
             if not _foreground(fd):  # in the background, reading would suspend the program
-                if wake in select.select([wake], [], [], 0.2)[0]:
-                    return
+                select.select([wake], [], [], 0.2)
                 continue
             if os.read(fd, 64):  # otherwise the terminal is gone
                 _stop(stop, then)

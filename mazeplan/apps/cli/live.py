@@ -172,9 +172,8 @@ class LiveSession:
             self._goals.aim(int(order["ring"]))
             return "" if self._phase == "running" else f"the next run goes to ring {order['ring']}"
         elif what in ("close", "open"):
-            (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
-            is_ = "closed" if what == "close" else "open"
-            return f"in the next run {order['opening']} is {is_}" if self._resting else ""
+            getattr(self._goals, what)(str(order["opening"]))
+            return f"the next run begins with: {what} {order['opening']}" if self._resting else ""
         elif what == "fault":
             return self._inject(str(order["kind"]))
         return ""
@@ -236,9 +235,8 @@ def navigate_live(request: NavigationRequest, port: int, *, begin: bool = True, 
 
 def exit_status(session: LiveSession) -> int:
     """The exit status of the last run; 0 without a run."""
-    if session.problem is not None:
-        return session.problem.exit_status
-    return 0 if session.result is None or session.result.success else 1
+    failed = int(session.result is not None and not session.result.success)
+    return failed if session.problem is None else session.problem.exit_status
 
 
 def at_terminal() -> bool:

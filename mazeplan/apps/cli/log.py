@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog
-    from mazeplan.core.logs.table import Table
 
 app = typer.Typer(help="Summarise, export and replay logs.", no_args_is_help=True)
 
-AnyLog = Annotated[Path, typer.Argument(metavar="LOG", help="Run log (MCAP) or table (CSV).")]
 CsvFile = Annotated[Path, opt.output_file("CSV file to write, or /dev/stdout.", ".csv")]
 RunModel = Annotated[str | None, opt.value("--model", "MODEL", "Model of the run, for a log that does not hold it.")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
@@ -28,17 +26,11 @@ HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "se
 
 
 @app.command("info")
-def info(log: AnyLog, columns: opt.Columns = None, as_json: opt.AsJson = False) -> None:
-    """Summarise a run log, also an incomplete one; or show what is understood of a table."""
-    from mazeplan.core import file_kinds
-    from mazeplan.core.logs.column_units import parse_columns
+def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
+    """Summarise a run log, also an incomplete one."""
     from mazeplan.core.logs.run_log import read_log
-    from mazeplan.core.logs.table import read_table
 
-    if columns or log.suffix == ".csv" or file_kinds.got(log) == "text":
-        document, lines = _table_summary(read_table(log, parse_columns(columns or ())))
-    else:
-        document, lines = _summary(read_log(log))
+    document, lines = _summary(read_log(log))
     if as_json:
         print_json(document)
     else:
@@ -112,37 +104,6 @@ def _summary(log: RunLog) -> tuple[dict[str, Any], list[str]]:
     rows.append(("result", lead(log)))
     state = "complete" if log.complete else "cut off: the program did not finish it"
     return document, [f"{log.path}: {state}", *(f"  {name:11s} {text}" for name, text in rows)]
-
-
-def _table_summary(table: Table) -> tuple[dict[str, Any], list[str]]:
-    """The document of `log info --json` for a table, and its lines, one for each column."""
-    import numpy as np
-
-    from mazeplan.core.logs.table import stretches
-    from mazeplan.core.logs.table_checks import UNITS
-
-    parts = stretches(table)
-    duration, rate = sum(float(table["t"][part][-1] - table["t"][part][0]) for part in parts), 1.0 / table.dt
-    how_long = f"{duration:.1f} s in {plural(len(parts), 'uninterrupted part')}"
-    lines = [f"{table.place}: {len(table)} rows, {rate:.1f} a second, {how_long}"]
-    columns, unknown = list[dict[str, Any]](), [name for name in table.columns if name not in UNITS]
-    for name in (*(name for name in UNITS if name in table), *unknown):
-        values, column, unit = table[name], table.named.get(name, name), UNITS.get(name, "")
-        seen = values[np.isfinite(values)]
-        low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
-        missing = 1.0 - len(seen) / len(values)
-        columns.append({
-            "name": name, "column": column, "known": name in UNITS, "unit": unit,
-            "min": low, "max": high, "missing": missing,
-        })  # fmt: skip
-        if name in UNITS:
-            ends = "no number" if low is None else f"{low:.4g} to {high:.4g} {unit}".rstrip()
-            origin = f", from {column}" if column != name else ""
-            lines.append(f"  {name:11s} {ends}{origin}" + (f", missing in {100 * missing:.1f} %" if missing else ""))
-    if unused := [name for name in unknown if name not in table.named.values()]:
-        lines.append(f"  not used    {', '.join(unused)}; --columns names a column and its unit")
-    figures = {"rows": len(table), "duration_s": duration, "rate_hz": rate, "stretches": len(parts)}
-    return {"file": table.place, **figures, "columns": columns}, lines
 
 
 def _csv_text(log: RunLog) -> str:

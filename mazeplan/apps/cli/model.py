@@ -32,10 +32,8 @@ def list_models(as_json: opt.AsJson = False) -> None:
     found = {name: load_model(name) for name in model_names()}
     if as_json:
         print_json([{"name": name, **_summary(model)} for name, model in found.items()])
-        return
-    width = max(map(len, found))
-    for name, model in found.items():
-        print(f"{name:{width}s}  {_sentence(model)}")
+    for name, model in () if as_json else found.items():
+        print(f"{name:10s}  {_sentence(model)}")
 
 
 @app.command("show")
@@ -78,9 +76,8 @@ def _summary(model: RigModel) -> dict[str, Any]:
 
 
 def _sentence(model: RigModel) -> str:
-    rings = ", ".join(map(str, sorted(model.balls)))
     late = f"the camera's picture is {1e3 * model.camera_delay:.0f} ms old"
-    return f"kind {model.kind}: {KINDS[model.kind]}; rings {rings}; {late}"
+    return f"kind {model.kind}: {KINDS[model.kind]}; rings {', '.join(map(str, sorted(model.balls)))}; {late}"
 
 
 def _ring_lines(rings: dict[int, dict[str, Any]]) -> list[str]:
@@ -113,9 +110,7 @@ def _lines(key: Any, value: Any, indent: str) -> list[str]:
     if "value" in value:
         unit = "" if value["unit"] == "1" else f" {value['unit']}"
         return [f"{indent}{key}: {_value(value)}{unit}"]
-    title = f"ring {key}" if isinstance(key, int) else key
-    inner = [line for name, part in value.items() for line in _lines(name, part, f"{indent}  ")]
-    return [f"{indent}{title}:", *inner]
+    return [f"{indent}{key}:", *(line for name, part in value.items() for line in _lines(name, part, f"{indent}  "))]
 
 
 def score(

@@ -50,12 +50,7 @@ StartRing = Annotated[str, value("--from", "RING", "Ring to start in, such as ri
 GoalRing = Annotated[str, value("--to", "RING", "Ring to reach, such as ring5, or centre.")]
 StartAngle = Annotated[
     float | None,
-    value(
-        "--start-angle",
-        "DEG",
-        "Start angle in degrees. Default: 0 on a map, in a run by the seed.",
-        parser=number(-3600.0, 3600.0),
-    ),
+    value("--start-angle", "DEG", "Start angle in degrees. Default: by the seed.", parser=number(-3600.0, 3600.0)),
 ]
 Balls = Annotated[int | None, value("--balls", "N", "Balls, 1 or 2. Default: as in the map.", min=1, max=2)]
 Close = Annotated[list[str] | None, value("--close", "OPENING", "Openings to avoid, such as 1-2@45; repeatable.")]
@@ -93,8 +88,7 @@ Dask = Annotated[str | None, value("--dask", "ADDRESS", "Run on a Dask scheduler
 Store = Annotated[Path | None, value("--store", "DIR", "Keep runs in this folder; skip kept runs.", parser=folder)]
 NoDeadline = Annotated[bool, Option("--no-deadline", help="Let plans take any time, for repeatable results.")]
 Compare = Annotated[
-    tuple[Path, Path] | None,
-    value("--compare", "FILE FILE", "Compare two documents of --json, A and B, seed by seed. Runs nothing."),
+    tuple[Path, Path] | None, value("--compare", "FILE FILE", "Run nothing: compare two documents of --json by seed.")
 ]
 Faults = Annotated[str | None, value("--faults", "FILE", "YAML file of faults to inject, or all for each kind.")]
 
@@ -108,12 +102,7 @@ Tilt = Annotated[float | None, value("--tilt", "DEG", "Largest tilt, deg. Defaul
 HighestHz = Annotated[float, value("--highest-hz", "HZ", "Highest frequency in Hz.", parser=number(1e-3, 100.0))]
 Kind = Annotated[
     Literal["p", "pi", "np", "sp"],
-    value(
-        "--kind",
-        "p|pi|np|sp",
-        "Ball model. p: nominal; pi: fitted effects; sp: fitted effects and a Gaussian process; "
-        "np: a Gaussian process alone.",
-    ),
+    value("--kind", "p|pi|np|sp", "p: nominal; pi: fitted effects; sp: and a Gaussian process; np: that alone."),
 ]
 TestLogs = Annotated[
     list[Path] | None, value("--test", "LOG", "Log to test on; repeatable. Default: every fourth 5 s.")

@@ -6,19 +6,19 @@ import math
 import os
 import shlex
 import sys
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from time import monotonic
 from typing import Any, Self, TextIO
 
 from mazeplan.apps.cli.output import plural, say
 from mazeplan.core.progress import Display, of_total
+from mazeplan.core.resources import PACKAGE
 
-COMPILING_S = 2.0
 QUIET_S = 8.0  # s, after which a new step is printed without a terminal
-_listeners: list[Any] = []
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -159,31 +159,9 @@ def _rich_bar(transient: bool) -> Any:
     return Progress(*columns, console=console, redirect_stdout=False, transient=transient)
 
 
+@cache
 def report_compiling() -> None:
-    """From now on, print one line if Numba compiles for more than COMPILING_S. The first time takes a minute."""
-    from numba.core import event
-
-    class Listener(event.Listener):
-        depth, timer, reported, process = 0, None, False, os.getpid()
-
-        def on_start(self, event: Any) -> None:
-            self.depth += 1
-            if self.depth == 1 and not self.reported and os.getpid() == self.process:
-                self.timer = threading.Timer(COMPILING_S, self.report)
-                self.timer.daemon = True
-                self.timer.start()
-
-        def on_end(self, event: Any) -> None:
-            self.depth -= 1
-            if self.depth == 0 and self.timer is not None:
-                self.timer.cancel()
-                self.timer.join()  # a process with a second thread compiles on one core alone
-                self.timer = None
-
-        def report(self) -> None:
-            self.reported = True
-            say("compiling, once for this machine: half a minute or so")
-
-    if not _listeners:
-        _listeners.append(Listener())
-        event.register("numba:compile", _listeners[0])
+    """Print a line if no compiled code is kept yet, because the first command compiles for a minute."""
+    kept = [PACKAGE, Path.home() / ".cache" / "numba", Path(os.environ.get("NUMBA_CACHE_DIR", PACKAGE))]
+    if not any(next(place.rglob("*.nbi"), None) for place in kept):
+        say("compiling, once for this machine: half a minute or so")

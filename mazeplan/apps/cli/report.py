@@ -35,19 +35,15 @@ def report(inputs: Inputs, output: Page, force: opt.Force = False) -> None:
 
 def view(
     log: ViewedLog = None,
-    start: opt.StartRing = "ring1",
-    goal: opt.GoalRing = "centre",
     map_: opt.Map = "cme",
     rig: opt.RigName = "toy",
     model: opt.Model = None,
     behavior: opt.Behavior = "navigate",
-    behavior_module: opt.BehaviorModule = None,
-    settings: opt.Settings = None,
-    seed: opt.Seed = 0,
-    time_limit: opt.TimeLimit = 20.0,
     port: opt.PagePort = opt.PORT,
 ) -> None:
-    """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it."""
+    """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it.
+
+    `navigate --view` has more options."""
     if log is not None:
         from mazeplan.apps.cli.progress import ProgressBar
         from mazeplan.apps.view.replay import open_recording, show_log
@@ -60,8 +56,5 @@ def view(
     from mazeplan.apps.cli.live import navigate_live
     from mazeplan.run.request import NavigationRequest
 
-    request = NavigationRequest(
-        start, goal, map_, rig, model, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
-        settings=settings, seed=seed, time_limit=time_limit,
-    )  # fmt: skip
+    request = NavigationRequest(map=map_, rig=rig, model=model, behavior=behavior)
     sys.exit(navigate_live(request, port, begin=False))

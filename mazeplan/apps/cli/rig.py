@@ -91,9 +91,9 @@ def _check_hardware(spec: str, maze: Maze, *, seed: int, yes: bool) -> Iterator[
     finally:
         rig.close()
     if passed:
+        failed = f"{RAISED}{RigError.__name__}: "  # the rig failed, it did not break a rule
         results = check_rig(watched(make_rig(spec, maze), own_process=True), maze, seed=seed, repeatable=False)
         yield from results
-        failed = f"{RAISED}{RigError.__name__}: "  # the rig failed, it did not break a rule
         for result in results:
             if result.detail.startswith(failed):
                 raise RigError(result.detail.removeprefix(failed))

@@ -6,14 +6,11 @@ A topic is JSON with a JSON schema, so that general MCAP viewers can read it. Th
              started: wall-clock time in UTC, ISO 8601, for people
     /tick    each control tick: what was observed, estimated and commanded, by which leaf
              cut_off: after how many iterations the planner's deadline ended each search of the tick
-             (`control.ilqg`)
-             x2, y2, estimate_x2, estimate_y2, ring2: of the second ball, if there are two
-             ball: number of the ball that the tree steers, if there are two
+             x2, y2, estimate_x2, estimate_y2, ring2: of the second ball; ball: number of the one that the tree steers
     /plan    each plan: states and controls by component, cost, why the solver stopped
     /tree    when a tree begins: its nodes, as `records.TreeOutline` explains
     /status  each tick that changes a status: how the last tick of every node ended, one letter each (`STATUSES`)
-    /openings  each time an opening was tried: successes and failures at openings as they count at t; they fade
-             (`maze.graph`)
+    /openings  each time an opening was tried: successes and failures at openings as they count at t
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 

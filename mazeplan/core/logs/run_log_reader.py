@@ -55,23 +55,16 @@ class LoggedTree:
 class RunLog:
     """A log that was read.
 
-    header:   facts about the run
-    ticks:    column -> array of N: float with NaN for missing, or object (str, "" for missing) for text
-    plans:    in the order in which they were made, without gains; states are empty if a plan was not finite
-    events:   see `core.events`
-    trees:    one for each goal; empty in logs of older versions
-    result:   the outcome, None when there is none
-    complete: whether the file was finished; False after a crash, when the last quarter of a second may be missing
-    """
+    ticks: column -> array of N: float with NaN for missing, or object (str, "" for missing) for text"""
 
     path: Path
-    header: dict[str, Any]
+    header: dict[str, Any]  # facts about the run
     ticks: dict[str, np.ndarray]
-    plans: tuple[Plan, ...]
+    plans: tuple[Plan, ...]  # without gains; states are empty if a plan was not finite
     events: tuple[TimedEvent, ...]
-    result: dict[str, Any] | None
-    complete: bool
-    trees: tuple[LoggedTree, ...] = ()
+    result: dict[str, Any] | None  # the outcome
+    complete: bool  # False after a crash, when the last quarter of a second may be missing
+    trees: tuple[LoggedTree, ...] = ()  # one for each goal; empty in logs of older versions
 
 
 def read_log(path: str | Path) -> RunLog:

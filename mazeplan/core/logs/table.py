@@ -38,18 +38,12 @@ MISSING = ("", "na", "n/a", "#n/a", "<na>", "nan", "null", "none")  # cells with
 
 @dataclass(frozen=True)
 class Table:
-    """A table of measurements.
+    """A table of measurements."""
 
-    columns: arrays (N,) by name
-    source:  file and sha256 of the file from which the table was read
-    path:    path of this file, for messages
-    named:   names in this file of columns that have another name there
-    """
-
-    columns: dict[str, Array]
-    source: dict[str, str] = field(default_factory=dict)
-    path: str | None = None
-    named: Mapping[str, str] = field(default_factory=dict)
+    columns: dict[str, Array]  # (N,) by name
+    source: dict[str, str] = field(default_factory=dict)  # file and sha256 of the file from which the table was read
+    path: str | None = None  # of this file, for messages
+    named: Mapping[str, str] = field(default_factory=dict)  # names in this file of columns that have another name there
 
     def __len__(self) -> int:
         return len(self.columns["t"])

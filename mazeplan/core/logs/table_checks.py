@@ -36,19 +36,13 @@ LAG_S = 0.1  # s; long enough that noise of the camera does not look like speed
 
 @dataclass(frozen=True)
 class Rows:
-    """Where the rows of a table are in its file, for messages.
-
-    lines:  line of each row
-    text:   content of a CSV file
-    header: names of the columns of a CSV file
-    named:  names in the file of columns that have another name there
-    """
+    """Where the rows of a table are in its file, for messages."""
 
     file: Path
-    lines: Sequence[int]
-    text: str = ""
-    header: tuple[str, ...] = ()
-    named: Mapping[str, str] = field(default_factory=dict)
+    lines: Sequence[int]  # of each row
+    text: str = ""  # content of a CSV file
+    header: tuple[str, ...] = ()  # names of its columns
+    named: Mapping[str, str] = field(default_factory=dict)  # names in the file of columns that have another name there
 
     def refuse(self, name: str, row: int, expected: str, got: object = None) -> NoReturn:
         """Raise TableError about one cell. got: the cell's value for the message; by default the text in the file."""
@@ -105,18 +99,17 @@ def _first(bad: np.ndarray) -> int:
 
 
 def _check_numbers(columns: dict[str, Array], rows: Rows) -> None:
-    needed = [name for name in EVERYWHERE if not (name in TILTS and _unmeasured(columns))]
-    for name in needed:
-        if name in columns and (row := _first(~np.isfinite(columns[name]))) >= 0:
-            rows.refuse(name, row, "a finite number")
-    for name in (*BALL, *RATES):
-        if name in columns and (row := _first(np.isinf(columns[name]))) >= 0:
-            rows.refuse(name, row, "a finite number, or an empty cell")
-    for name in ("segment", "ring"):
-        if name in columns and (row := _first(columns[name] != np.round(columns[name]))) >= 0:
-            rows.refuse(name, row, "a whole number", f"{columns[name][row]:g}")
-    if "r" in columns and (row := _first(columns["r"] < 0.0)) >= 0:
-        rows.refuse("r", row, "at least 0 m", f"{columns['r'][row]:g}")
+    for name, column in columns.items():
+        if name in EVERYWHERE and not (name in TILTS and _unmeasured(columns)):
+            bad, expected = ~np.isfinite(column), "a finite number"
+        else:
+            bad, expected = np.isinf(column) & (name in KNOWN), "a finite number, or an empty cell"
+        if (row := _first(bad)) >= 0:
+            rows.refuse(name, row, expected)
+        if name in ("segment", "ring") and (row := _first(column != np.round(column))) >= 0:
+            rows.refuse(name, row, "a whole number", f"{column[row]:g}")
+        if name == "r" and (row := _first(column < 0.0)) >= 0:
+            rows.refuse(name, row, "at least 0 m", f"{column[row]:g}")
 
 
 def _check_time(columns: dict[str, Array], rows: Rows) -> None:
@@ -131,22 +124,19 @@ def _check_time(columns: dict[str, Array], rows: Rows) -> None:
 
 
 def _check_units(columns: dict[str, Array], rows: Rows) -> None:
-    log = rows.file.suffix == ".mcap"  # its units are those of the rig's class
-    then = "the rig has to give radians" if log else "then --columns {0}={1}:deg"
-    tilt = f"radians (at most {DEGREES:g}); are these degrees? {then}"
-    then = "the rig has to give metres" if log else "then --columns {0}={1}:mm"
-    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres? {then}"
-    limits = [(name, DEGREES, tilt) for name in ("beta", "gamma", "u_beta", "u_gamma")]
-    for name, most, expected in limits + [(name, MILLIMETRES, place) for name in ("x", "y", "r")]:
-        if name in columns:
-            size = np.nan_to_num(np.abs(columns[name]))
-            row = int(np.argmax(size))
-            if size[row] > most:
-                rows.refuse(name, row, expected.format(name, rows.named.get(name, name)), f"{columns[name][row]:g}")
+    angles, lengths = ("beta", "gamma", "u_beta", "u_gamma"), ("x", "y", "r")
+    checks = [(name, f"radians (at most {DEGREES:g})", DEGREES, "deg") for name in angles]
+    checks += [(name, f"metres (at most {MILLIMETRES:g})", MILLIMETRES, "mm") for name in lengths]
     if "theta" in columns and _in_degrees(columns):
-        row = int(np.argmax(np.nan_to_num(np.abs(columns["theta"]))))
-        hint = f"--columns theta={rows.named.get('theta', 'theta')}:deg"
-        rows.refuse("theta", row, f"radians; these are degrees: {hint}", f"{columns['theta'][row]:g}")
+        checks.append(("theta", "radians; these are degrees", 0.0, "deg"))
+    for name, expected, most, unit in checks:
+        size = np.nan_to_num(np.abs(columns.get(name, np.zeros(1))))
+        row = int(np.argmax(size))
+        if size[row] > most:
+            remedy = f"other units: --columns {name}={rows.named.get(name, name)}:{unit}"
+            if rows.file.suffix == ".mcap":  # its units are those of the rig's class
+                remedy = "the rig has to give SI units"
+            rows.refuse(name, row, f"{expected}; {remedy}", f"{columns[name][row]:g}")
 
 
 def _in_degrees(columns: dict[str, Array]) -> bool:
@@ -172,10 +162,8 @@ def _in_degrees(columns: dict[str, Array]) -> bool:
     step = np.diff(theta)[np.diff(segment) == 0.0]
     if np.max(np.abs(known)) <= 360.0 and np.any((np.abs(step) > 300.0) & (np.abs(step) < 360.0 + 1e-9)):
         return True
-    usual = _usual_step(t, segment)
-    if not np.isfinite(usual):  # each row is a segment
-        return False
-    lag = max(1, round(LAG_S / usual))
+    usual = _usual_step(t, segment)  # not finite if each row is a segment
+    lag = max(1, round(LAG_S / usual)) if np.isfinite(usual) else len(t)
     if lag >= len(t):
         return False
     speed = np.abs(theta[lag:] - theta[:-lag]) / (t[lag:] - t[:-lag])

@@ -21,7 +21,7 @@ from mazeplan.core.logs.column_units import parse_columns
 from mazeplan.core.logs.table import Table, as_table, read_table, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
 from mazeplan.core.results import DocumentResult
-from mazeplan.core.whole_file import named_when_whole, whole_file, whole_folder
+from mazeplan.core.whole_file import whole_file, whole_folder
 from mazeplan.diagnosis.rig.record import FEWEST
 from mazeplan.diagnosis.rig.reference import RigReference, known_reference, reference_of, save_reference
 from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
@@ -131,7 +131,6 @@ def improve(
     with ExitStack() as stack:
         name = stack.enter_context(named_rig(rig, alone=(workers or 1) == 1))
         folder = Path(output or stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
-        stack.enter_context(named_when_whole(folder))
         usual = Campaign(map=map, rig=name, effects=effects, seed=seed, runs=runs, own_process=own_process)
         known = [as_table(log, parse_columns(columns)) for log in several(reference)]
         done = do_rounds(Loop(name, folder, rounds, seconds, usual, workers, tell, progress, advance), model, known)
