@@ -35,12 +35,7 @@ class InputError(MazeplanError):
     others: tuple[InputError, ...] = ()
 
     def __init__(
-        self,
-        problem: str,
-        *,
-        file: str | Path | None = None,
-        line: int | None = None,
-        key: str | None = None,
+        self, problem: str, *, file: str | Path | None = None, line: int | None = None, key: str | None = None
     ) -> None:
         self.problem, self.file, self.line, self.key = problem, file, line, key
         where = "" if file is None else f"{file}:" if line is None else f"{file}:{line}:"

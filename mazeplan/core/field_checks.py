@@ -17,10 +17,7 @@ def check_numbers(
 ) -> None:
     """Check the numbers of a dataclass; fields declared as int must be whole. Raises SettingsError with the field.
 
-    positive: fields that must be > 0
-    least:    minimum of all numbers
-    most:     maximum by field; the default is WHOLE or MOST
-    """
+    positive: fields that must be > 0; least: minimum of all numbers; most: maximum by field, else WHOLE or MOST"""
     for field in fields(options):
         if field.type not in ("int", "float"):
             continue

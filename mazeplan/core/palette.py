@@ -72,7 +72,7 @@ TINTS: dict[str, str] = {
 # the button that stops a machine
 STOP: dict[str, str] = {"face": "#B00000", "pressed": "#700000"}
 
-# lines that only guide the eye, so they may be fainter than other lines
+# lines that only guide the eye
 FAINT: dict[str, str] = {"grid": "#DDDDDD", "rule": "#C9CED6", "hatch": "#C4C4C4"}
 
 # a maze: plan view

@@ -47,7 +47,6 @@ def is_packaged(source: str | Path, names: Collection[str]) -> bool:
 def find(kind: str, name: str | Path, suffix: str) -> Path:
     """Path for what a user gave: the name of a packaged file (`is_packaged`), or a file.
 
-    A path that does not exist is returned as given, so that the reader can name it in its error.
-    """
+    A path that does not exist is returned as given, so that the reader can name it in its error."""
     packaged = {path.stem: path for path in share(kind).glob(f"*{suffix}")}
     return packaged[str(name)] if is_packaged(name, packaged) else Path(name)

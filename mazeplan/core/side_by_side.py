@@ -47,9 +47,12 @@ def in_copies(function: Callable[[T], R], items: Sequence[T]) -> Iterator[tuple[
         ready: list[Any] = wait(readers, timeout) if readers else []
         for reader in ready:
             try:
-                yield reader.recv()
+                j, result = reader.recv()
             except EOFError:
                 readers.remove(reader)
+                continue
+            del missing[j]
+            yield j, result
 
     try:
         for k in range(1, count):
@@ -60,13 +63,9 @@ def in_copies(function: Callable[[T], R], items: Sequence[T]) -> Iterator[tuple[
             writer.close()
         for i in range(0, len(items), count):
             yield i, function(missing.pop(i))
-            for j, result in arrived(0.0):
-                del missing[j]
-                yield j, result
+            yield from arrived(0.0)
         while readers:
-            for j, result in arrived(None):
-                del missing[j]
-                yield j, result
+            yield from arrived(None)
         for i, item in missing.items():
             yield i, function(item)
     finally:

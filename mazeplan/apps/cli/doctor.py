@@ -41,11 +41,11 @@ def doctor(as_json: opt.AsJson = False) -> None:
             "what": FEATURES.get(extra, ""), "ready": not missing and not old, "missing": missing, "too_old": old,
             "get": resources.to_install("" if extra == CORE else extra) if missing or old else None, "packages": found,
         }  # fmt: skip
-    versions = {"python": platform.python_version(), "mazeplan": installed("mazeplan")}
+    this, python = installed("mazeplan"), platform.python_version()
     if as_json:
-        print_json({**versions, "features": features})
+        print_json({"python": python, "mazeplan": this, "features": features})
     else:
-        print(f"mazeplan {versions['mazeplan']} on Python {versions['python']}, {platform.platform()}")
+        print(f"mazeplan {this} on Python {python}, {platform.platform()}")
         for extra, feature in features.items():
             problems = [f"{name} is missing" for name in feature["missing"]]
             problems += [f"{name} is {feature['packages'][name]}, too old" for name in feature["too_old"]]

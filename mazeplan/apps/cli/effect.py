@@ -39,10 +39,9 @@ def show(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson
     """Show an effect: formula, source, parameters with unit and bounds, and its entry in a model."""
     from mazeplan.physics.registry import document
 
-    found = _known(effects)
-    if name not in found:
+    effect = (found := _known(effects)).get(name)
+    if effect is None:
         raise InputError(f"got effect {name!r}, expected {one_of(found, name)}")
-    effect = found[name]
     if as_json:
         print_json({**document(effect), "text": effect.text, "source": effect.source})
         return

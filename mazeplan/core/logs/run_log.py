@@ -146,10 +146,7 @@ class RunMessages:
         self.write("/tick", o.t, {name: value for name, value in document.items() if value is not None})
 
     def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
-        """One control tick: observed, commanded, estimated.
-
-        `more`: status, leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms, cut_off; None is left out.
-        """
+        """One control tick: observed, commanded, estimated. more: further values; None is left out."""
         estimate = {f"estimate_{name}": getattr(state, name) for name in ESTIMATE}
         self.sample(observation, command, ring=state.ring, **estimate, **more)
 
