@@ -79,7 +79,7 @@ LINES = {  # a command line -> what the message names
     "behavior check bad.xml": "bad.xml:1",
     "behavior show nowhere": "nowhere",
     "rig check nothing": "nothing",
-    "rig check plank.py": "plank:CLASS",
+    "rig check plank.py": "module:Class",
     "rig check rig.yaml": "rig.yaml:1",
     "model show nothing": "nothing",
     "effect show rust": "rust",
