@@ -1,15 +1,45 @@
-"""What to do next, and what nobody can tell apart without a tilt sensor."""
+"""A ball that is predicted worse than before: an alarm only where the record shows it clearly; and what to do next."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from mazeplan.diagnosis.effect_entry import effect_entry
-from mazeplan.diagnosis.rig import findings
+from mazeplan.diagnosis.rig import findings, verdict
+from mazeplan.diagnosis.rig.scores import RingError, _ring_error
 from mazeplan.diagnosis.rig.words import advice
 from mazeplan.physics.registry import PACKAGED
+
+
+@pytest.mark.parametrize(
+    ("now", "alarmed"),
+    [
+        ({1: RingError(0.10, 0.01), 2: RingError(0.20, 0.02)}, True),  # twice as bad, for sure
+        ({1: RingError(0.10, 0.03), 2: RingError(0.20, 0.06)}, False),  # a short record
+        ({1: RingError(0.08, 0.001)}, False),  # 1.6 times as bad is no more than other motions cause
+        ({3: RingError(0.50, 0.001)}, False),  # nobody knows how it was there
+        ({}, False),
+    ],
+)
+def test_an_alarm_needs_a_clear_record(now, alarmed):
+    was = SimpleNamespace(errors={1: 0.05, 2: 0.10})
+    found = verdict._worse_than_before(SimpleNamespace(by_ring=now), was)
+    assert (found is not None) == alarmed
+    if alarmed:
+        assert "2.0 times as badly" in found.description
+
+
+def test_the_error_of_a_mean_is_by_blocks():
+    rng = np.random.default_rng(0)
+    block = np.repeat(np.arange(400), 10)
+    alike = rng.standard_normal(400)[block] + 5.0  # all of a block are the same
+    assert _ring_error(alike, block).stderr == pytest.approx(1.0 / np.sqrt(400), rel=0.15)
+    apart = rng.standard_normal(4000) + 5.0
+    assert _ring_error(apart, block).stderr == pytest.approx(1.0 / np.sqrt(4000), rel=0.15)
+    assert _ring_error(apart[:10], block[:10]).stderr == np.inf
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from mazeplan.core.errors import ModelError
-from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, _Along, _follow, imbalance_entry
-from mazeplan.diagnosis.rig.reference import load_reference, reference_by_model, reference_path, save_reference
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, _Along, _follow, also_in, imbalance_entry
+from mazeplan.diagnosis.rig.reference import load_reference, reference_path, save_reference, textbook
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
 FOUND = Imbalance(0.1, 0.01, 8.0, 200.0)
-NOMINAL = reference_by_model(RigModel.nominal(MAZE), MAZE)
 
 
 def spun(v, turn):
@@ -101,9 +101,19 @@ def test_what_is_not_surely_larger_than_before_is_no_news(now, was, radii):
     assert imbalance_entry(now, was, radii) is None
 
 
+@pytest.mark.parametrize(("gain", "shows"), [(12.0, True), (-5.0, True), (-30.0, False)])
+def test_a_reference_may_show_an_imbalance_less_than_surely(monkeypatch, gain, shows):
+    monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._along", lambda body, fit: some(10))
+    minus2 = lambda along, dt, size, coherence: -gain if size > 0.06 else 0.0  # noqa: E731
+    monkeypatch.setattr("mazeplan.diagnosis.rig.imbalance._minus2", minus2)
+    pictures_then = type("Pictures", (), {"dt": 1.0 / 30.0, "__len__": lambda self: 1000})()
+    earlier: Any = SimpleNamespace(pictures=pictures_then, run=lambda model: None)
+    assert also_in(earlier, textbook().body.model, FOUND) is shows
+
+
 def test_the_reference_keeps_the_imbalance(tmp_path):
     model = RigModel.nominal(MAZE)
-    save_reference(replace(NOMINAL, imbalance=FOUND), model, tmp_path)
+    save_reference(replace(textbook(), imbalance=FOUND), model, tmp_path)
     kept = load_reference(tmp_path, model)
     assert kept is not None
     assert (kept.imbalance.size, kept.imbalance.stderr) == (0.1, 0.01)
@@ -111,7 +121,7 @@ def test_the_reference_keeps_the_imbalance(tmp_path):
     path.write_text(path.read_text().replace("stderr: 0.01", "stderr: -1"))
     with pytest.raises(ModelError, match=r"reference\.yaml: imbalance: stderr: got -1, expected a number from 0"):
         load_reference(tmp_path, model)
-    save_reference(NOMINAL, model, tmp_path)
+    save_reference(textbook(), model, tmp_path)
     kept = load_reference(tmp_path, model)
     assert kept is not None
     assert kept.imbalance == BALANCED

@@ -34,7 +34,8 @@ MODEL = RigModel.nominal(MAZE)
 BODY = with_values(BodyModel(), {"rolling": 0.0631, "offset_x": -0.0021, "delay": 0.0667, "wall": 0.23})
 BUMP = Term(floor_bump, (0.05, -0.07, 0.02, 0.015))
 KNOWN = RigReference(
-    Reference(BODY._replace(terms=(BUMP,)), {"rolling": 6e-4, "wall": 0.003}), Known.of_model(MODEL), 0.02, 1.08
+    Reference(BODY._replace(terms=(BUMP,)), {"rolling": 6e-4, "wall": 0.003}), Known.of_model(MODEL), 0.02, 1.08,
+    errors={1: 0.035, 4: 0.18},
 )  # fmt: skip
 
 
@@ -46,6 +47,7 @@ def test_what_is_written_is_read_again(tmp_path):
     assert again.body.stderr == KNOWN.body.stderr
     assert again.body.model.terms == (BUMP,)
     assert (again.memory, again.remaining) == (0.02, 1.08)
+    assert again.errors == {1: 0.035, 4: 0.18}
     for part in ("ball", "tilting", "view"):
         assert getattr(again.body.model, part)[:-1] == pytest.approx(getattr(BODY, part)[:-1], rel=1e-5)
 

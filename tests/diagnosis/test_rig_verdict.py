@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,9 +18,12 @@ from planar_rig import PATIENT
 from strange_rigs import StrangeRig
 
 import mazeplan
+from mazeplan.control.estimation.rigid_body_fit import value_of, with_values
 from mazeplan.core.logs.table import Table, join, read_table
-from mazeplan.diagnosis.rig import fitting
-from mazeplan.diagnosis.rig.reference import known_reference, reference_of
+from mazeplan.diagnosis.rig import fitting, search, verdict
+from mazeplan.diagnosis.rig.imbalance import BALANCED
+from mazeplan.diagnosis.rig.record import filter_on_stage
+from mazeplan.diagnosis.rig.reference import known_reference, reference_of, textbook
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import THE_SAME
 from mazeplan.diagnosis.rig.update import reference_after
@@ -132,6 +136,14 @@ def test_a_lean_that_the_tilt_sensor_shows_is_told_from_a_zero_that_moved(column
     assert verdict_on(shifted(3), MAZE, reference_after(done)).verdict == "nothing_missing"
 
 
+def test_a_ball_that_is_predicted_much_worse_than_before_is_not_called_healthy(monkeypatch):
+    monkeypatch.setattr(verdict, "unbalanced", lambda body, fit: BALANCED)  # as if this had no name
+    done = verdict_on(table_of(changed(Rig(), "ball_imbalance", 2), 2), MAZE, known())
+    assert done.verdict == "unknown_effect"
+    assert "times as badly as when the model was right" in done.sentences()[0]
+    assert any("evenly heavy" in advice for advice in done.sentences()[1:])
+
+
 def test_what_predicts_the_ball_no_better_is_not_called_found(monkeypatch):
     monkeypatch.setattr(HeldOut, "better", False)
     done = verdict_on(table_of(changed(Rig(), "servo_gain", 2), 2), MAZE, known())
@@ -204,8 +216,42 @@ def recorded(path, settings, seed):
     return read_table(path)
 
 
-def test_nominal_physics_lacks_what_any_rig_has():
-    done = verdict_on(table_of(Rig(), 1), MAZE, known_reference(None, None, MAZE))
+def of_a_point(path, share):
+    """A minute of a rig whose ball is a point that feels a share of gravity, and meets walls without spin."""
+    return recorded(path, {"share": share, "rest": 0.4}, 3)
+
+
+def test_two_tilt_sensors_that_change_alike_are_one_ball(tmp_path):
+    was = reference_of([of_a_point(tmp_path / "was.mcap", 0.6)], MAZE, None).body
+    table = of_a_point(tmp_path / "now.mcap", 0.72)
+    body = filter_on_stage(table, MAZE, None)
+    sensors = search.search_rig(body, was, MAZE, without=("rolling_inertia",))
+    assert [c.effect for c in sensors.candidates] == ["tilt_gain"]
+    ball = search.one_ball_instead(body, sensors, was)
+    assert [c.effect for c in ball.candidates] == ["rolling_inertia"]
+    assert 1.0 / (1.0 + ball.fit.value("inertia")) == pytest.approx(0.72, rel=0.02)
+    model = with_values(sensors.fit.model, {"gain_beta": value_of(was.model, "gain_beta")})
+    one = replace(sensors, fit=replace(sensors.fit, model=model))
+    assert search.one_ball_instead(body, one, was) is one
+
+
+@pytest.mark.parametrize("measured", [True, False], ids=["behind the sensor", "without a sensor"])
+def test_play_that_no_sensor_sees_is_no_later_camera(measured, tmp_path):
+    healthy = {"servo": "stepper", "slew_deg_s": 60.0, "measured": measured, "counted": True, "late_ms": 20.0}
+    now = {
+        "backlash": healthy | {"play_beta_deg": 0.5, "play_gamma_deg": 0.5}, "sensor_delay": healthy | {"late_ms": 50.0}
+    }  # fmt: skip
+    was = reference_of([recorded(tmp_path / "was.mcap", healthy, 1)], MAZE, None)
+    for name, settings in now.items():
+        done = verdict_on(recorded(tmp_path / f"{name}.mcap", settings, 2), MAZE, was)
+        assert [effect["name"] for effect in done.effects] == [name]
+    (play,) = verdict_on(read_table(tmp_path / "backlash.mcap"), MAZE, was).effects
+    for number in play["parameters"].values():
+        assert math.degrees(number["value"]) == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_textbook_ball_lacks_what_any_rig_has():
+    done = verdict_on(table_of(Rig(), 1), MAZE, textbook())
     names = {effect["name"] for effect in done.effects}
     assert {"dry_friction", "sensor_delay"} <= names
     delay = next(e for e in done.effects if e["name"] == "sensor_delay")

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from stage_kinds import DT, jumps
 
-from mazeplan.diagnosis.rig.reference import reference_by_model
+from mazeplan.diagnosis.rig.reference import textbook
 from mazeplan.diagnosis.rig.verdict import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known, moved_by, settled_on, stage_effects
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.stage_fit import StageFit
-from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
@@ -149,6 +148,6 @@ def test_one_change_of_a_servo_with_gears_behind_its_lag_is_named_alone(changes,
 @pytest.mark.parametrize(("fits", "said"), [({"stage": 1.5, "ball": 1.0}, True), ({"stage": 1.2}, False), ({}, False)])
 def test_whether_the_stage_fits_is_said_of_the_reference(fits, said):
     model = RigModel(StageModel(AXIS, AXIS), {1: BallModel(())}, kind="pi", scores={"fits": fits})
-    was: Any = replace(reference_by_model(model, load_map("cme")), remaining=1.0)
+    was: Any = replace(textbook(), stage=Known.of_model(model), remaining=1.0)
     done: Any = SimpleNamespace(was=was, stage=None)
     assert RigVerdict.misfit.fget(done) == ("a servo of another kind" if said else "")

@@ -10,7 +10,17 @@ from mazeplan.control.estimation.rigid_body_fit import FRICTION, BodyFit, fit_bo
 from mazeplan.core.constants import GRAVITY
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
-from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, POLISH, STDERR_SCALE, SURE, Reference, known_value
+from mazeplan.diagnosis.rig.fitting import (
+    ENOUGH,
+    NEEDED,
+    NOISE,
+    POLISH,
+    STDERR_SCALE,
+    SURE,
+    Reference,
+    known_value,
+    surely_differs,
+)
 from mazeplan.diagnosis.rig.plate import MovedPlate
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.search import SearchResult
@@ -43,6 +53,7 @@ def of_the_stage(
         effects.append(plate.sensor)
     elif plate.servo is not None and not any(c.effect == "tilt_gain" for c in found):
         effects.append(plate.servo)
+    effects += [] if plate.unseen is None else [plate.unseen]
     for e in effects:
         e["rings"] = {str(ring): {"after": values_of(e), "before": e["known_before"]} for ring in radii}
     return effects
@@ -81,8 +92,8 @@ def small(effect: Entry, most: float = HARDLY) -> bool:
 def by_servos(
     ball: list[Entry], alike: list[tuple[str, ...]], was: RigReference
 ) -> tuple[list[Entry], list[tuple[str, ...]]]:
-    """The same without a tilt sensor: nothing has a scale, a late command, play or a limited rate look like a late
-    picture, and the same gain of both servos like another ball."""
+    """The same without a tilt sensor: nothing has a scale, a late command looks like a late picture, and the same gain
+    of both servos like another ball."""
     had, out = was.stage.values.get("servo_gain") or dict.fromkeys(AXES, 1.0), list[Entry]()
     for e in ball:
         if e["name"] == "tilt_gain":
@@ -94,7 +105,7 @@ def by_servos(
             if abs(one - two) < SURE * math.hypot(a, b):
                 alike = [*alike, ("servo_gain", "rolling_inertia")]
         elif e["name"] == "sensor_delay":
-            alike = [*alike, ("sensor_delay", "command_delay", "backlash", "rate_limit")]
+            alike = [*alike, ("sensor_delay", "command_delay")]
         out.append(e)
     return out, alike
 
@@ -134,8 +145,16 @@ def with_asymmetry(effects: list[Entry]) -> list[Entry]:
 def of_open_numbers(
     body: BodyFilter, searched: SearchResult, was: RigReference, radii: dict[int, float]
 ) -> list[Entry]:
-    """Friction that is far from that of a model of beads, which is all that such a model knows of it."""
+    """Effects of numbers that the reference does not know.
+
+    Against a textbook ball, these are all numbers that differ from it. Against a model of beads, this is friction, if
+    it is far from the model's friction."""
     fit = searched.fit
+    if was.body.start is not None:
+        some = [c for c in CANDIDATES if c.effect and set(c.free) <= {*was.body.open, "inertia"}]
+        some = [c for c in some if c not in searched.found]
+        sure = [c for c in some if surely_differs(fit.model, fit.stderr, was.body, c.free)]
+        return [registry_entry(c, fit, was.body, radii) for c in sure]
     if was.friction is None:
         return []
     value, (low, high) = value_of(fit.model, "rolling"), was.friction

@@ -43,11 +43,13 @@ class Reference:
     """The ball as it was when the model was right, and standard errors of its numbers, if known.
 
     open: unknown numbers, which are part of every fit
+    start: model at which fits start; None: `model`
     misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
 
     model: BodyModel
     stderr: dict[str, float] = field(default_factory=dict)
     open: tuple[str, ...] = ()
+    start: BodyModel | None = None
     misfit: float = 1.0
 
 

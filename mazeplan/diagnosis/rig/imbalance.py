@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import minimize
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.effect_entry import Entry, effect_entry
@@ -40,6 +40,7 @@ LEAST_COHERENCE = 2.0  # s; a force that forgets its direction sooner is somethi
 WRONG_RATES = (0.0, 0.5, 1.6)  # times the rate at which the ball turns
 SIZES, COHERENCES, BRIEF = (0.02, 0.05, 0.12), (2.0, 10.0), 0.3  # m/s^2 and s, at which a search starts
 MODEL_ERROR = 0.1  # of the size: how long the ball lies at walls is not known
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of an imbalance, tried in an earlier record
 STEP = 0.15  # of the logarithm of the size, for the curvature of the likelihood
 SURE = 3.5  # minimum growth of a known imbalance, in standard errors
 ANY_ANGLE = math.pi / math.sqrt(3.0)  # rad; standard error of an angle of which nothing is known
@@ -109,6 +110,21 @@ def unbalanced(body: BodyFilter, fit: BodyFit) -> Imbalance:
     k = fit.value("inertia")
     size *= (1.0 + 2.0 * k) / (1.0 + k)
     return Imbalance(float(size), float(share * size), float(coherence), gain)
+
+
+def also_in(body: BodyFilter, model: BodyModel, imbalance: Imbalance) -> bool:
+    """Whether an imbalance may have been there in an earlier record, although that does not show it surely: no smaller
+    one is likelier there beyond doubt.
+
+    model: the ball of the earlier record"""
+    fit = BodyFit(model, {}, (), np.empty((0, 0)), 0.0, body.run(model))
+    along, dt, k = _along(body, fit), body.pictures.dt, fit.value("inertia")
+    size = max(imbalance.size - imbalance.stderr, 0.0) * (1.0 + k) / (1.0 + 2.0 * k)
+    ways = (along, along._replace(turn=along.turn * (1.0, 1.0, 0.0)))
+    *smaller, whole = (
+        min(_minus2(way, dt, max(share * size, 1e-9), imbalance.coherence) for way in ways) for share in SHARES
+    )
+    return whole - min(smaller) < SURE**2
 
 
 def imbalance_entry(now: Imbalance, was: Imbalance, radii: Mapping[int, float]) -> Entry | None:

@@ -3,27 +3,43 @@
 1. Commands and measured tilt alone show the stage, and what differs in it.
 2. A changed gain belongs to the servo. If the ball felt tilts of the old size, it belongs to the tilt sensor.
 3. Without a measured tilt, the stage of the model moves the plate, and the ball shows what changed.
+4. Play behind the tilt sensor, or any play or limited rate without one, moves the plate later than the known stage.
+   That looks like a later camera. So where the camera seems later, a changed stage is tried instead.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.effect_entry import Entry, values_of
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord, record_of
+from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, STDERR_SCALE, STEPS, Reference, without_finding
 from mazeplan.diagnosis.rig.record import filter_on_stage, whole_record
 from mazeplan.diagnosis.rig.reference import RigReference, kind_of
+from mazeplan.diagnosis.rig.search import SearchResult
 from mazeplan.diagnosis.rig.starts import check_map
-from mazeplan.diagnosis.stage.comparison import DECISIVE, changed_gain, moved_by, on_known_zero, settled_on
+from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, moved_by, on_known_zero, settled_on
 from mazeplan.diagnosis.stage.navigation import gain_in_navigation
 from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.rig.stage import StageModel
+from mazeplan.physics.effect import Effect
+from mazeplan.physics.effects import rig
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+
+PLAY = (rig.backlash, (math.radians(0.05), math.radians(2.0)))  # its smallest and largest size that is tried, rad
+RATE = (rig.rate_limit, (0.05, 2.0))  # rad/s
+TRIED = 9  # sizes on a grid
+CURVED = 0.2  # relative change of a size that shows the curvature of the rough likelihood
 
 
 @dataclass(frozen=True)
@@ -35,7 +51,8 @@ class MovedPlate:
     stage: as this record shows it; None without commands or without a measured tilt
     moves: the stage that moves the plate; None: the measured tilt moves it
     measured, body: the filter of the ball on the tilt as measured, and on the tilt as the ball felt it
-    servo, sensor: a changed gain, as one of the servo or of the tilt sensor; the other is None"""
+    servo, sensor: a changed gain, as one of the servo or of the tilt sensor; the other is None
+    unseen: a change of the stage that no tilt sensor shows"""
 
     table: Table
     record: RingRecord
@@ -46,6 +63,7 @@ class MovedPlate:
     body: BodyFilter
     servo: Entry | None = None
     sensor: Entry | None = None
+    unseen: Entry | None = None
 
     @property
     def overtaxed(self) -> bool:
@@ -53,8 +71,10 @@ class MovedPlate:
         return self.stage is not None and self.stage.servos_overtaxed
 
     def as_it_was(self, maze: Maze, was: RigReference) -> BodyFilter:
-        """The filter as the old model believes, which does not know of another scale of the sensor."""
-        return self.measured if self.sensor is not None else as_it_was(self.table, maze, was, self.stage, self.body)
+        """The filter as the old model believes: it does not know of another scale of the sensor or of unseen play."""
+        if self.sensor is not None or self.unseen is not None:
+            return self.measured
+        return as_it_was(self.table, maze, was, self.stage, self.body)
 
 
 def moved_plate(table: Table, maze: Maze, was: RigReference) -> tuple[MovedPlate, RigReference]:
@@ -67,7 +87,7 @@ def moved_plate(table: Table, maze: Maze, was: RigReference) -> tuple[MovedPlate
         check_map(body, maze, table.place)
         return MovedPlate(table, record, True, None, moves, body, body), was
     record = whole_record(table)
-    kind = was.stage.kind if was.stage.values else kind_of(table)
+    kind = was.stage.kind if was.body.start is None else kind_of(table)
     stage = fit_stage(record, np.ones(len(record), dtype=bool), kind)
     was = replace(was, stage=was.stage.beside(stage))
     stage = settled_on(stage, record, was.stage)
@@ -82,7 +102,7 @@ def moved_plate(table: Table, maze: Maze, was: RigReference) -> tuple[MovedPlate
     if servo is None or sensor is None:
         return plate, was
     on_felt, old = felt(body, sensor), was.body.model
-    if body.run(old).minus2 - on_felt.run(old).minus2 > DECISIVE:
+    if was.body.start is None and body.run(old).minus2 - on_felt.run(old).minus2 > DECISIVE:
         return replace(plate, body=on_felt, sensor=sensor), was
     return replace(plate, servo=servo), was
 
@@ -100,3 +120,72 @@ def felt(body: BodyFilter, sensor: Entry) -> BodyFilter:
     grown = [value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()]
     plate = body.plate._replace(motion=body.plate.motion / np.repeat(grown, 3))
     return BodyFilter(body.pictures, plate, body.walls, body.soonest)
+
+
+def with_unseen_change(plate: MovedPlate, searched: SearchResult, was: Reference, maze: Maze) -> MovedPlate | None:
+    """The record on a changed stage that explains it better than a later camera by `NEEDED`, or None."""
+    later = next((c for c in searched.candidates if c.effect == "sensor_delay"), None)
+    if plate.moves is None or later is None or searched.fit.value("delay") <= value_of(was.model, "delay"):
+        return None
+    model = without_finding(searched.fit.model, was, later)
+    beside = tuple(name for c in searched.candidates if c is not later for name in c.fitted)
+    most, best = NEEDED, None
+    for effect, within in (PLAY, RATE) if plate.blind else (PLAY,):
+        sizes, stderr = _likeliest(partial(_minus2, plate, maze, model, effect), within)
+        moves = _changed(plate.moves, effect, sizes)
+        body = filter_on_stage(plate.table, maze, moves, plate.body, plate.record)
+        gained = searched.fit.minus2 - fit_body(body, model, (*NOISE, *beside), STEPS, ENOUGH).minus2
+        if gained > most:
+            error = {axis: STDERR_SCALE * was.misfit * s for axis, s in zip(AXES, stderr, strict=True)}
+            entry = effect_entry(effect, _sizes(moves, effect), error, _sizes(plate.moves, effect))
+            most, best = gained, replace(plate, body=body, moves=moves, unseen=entry)
+    return best
+
+
+def _minus2(plate: MovedPlate, maze: Maze, model: BodyModel, effect: Effect, sizes: list[float]) -> float:
+    """-2 log L of a record on a stage with an effect of these sizes."""
+    assert plate.moves is not None
+    moves = _changed(plate.moves, effect, sizes)
+    return filter_on_stage(plate.table, maze, moves, plate.body, plate.record).innovations(model).minus2
+
+
+def _changed(moves: StageModel, effect: Effect, sizes: list[float]) -> StageModel:
+    """The stage with more play behind it, or with limited rates."""
+
+    def with_size(axis: StageAxis, size: float) -> StageAxis:
+        if effect is rig.backlash:
+            return replace(axis, backlash=axis.backlash + size, behind=True)
+        return replace(axis, rate_limit=min(size, axis.rate_limit))
+
+    return StageModel(with_size(moves.beta, sizes[0]), with_size(moves.gamma, sizes[1]))
+
+
+def _sizes(stage: StageModel, effect: Effect) -> dict[str, float]:
+    return {
+        axis: min(float(getattr(getattr(stage, axis), effect.name)), p.high) for axis, p in effect.parameters.items()
+    }
+
+
+def _likeliest(minus2: Callable[[list[float]], float], within: tuple[float, float]) -> tuple[list[float], list[float]]:
+    """Sizes of both axes at which a record is likeliest, and their standard errors by the curvature there.
+
+    Both axes are alike on a grid; then each is refined by itself."""
+    grid = np.geomspace(*within, TRIED)
+    sizes = [float(grid[np.argmin([minus2([size, size]) for size in grid])])] * 2
+    around = math.log(float(grid[1] / grid[0]))
+
+    def with_axis(axis: int, size: float) -> float:
+        return minus2([size if i == axis else other for i, other in enumerate(sizes)])
+
+    for axis in (0, 1, 0, 1):
+        at = math.log(sizes[axis])
+        found = minimize_scalar(
+            lambda log, axis=axis: with_axis(axis, math.exp(log)), bounds=(at - around, at + around), method="bounded",
+            options={"maxiter": 8},
+        )  # fmt: skip
+        sizes[axis] = math.exp(float(found.x))
+    least, stderr = minus2(sizes), []
+    for axis in (0, 1):
+        rises = [with_axis(axis, sizes[axis] * (1.0 + sign * CURVED)) - least for sign in (1.0, -1.0)]
+        stderr.append(CURVED * sizes[axis] * math.sqrt(2.0 / max(sum(rises), 1e-9)))
+    return sizes, stderr

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -38,9 +38,20 @@ from mazeplan.core.logs.table import Table, join
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.side_by_side import in_processes, side_by_side
 from mazeplan.core.whole_file import whole_file
-from mazeplan.diagnosis.rig.fitting import ENOUGH, HALF_GAIN_SHARE, HOLLOW, NEEDED, ROUGH, SOLID, Reference, alternate
+from mazeplan.diagnosis.rig.fitting import (
+    ENOUGH,
+    HALF_GAIN_SHARE,
+    HOLLOW,
+    NEEDED,
+    NOISE,
+    ROUGH,
+    SOLID,
+    Reference,
+    alternate,
+)
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, unbalanced
 from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_guess, residual_summary
+from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
 from mazeplan.learning.model_document import entry
@@ -72,7 +83,7 @@ WALLS_AT = tuple(
 )
 SLIPS = 3e-3  # m/s; with less grip of the floor, the ball slips in all but the slowest impacts
 MOST_JUMPS = 20  # maximum number of jumps of a fit to one of these
-NOMINAL = "nominal physics"  # source of a reference without a model
+TEXTBOOK_BALL = "a textbook ball"  # source of a reference without a model
 FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
@@ -85,6 +96,7 @@ class RigReference:
     memory, remaining: of the innovations (`record.residual_summary`), 0 if unknown
     source: where the reference comes from, in words
     friction: minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
+    errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)
     imbalance: of the ball
     table: record of that time, as a source of `then`; None if it was not kept
     then: this record, ready to be filtered; None if it was not kept"""
@@ -95,6 +107,7 @@ class RigReference:
     remaining: float = 0.0
     source: str = "the reference"
     friction: tuple[float, float] | None = None
+    errors: dict[int, float] = field(default_factory=dict)
     imbalance: Imbalance = BALANCED
     table: Table | None = None
     then: BodyFilter | None = None
@@ -136,8 +149,13 @@ def reference_by_filter(
     factors = [] if model is None else _factors(model)
     inertia = 1.0 / float(np.median(factors)) - 1.0 if factors else SOLID
     fit = fit_reference(body, with_values(guess or first_guess(model, maze), {"inertia": inertia}))
-    reference = Reference(fit.model, fit.stderr)
-    return RigReference(reference, known, *residual_summary(body, fit), imbalance=unbalanced(body, fit))
+    starts = starts_of(body, fit.filtered, maze)
+    found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
+    errors = {ring: error.mean for ring, error in found.items()}
+    return RigReference(
+        Reference(fit.model, fit.stderr), known, *residual_summary(body, fit), errors=errors,
+        imbalance=unbalanced(body, fit),
+    )  # fmt: skip
 
 
 def fit_reference(body: BodyFilter, guess: BodyModel) -> BodyFit:
@@ -219,6 +237,15 @@ def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
     return RigReference(reference, known, source="the model", friction=(low, high))
 
 
+def textbook() -> RigReference:
+    """A solid ball that rolls without loss on a level table, seen without delay by a camera in the middle."""
+    ideal = {"rolling": 0.0, "wall": 0.0, "spin": 0.0, "restitution": 0.0, "delay": 0.0}
+    names = (*UNKNOWN, *(name for name in REST if name not in (*UNKNOWN, *NOISE)))
+    body = with_values(BodyModel(), ideal)
+    reference = Reference(body, {"inertia": ROUND}, names, start=BodyModel())
+    return RigReference(reference, Known({}, {}), source=TEXTBOOK_BALL)
+
+
 def _factors(model: RigModel) -> list[float]:
     """Factors of gravity of the rings in a model of beads, as of balls that roll or slide."""
     factors = (ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values())
@@ -253,6 +280,7 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
                  if determined(name, value_of(body, name), was.body.stderr.get(name))},
         "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not t.idle},
         "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
+        "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
     }  # fmt: skip
     if was.imbalance.size > 0.0 and math.isfinite(was.imbalance.stderr):
         document["imbalance"] = entry(was.imbalance.size, was.imbalance.stderr, "m/s^2")
@@ -303,8 +331,9 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
             if effect is None:
                 raise ValueError(f"got {name}, expected {one_of(FAMILY, name)}")
             terms.append(effect(**{key: float(value) for key, value in node.items()}))
-        where = "memory, remaining"
+        where = "memory, remaining, errors"
         memory, remaining = (_number(document, key) for key in ("memory", "remaining"))
+        errors = {int(ring): _number(node, "value") for ring, node in document.get("errors", {}).items()}
         where = "imbalance"
         size, error = (_number(document.get("imbalance", {key: 0.0}), key) for key in ("value", "stderr"))
         where, table, known = "stage", None, Known.of_model(model)
@@ -320,7 +349,7 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
         ) from None
     body = Reference(with_values(BodyModel(), {**ABSENT, **values})._replace(terms=tuple(terms)), stderr)
     imbalance = BALANCED._replace(size=size, stderr=error)
-    return RigReference(body, known, memory, remaining, "its model", imbalance=imbalance, table=table)
+    return RigReference(body, known, memory, remaining, "its model", errors=errors, imbalance=imbalance, table=table)
 
 
 def _number(node: Any, key: str, low: float = 0.0, high: float = math.inf) -> float:
@@ -331,10 +360,11 @@ def _number(node: Any, key: str, low: float = 0.0, high: float = math.inf) -> fl
 
 
 def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:
-    """The reference without logs: the file of the model's folder, or else the model alone, or else nominal physics,
-    whose servos are not compared. Raises ModelError."""
+    """The reference without logs: the file of the model's folder, or else the model alone, or else a textbook ball.
+
+    Raises ModelError."""
     if model is None:
-        return replace(reference_by_model(RigModel.nominal(maze), maze), stage=Known({}, {}), source=NOMINAL)
+        return textbook()
     kept = None if source is None else load_reference(source, model)
     if kept is None:
         return reference_by_model(model, maze)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,10 +20,18 @@ from mazeplan.maze.geometry import Maze
 EVERY = 7  # pictures between the starts of roll-outs
 STRETCH_S = 30.0  # s; the halves are every other stretch, so that both show what depends on the place
 SHOWN = 3.0  # a half shows a number if its standard error is at most so many times that of the whole record
+FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 LOSS = 0.1  # maximum loss of blocks, over the gain of the others
 PARTS = 20  # of a record, whose roll-outs give the scatter of a difference
 LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
+
+
+class RingError(NamedTuple):
+    """Mean error of the roll-outs in a ring, and its standard error by the scatter of blocks of time, rad."""
+
+    mean: float
+    stderr: float
 
 
 @dataclass(frozen=True)
@@ -33,13 +41,15 @@ class HeldOut:
     starts: pictures (W,) from which roll-outs start
     before, after: errors (AHEAD, W) of the angle 1 to AHEAD samples ahead, rad, without and with what was found
     gain: gain (B,) of -2 log L in blocks of BLOCK_S s
-    plain: errors (AHEAD, W) with the new stage alone, rad"""
+    plain: errors (AHEAD, W) with the new stage alone, rad
+    by_ring: mean of the errors AHEAD samples ahead with what was found, by ring"""
 
     starts: IntArray
     before: Array
     after: Array
     gain: Array
     plain: Array
+    by_ring: dict[int, RingError] = field(default_factory=dict)
 
     @property
     def ahead(self) -> int:
@@ -120,14 +130,16 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
     gain, blocks = np.zeros(n), np.arange(0, n, round(BLOCK_S / body.pictures.dt))
     alone = roll_out_errors(body, searched.without.model, starts)
     if not searched.found:
-        return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone)
+        rings = errors_by_ring(body, plain, starts, alone, maze)
+        return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone, rings)
     after, rows = np.empty_like(before), min(round(STRETCH_S / body.pictures.dt), -(-n // 2))
     second = np.arange(n) // rows % 2 == 1
     for rows in (second, ~second):
         model = _by_rows(body, searched, ~rows)
         gain[rows] = (minus2_by_picture(plain) - minus2_by_picture(body.run(model)))[rows]
         after[:, rows[starts]] = roll_out_errors(body, model, starts[rows[starts]])
-    return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone)
+    rings = errors_by_ring(body, plain, starts, after, maze)
+    return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone, rings)
 
 
 def _by_rows(body: BodyFilter, searched: SearchResult, rows: np.ndarray) -> BodyModel:
@@ -159,6 +171,33 @@ def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
     good = np.isfinite(filtered.nu[: n - AHEAD, 0]) & (begun[: n - AHEAD] == begun[AHEAD:])
     good &= np.min([np.hypot(*filtered.state[k : n - AHEAD + k, :2].T) for k in (0, AHEAD // 2, AHEAD)], axis=0) > disc
     return np.flatnonzero(good)[::EVERY]
+
+
+def errors_by_ring(
+    body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
+) -> dict[int, RingError]:
+    """Mean of the last of the errors (AHEAD, W), by ring, for rings with FEWEST roll-outs or more.
+
+    A ball that has left its ring by then does not count: whether it passes an opening depends on tenths of a mm."""
+    r, then = (np.hypot(*filtered.state[rows, :2].T) for rows in (starts, starts + AHEAD))
+    last = errors[-1]
+    block = starts // round(BLOCK_S / body.pictures.dt)
+    within = {ring.number: (ring.inner_radius, ring.outer_radius) for ring in maze.rings}
+    here = {n: (np.minimum(r, then) > low) & (np.maximum(r, then) < high) for n, (low, high) in within.items()}
+    here = {number: rows & np.isfinite(last) for number, rows in here.items()}
+    return {number: _ring_error(last[rows], block[rows]) for number, rows in here.items() if rows.sum() >= FEWEST}
+
+
+def _ring_error(errors: Array, block: IntArray) -> RingError:
+    """Mean and standard error of errors (M,). block: number (M,) of their blocks
+
+    Errors of one block are not independent."""
+    mean = float(errors.mean())
+    sums = np.bincount(block, errors - mean)
+    there = len(np.unique(block))
+    if there < 2:
+        return RingError(mean, math.inf)
+    return RingError(mean, math.sqrt(float(np.sum(sums**2)) * there / (there - 1.0)) / len(errors))
 
 
 def minus2_by_picture(filtered: Filtered) -> Array:

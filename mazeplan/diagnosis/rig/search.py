@@ -15,6 +15,7 @@ model, and counts only if the two sizes differ beyond their errors.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -69,6 +70,7 @@ WALLS = {"wall", "wall_rolling", "restitution", "hold", "spin"}
 FLOOR = {"rolling", "viscous", "quadratic"}
 # another ball, or two sensors that change alike: the ball is likelier if it is nearly a solid or a hollow one
 ONE_BALL, BOTH_SENSORS, USUAL = "rolling_inertia", "tilt_gain", 0.03
+ALIKE, MOST_KEPT = 0.03, 0.5  # difference of their changes; share of their gain that another ball has to explain
 NO_RETEST_FACTOR = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 TOO_LITTLE, WITHIN_ERRORS = "it explains too little", "its change is within the errors of the fits"
 BEATEN = "another explains the record better"
@@ -196,8 +198,9 @@ def search_rig(
     without: names of effects that are not looked for"""
     candidates = [c for c in (*CANDIDATES, *(of_effect(effect) for effect in own)) if c.effect not in without]
     always = (*NOISE, *was.open)
-    places = camera_starts(body, was.model.view, maze)
-    first = fit_body(body, with_likeliest_noise(body, was.model), always, POLISH, ENOUGH)
+    start = was.start or was.model
+    places = camera_starts(body, start.view, maze)
+    first = fit_body(body, with_likeliest_noise(body, start), always, POLISH, ENOUGH)
     part, best, least = alternate(body, round(CHOOSING_S / body.pictures.dt)), first, NEEDED
     if part is not body:
         best, least = fit_body(part, first.model, always, STEPS, ENOUGH), HALF_GAIN_SHARE * NEEDED
@@ -275,6 +278,36 @@ def _or_a_rival(
             close = len(chosen) == 1 and chosen[0].gain > RIVAL_SHARE * gain
             return alone, [Finding(rival, gain, {chosen[0].candidate: best.model} if close else {})]
     return best, chosen
+
+
+def one_ball_instead(body: BodyFilter, done: SearchResult, was: Reference) -> SearchResult:
+    """The result with another ball instead of two tilt sensors that changed alike, if it explains most of the same.
+
+    For a record whose commands show that the measured tilt follows them as before: both sensors would have to change
+    against both servos. A point mass that feels another share of gravity meets walls as before, unlike a ball."""
+    by_effect = {one.candidate.effect: one for one in done.found}
+    if ONE_BALL in by_effect:
+        some = [{r: m for r, m in one.rivals.items() if r.effect != BOTH_SENSORS} for one in done.found]
+        return replace(done, found=tuple(replace(one, rivals=r) for one, r in zip(done.found, some, strict=True)))
+    sensors = by_effect.get(BOTH_SENSORS)
+    if sensors is None:
+        return done
+    gains = sensors.candidate.free
+    grown = [done.fit.value(name) / value_of(was.model, name) for name in gains]
+    if abs(grown[0] / grown[1] - 1.0) > max(
+        ALIKE, SURE * STDERR_SCALE * math.hypot(*(done.fit.stderr[n] for n in gains))
+    ):
+        return done
+    (ball,) = [c for c in CANDIDATES if c.effect == ONE_BALL]
+    inertia = (1.0 + value_of(was.model, "inertia")) * 2.0 / (grown[0] + grown[1]) - 1.0
+    start = with_values(done.fit.model, {**{n: value_of(was.model, n) for n in gains}, "inertia": max(inertia, 0.0)})
+    names = (*(name for name in done.fit.free if name not in gains), *ball.fitted)
+    fit = fit_body(body, start, tuple(dict.fromkeys(names)), STEPS, ENOUGH)
+    lost = fit.minus2 - done.fit.minus2
+    if lost > (1.0 - MOST_KEPT) * sensors.gain:
+        return done
+    one_ball = Finding(ball, sensors.gain - lost, {})
+    return replace(done, found=tuple(one_ball if one is sensors else one for one in done.found), fit=fit)
 
 
 def _share_beside(larger: Candidate, new: Candidate) -> float:

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,12 +22,13 @@ from mazeplan.diagnosis.effect_entry import Entry, with_plan
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.rig.candidates import CONTACT, Candidate
 from mazeplan.diagnosis.rig.findings import by_zero, of_open_numbers, of_the_ball, of_the_stage, small, with_asymmetry
-from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, imbalance_entry, unbalanced
-from mazeplan.diagnosis.rig.plate import MovedPlate, as_it_was, felt, moved_plate
+from mazeplan.diagnosis.rig.fitting import Reference
+from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance, also_in, imbalance_entry, unbalanced
+from mazeplan.diagnosis.rig.plate import MovedPlate, as_it_was, felt, moved_plate, with_unseen_change
 from mazeplan.diagnosis.rig.record import filter_on_stage, residual_summary, seconds_of
-from mazeplan.diagnosis.rig.reference import SLIDES, RigReference
+from mazeplan.diagnosis.rig.reference import SLIDES, RigReference, fit_reference
 from mazeplan.diagnosis.rig.scores import BETTER, HeldOut, held_out, on_test
-from mazeplan.diagnosis.rig.search import SearchResult, search_against
+from mazeplan.diagnosis.rig.search import SearchResult, one_ball_instead, search_against
 from mazeplan.diagnosis.rig.words import REMAINS, TWICE, advice, notes_on, plain, sentence
 from mazeplan.diagnosis.stage.comparison import moved_zero
 from mazeplan.diagnosis.stage.navigation import servos_look_changed
@@ -39,6 +41,8 @@ HELD_OUT = 0.5  # each half of a record is predicted from the other
 NOT_PREDICTING = "held-out parts are predicted no better"
 MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
 LEAST_REMAINS = 1.1  # times the noise; in healthy records, small errors of the reference's numbers cause less
+WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
+HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
 SURELY = 4.0  # standard errors of the gain in held-out blocks
 LOUDER = 1.5  # times the camera's noise when the model was right
 AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
@@ -183,15 +187,10 @@ def verdict_on(
     was = replace(was, body=replace(was.body, misfit=max(was.remaining, 1.0)))
     tell("stage")
     plate, was = moved_plate(table, maze, was)
-    then = was.then
-    if plate.overtaxed and then is not None and was.table is not None:  # as in this record, the measured tilt moves it
-        then = filter_on_stage(was.table, maze, None, then)
-    # without a tilt sensor, another ball looks like another gain of both servos, which nobody sees
-    without = ("rolling_inertia",) if plate.blind else ()
-    known, searched = search_against(plate.body, was.body, then, maze, tell, own, without)
-    was = replace(was, body=known)
+    plate, known, searched = _searched(plate, was, maze, tell, own)
+    was = replace(was, body=replace(known, start=was.body.start))
     tell("held-out part")
-    held = held_out(plate.body, plate.as_it_was(maze, was), was.body.model, searched, maze)
+    held = held_out(plate.body, plate.as_it_was(maze, was), was.body.start or was.body.model, searched, maze)
     found = _predicting(searched, held)
     radii = _radii(maze, searched.fit.filtered)
     staged = of_the_stage(plate, was, radii, found)
@@ -203,6 +202,8 @@ def verdict_on(
             e["until_s"] = round(seconds_of(plate.body), 3)
     memory, remaining = residual_summary(plate.body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
+    if unknown is None and not effects and not plate.overtaxed:
+        unknown = _worse_than_before(held, was)
     # overtaxed servos: the measured tilt moves the plate, so roll-outs of the ball cannot judge the stage
     by_tilt = staged if plate.overtaxed else []
     judged = [e for e in effects if e["name"] not in {e["name"] for e in by_tilt}]
@@ -226,6 +227,28 @@ def verdict_on(
     done = RigVerdict(tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, plate, was, notes)
     done = _with_imbalance(done, radii)
     return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _searched(
+    plate: MovedPlate, was: RigReference, maze: Maze, tell: Callable[[str], None], own: Sequence[Effect]
+) -> tuple[MovedPlate, Reference, SearchResult]:
+    """What differs in ball, table and camera, on the plate that explains it best; and the reference."""
+    begun, then = was.body, was.then
+    if begun.start is not None:  # a textbook's numbers are far from those of any rig
+        begun = replace(begun, start=fit_reference(plate.body, begun.start).model)
+    if plate.overtaxed and then is not None and was.table is not None:  # as in this record, the measured tilt moves it
+        then = filter_on_stage(was.table, maze, None, then)
+    # without a tilt sensor, another ball looks like another gain of both servos, which nobody sees
+    without = ("rolling_inertia",) if plate.blind else ()
+    known, searched = search_against(plate.body, begun, then, maze, tell, own, without)
+    if plate.stage is not None and not plate.overtaxed and plate.servo is None and plate.sensor is None:
+        searched = one_ball_instead(plate.body, searched, known)
+    if plate.stage is None or not (plate.overtaxed or plate.stage.differs):  # the tilt shows no change but of its gain
+        unseen = with_unseen_change(plate, searched, known, maze)
+        if unseen is not None:
+            plate = unseen
+            known, searched = search_against(plate.body, begun, then, maze, tell, own, without)
+    return plate, known, searched
 
 
 def _predicting(searched: SearchResult, held: HeldOut) -> tuple[Candidate, ...]:
@@ -256,7 +279,8 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
         return done
     imbalance = unbalanced(done.plate.body, done.searched.without)
     entry = imbalance_entry(imbalance, done.was.imbalance, radii)
-    if entry is None:
+    then = done.was.then
+    if entry is None or (then is not None and also_in(then, done.was.body.model, imbalance)):
         return replace(done, imbalance=imbalance)
     searched = replace(done.searched, found=(), fit=done.searched.without)
     memory, remaining = residual_summary(done.plate.body, searched.fit)
@@ -265,6 +289,19 @@ def _with_imbalance(done: RigVerdict, radii: Mapping[int, float]) -> RigVerdict:
         held=replace(done.held, after=done.held.before, gain=np.zeros_like(done.held.gain)), memory=memory,
         remaining=remaining, imbalance=imbalance,
     )  # fmt: skip
+
+
+def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:
+    """Something without a name, if the ball is predicted much worse than when the model was right, ring by ring."""
+    rings = [ring for ring in held.by_ring if was.errors.get(ring)]
+    if not rings:
+        return None
+    now, old = (np.array([held.by_ring[ring] for ring in rings]).T, np.array([was.errors[ring] for ring in rings]))
+    worse, stderr = float(np.mean(now[0] / old)), math.sqrt(float(np.sum((now[1] / old) ** 2))) / len(rings)
+    if worse < WORSE or worse - SURE * stderr < HEALTHY:
+        return None
+    what = f"the ball is predicted {worse:.1f} times as badly as when the model was right"
+    return Unknown(what, look=("Look at the ball: is it round, clean and evenly heavy?",))
 
 
 def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
@@ -285,7 +322,7 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
     new = filter_on_stage(test, maze, done.plate.moves, record=record_of(test))
     new = new if done.plate.sensor is None else felt(new, done.plate.sensor)
     old = as_it_was(test, maze, done.was, done.plate.stage, new)
-    return on_test(old, done.was.body.model, new, done.searched.fit.model, maze)
+    return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
 
 
 def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:

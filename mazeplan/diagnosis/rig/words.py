@@ -11,7 +11,7 @@ import numpy as np
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry, untold
 from mazeplan.diagnosis.rig.plate import MovedPlate
-from mazeplan.diagnosis.rig.reference import NOMINAL, RigReference
+from mazeplan.diagnosis.rig.reference import TEXTBOOK_BALL, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.stage.comparison import AXES
 from mazeplan.diagnosis.stage.navigation import hidden_gain
@@ -128,7 +128,7 @@ def advice(
             else:
                 refused.append(f"{line} No plan can allow for it: {e['why_not']}.")
     out = [*dict.fromkeys(out), *refused]
-    if len(done.effects) >= MANY and done.was.source != NOMINAL:
+    if len(done.effects) >= MANY and done.was.source != TEXTBOOK_BALL:
         out.insert(0, "So much rarely changes at once: is this the model of another rig? Check --model and the log.")
     if written and plannable:
         out.append(
@@ -245,6 +245,11 @@ def repair(effect: Entry) -> str:
 def notes_on(plate: MovedPlate, was: RigReference) -> list[str]:
     """Notes on what could not be compared."""
     notes, stage = [], plate.stage
+    if was.body.start is not None:
+        notes.append(
+            "what differs from a textbook ball need not be a fault: to find faults, learn a model while the rig is in "
+            "order, and name it with --model"
+        )
     if plate.blind:
         notes.append("nobody measures the tilt: the servos show only through the ball")
     elif stage is None:
