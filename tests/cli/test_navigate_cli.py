@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from mazeplan.core.logs.run_log import read_log
+from mazeplan.learning.modelfile import load_model
 
 BROKEN = """
 from mazeplan.core.errors import RigError
@@ -60,3 +63,28 @@ def test_a_rig_without_a_model_gives_a_note(call, tmp_path):
         rig.write_text(text)
         code, _, err = call("navigate", "--rig", rig, "--from", "ring4")
         assert (code, "no model for rig" in err) == (0, noted)
+
+
+@pytest.mark.slow
+def test_a_model_is_learned_first_and_used_the_next_time(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("mazeplan.apps.cli.navigate.LEARNING_S", 45.0)
+    folder = tmp_path / "model"
+    first, out, err = call("navigate", "--rig", "toy", "--learn", folder, "--seed", "3", "--json")
+    assert json.loads(out)["success"]
+    assert first == 0
+    assert f"wrote {folder}" in err
+    assert load_model(folder).body is not None
+    record = (folder / "record.mcap").stat().st_mtime_ns
+    again, _, err = call("navigate", "--rig", "toy", "--learn", folder, "--seed", "4")
+    assert again == 0
+    assert "wrote" not in err
+    assert (folder / "record.mcap").stat().st_mtime_ns == record
+
+
+def test_a_folder_of_other_things_and_a_wrong_rig_are_refused_before_anything_is_written(call, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    code, _, err = call("navigate", "--learn", tmp_path)
+    assert code == 2
+    assert str(tmp_path) in err
+    assert call("navigate", "--rig", "nowhere", "--learn", tmp_path / "new")[0] == 2
+    assert not (tmp_path / "new").exists()

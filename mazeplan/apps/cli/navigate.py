@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import listed
+from mazeplan.apps.cli.option_checks import check_new, listed
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.errors import InputError, RigError
 
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
     from mazeplan.run.request import Company, NavigationRequest
+
+LEARNING_S = 120.0  # s of record: on rigs of eight kinds, a model of 600 s arrives at most 2 % sooner
 
 
 def navigate(
@@ -25,6 +27,7 @@ def navigate(
     map_: opt.Map = "cme",
     rig: opt.RigName = "toy",
     model: opt.Model = None,
+    learn: opt.FirstModel = None,
     effects: opt.EffectModule = None,
     policy: opt.Policy = None,
     behavior: opt.Behavior = "navigate",
@@ -46,6 +49,11 @@ def navigate(
     """Bring the ball from one ring to another."""
     from mazeplan.run.request import Company, NavigationRequest
 
+    if learn is not None:
+        if model is not None:
+            raise InputError("--learn with --model: give one of them")
+        learn_first(learn, rig, map_, seed, force)
+        model = str(learn)
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
         listed(close), listed(via), balls, seed, time_limit, log,
@@ -66,6 +74,29 @@ def navigate(
     if as_json:
         print_json(result.json())
     sys.exit(0 if result.success else 1)
+
+
+def learn_first(folder: Path, rig: str, map_: str, seed: int, force: bool) -> None:
+    """Learn a model of the rig into a folder, from LEARNING_S of record, unless the folder holds a model.
+
+    Raises InputError, TableError, RigError."""
+    from mazeplan.apps.cli.learning import collect
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.run.commands.learn import learn
+
+    log = folder / "record.mcap"
+    if (folder / "model.yaml").exists():
+        return
+    if not log.exists():
+        check_new("--learn", folder, force, folder=True)
+        make_rig(rig, load_map(map_))  # a wrong name is refused before anything is written
+        folder.mkdir(parents=True, exist_ok=True)
+        collect(log, rig, LEARNING_S, map_, rings=True, place=True, seed=seed)
+    with ProgressBar("learning") as bar:
+        learned = learn([log], folder, kind="pi", progress=bar.show, advance=bar.advance)
+    say(f"{learned.learned.judgement.words()}; wrote {folder}")
 
 
 @contextmanager

@@ -38,6 +38,15 @@ Map = Annotated[str, value("--map", "MAP", "Packaged map or YAML file.")]
 MapOfLog = Annotated[str | None, value("--map", "MAP", "Packaged map or YAML file. Default: the log's map, else cme.")]
 RigName = Annotated[str, value("--rig", "RIG", "Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")]
 Model = Annotated[str | None, value("--model", "MODEL", "Packaged model or folder. Default: the rig's own model.")]
+FirstModel = Annotated[
+    Path | None,
+    value(
+        "--learn",
+        "FOLDER",
+        "Learn a model first, from two minutes of record; use that of FOLDER.",
+        parser=folder,
+    ),
+]
 KnownModel = Annotated[str | None, value("--model", "MODEL", "Packaged model or folder with everything known so far.")]
 EffectModule = Annotated[str | None, value("--effects", "MODULE:FUNCTION", "Function that returns your own effects.")]
 Policy = Annotated[str | None, value("--policy", "DIR", "Folder of a learned policy to follow.")]
