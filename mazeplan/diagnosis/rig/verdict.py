@@ -36,6 +36,7 @@ from mazeplan.learning.rig_model import FITS, kind_of_ball
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body import effects_of
 from mazeplan.physics.effect import Effect
+from mazeplan.physics.formulas.compiled import plane_functions
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 NOT_PREDICTING = "held-out parts are predicted no better"
@@ -310,6 +311,7 @@ def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
     for effect in own:
         try:
             effects_of([effect()])
+            plane_functions([effect])
         except ValueError as problem:
             notes.append(f"{effect.name} was not looked for: {problem}")
         else:
