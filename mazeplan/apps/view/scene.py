@@ -54,9 +54,8 @@ def strip(left: Array, right: Array) -> Mesh:
     """A band between two lines, (N, 3) each."""
     n = len(left)
     i = np.arange(n - 1)
-    first = np.column_stack([i, i + n, i + 1])
-    second = np.column_stack([i + 1, i + n, i + n + 1])
-    return np.vstack([left, right]), np.vstack([first, second])
+    triangles = np.column_stack([i, i + n, i + 1]), np.column_stack([i + 1, i + n, i + n + 1])
+    return np.vstack([left, right]), np.vstack(triangles)
 
 
 def block(inner: Array, outer: Array, height: float) -> Mesh:
@@ -111,7 +110,6 @@ class Scene:
         self._server, self._maze = server, maze
         self._plate = server.scene.add_frame("/plate", show_axes=False)
         self._build_plate()
-        self._build_openings()
         self._build_ball()
         self._shown: tuple[Any, ...] = ()
         self._coloured: tuple[Any, ...] = ()
@@ -136,12 +134,9 @@ class Scene:
             out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
             place = UNIT * (out * along + np.array([0.0, 0.0, 0.001]))
             scene.add_label(f"/plate/{name}/number", str(ring.number), font_screen_scale=0.7, position=tuple(place))
-
-    def _build_openings(self) -> None:
-        maze = self._maze
         self._openings: dict[str, tuple[Any, Any]] = {}  # a mark on the floor, and a plug while it is closed
         for opening in maze.openings:
-            name, plug = f"opening/{opening.name}", gap_mesh(maze, opening, WALLS_SHOWN * maze.wall_height)
+            name, plug = f"opening/{opening.name}", gap_mesh(maze, opening, height)
             self._openings[opening.name] = (
                 self._mesh(f"{name}/floor", gap_mesh(maze, opening, MARK), rgb("skipped")),
                 self._mesh(f"{name}/plug", plug, rgb("bad"), visible=False),
@@ -191,7 +186,6 @@ def look_from_above(server: ViserServer, maze: Maze) -> None:
     """Place the camera of each new browser so that the whole maze is in its picture (not upright)."""
     rim = DISTANCE * UNIT * maze.walls[0].outer_radius / math.tan(0.5 * FOV)
     back = rim * np.array(ABOVE) / np.linalg.norm(ABOVE)
-
     first = server.initial_camera
     first.position, first.look_at, first.fov = back, (0.0, 0.0, 0.0), FOV
 

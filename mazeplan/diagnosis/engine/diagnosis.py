@@ -121,8 +121,7 @@ class MotionDiagnosis:
         unit = self.after.unit
         return {
             "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(),
-            "axes": [f"position, {unit}", f"speed, {unit}/s"],
-            "candidates": [*found, *tried],
+            "axes": [f"position, {unit}", f"speed, {unit}/s"], "candidates": [*found, *tried],
             **both_documents(self.evidence),
         }  # fmt: skip
 
@@ -262,9 +261,7 @@ def _entry(search: Search, finding: Finding, fit: Fit, name: str) -> Entry:
         p, value = effect.parameters[n], fit.values[name][n]
         width = min(p.high - p.low, abs(value) / OPEN if name == system.motion.name else math.inf)
         if (name, n) in fit.at_bound or not error[n] < max(width, 1e-300):
-            entry["parameters"][n]["determined"] = False
-            if (name, n) in fit.at_bound:
-                entry["parameters"][n]["stderr"] = None
+            entry["parameters"][n] |= {"determined": False} | ({"stderr": None} if (name, n) in fit.at_bound else {})
     if name in finding.found:
         entry["evidence"] = rounded(finding.gains.get(name, math.nan), 3)
     return entry
@@ -299,10 +296,8 @@ def _notes(search: Search, finding: Finding, final: Fit, remaining: float, loose
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
     if any(t.why_not == WITHIN_A_SAMPLE and t.gain > HELD_GAIN for t in finding.tried) and remaining > NOISE_LEFT:
         names = ", ".join(f'"{name}"' for name in search.model.system.inputs)
-        out.append(
-            "the inputs act later by a part of a sample: if each keeps its value until the next sample, say so in the "
-            f"class, as held = ({names},)"
-        )
+        later = "the inputs act later by a part of a sample: if each keeps its value until the next sample"
+        out.append(f"{later}, say so in the class, as held = ({names},)")
     return tuple(out)
 
 

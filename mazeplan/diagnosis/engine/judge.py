@@ -67,8 +67,7 @@ class Trial:
         return math.sqrt(float(np.median(self.held[level] / self.count[level])))
 
 
-def levels_of(model: Model) -> tuple[Level, ...]:
-    """Windows of several lengths, the shortest first."""
+def _levels_of(model: Model) -> tuple[Level, ...]:
     record, out = model.record, []
     longest = max(len(record) // WHOLE, FEWEST_ROWS)
     for rows in dict.fromkeys(np.geomspace(FEWEST_ROWS, longest, LENGTHS).round().astype(int).tolist()):
@@ -121,10 +120,10 @@ def least_left(levels: Sequence[Level], trial: Trial) -> Array:
 
 
 class Judge:
-    """Judges models of a record by the held-out windows of some levels."""
+    """Judges models of a record by held-out windows of several lengths, the shortest first."""
 
     def __init__(self, model: Model) -> None:
-        self.model, self.levels = model, levels_of(model)
+        self.model, self.levels = model, _levels_of(model)
 
     def valid(self, *trials: Trial) -> list[int]:
         """Levels at which the best of some models stays with the record, in most windows."""

@@ -4,7 +4,7 @@ parameter has to be to matter."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -15,7 +15,7 @@ from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.simulation import LEFT, Problem, decayed, simulate
 from mazeplan.diagnosis.engine.system import System
-from mazeplan.physics.effect import INPUT, Effect
+from mazeplan.physics.effect import INPUT
 
 Free = tuple[tuple[str, str], ...]  # effect and parameter
 FEWEST, SMOOTH = 20, 0.5  # samples; error of cubics over that of lines, of an input that changes smoothly
@@ -36,31 +36,18 @@ class Model:
         self.limit = LEFT * np.maximum(span, np.nanmax(np.abs(record.y), axis=0))
         self.divide = np.ones(len(record), dtype=np.int64)
         self._shaped = lru_cache(maxsize=KEPT)(partial(_shaped, record, system))
-        self._layouts: dict[tuple[str, ...], tuple[IntArray, IntArray]] = {}
+        self._layout = cache(partial(_layout, system))
 
     def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
         """The problem of the simulation and its parameters, with these effects."""
         inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
-        names = tuple(values)
-        if names not in self._layouts:
-            self._layouts[names] = self._layout(names)
-        terms, holds = self._layouts[names]
-        p = []
+        (terms, holds), p = self._layout(tuple(values)), []
         for name, given in values.items():
             effect = self.effects[name]
             for number, parameter in zip(effect.numbers(given), effect.parameters.values(), strict=True):
                 p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
         w = self.inputs(values)
         return Problem(self.record.t, w, terms, holds, self.divide, windows, self.limit), np.array(p or [0.0])
-
-    def _layout(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
-        """Terms and dry frictions of some effects, as in `Problem`."""
-        terms, holds, first = [], [], 0
-        for name in names:
-            for term in self.system.terms[name]:
-                (holds if term.held else terms).append((term.address, term.coordinate, first))
-            first += len(self.effects[name].parameters)
-        return np.array(terms, dtype=np.int64).reshape(-1, 3), np.array(holds, dtype=np.int64).reshape(-1, 3)
 
     def inputs(self, values: Values) -> Array:
         """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
@@ -72,6 +59,17 @@ class Model:
         """Simulated states (N, 2 C)."""
         problem, p = self.problem(values, windows)
         return simulate(problem, p, states)
+
+
+def _layout(system: System, names: tuple[str, ...]) -> tuple[IntArray, IntArray]:
+    """Terms and dry frictions of some effects, as in `Problem`."""
+    counts = {e.name: len(e.parameters) for e in system.library}
+    terms, holds, first = [], [], 0
+    for name in names:
+        for term in system.terms[name]:
+            (holds if term.held else terms).append((term.address, term.coordinate, first))
+        first += counts[name]
+    return np.array(terms, dtype=np.int64).reshape(-1, 3), np.array(holds, dtype=np.int64).reshape(-1, 3)
 
 
 def _shaped(record: Record, system: System, delay: float, lag: float) -> Array:
@@ -153,13 +151,6 @@ def with_numbers(values: Values, free: Sequence[tuple[str, str]], numbers: Array
     for (effect, name), number in zip(free, numbers, strict=True):
         out[effect][name] = float(number)
     return out
-
-
-def free_of(effects: Sequence[Effect], known: Values) -> Free:
-    """Parameters of some effects that are not known and not fixed."""
-    return tuple(
-        (e.name, n) for e in effects for n, p in e.parameters.items() if not p.fixed and n not in known.get(e.name, {})
-    )
 
 
 def first_states(record: Record, windows: IntArray, degree: int = 1) -> Array:

@@ -24,7 +24,7 @@ import numpy as np
 from mazeplan.core.progress import Words
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, LEAVES_MOST, Judge, Level, Trial, gain_of, track_of
-from mazeplan.diagnosis.engine.model import Free, Model, free_of
+from mazeplan.diagnosis.engine.model import Free, Model
 from mazeplan.diagnosis.engine.windows import Point
 from mazeplan.physics.effect import INPUT
 
@@ -89,8 +89,9 @@ class Search:
         return out
 
     def free(self, names: Sequence[str]) -> Free:
-        """Parameters that are fitted."""
-        return free_of([self.model.effects[name] for name in names], self.known)
+        """Parameters that are fitted: neither known nor fixed."""
+        numbers = ((name, n, p) for name in names for n, p in self.model.effects[name].parameters.items())
+        return tuple((name, n) for name, n, p in numbers if not p.fixed and n not in self.known.get(name, {}))
 
     def trial(self, added: Sequence[str], parent: Trial | None = None) -> Trial:
         """The model with some effects, fitted at all levels."""

@@ -10,6 +10,7 @@ eliminated window by window, so their number costs nothing:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -108,16 +109,11 @@ class Windows:
         self.model, self.windows = model, windows
         y, c = model.record.y, model.record.y.shape[1]
         self.size = 2 * c
-        parts = [np.arange(a, b) for a, b in windows]
-        rows = np.concatenate(parts)
-        which = np.repeat(np.arange(len(windows)), [len(part) for part in parts])
-        # neighbours share a sample: it counts for the first one
-        keep = np.concatenate([np.arange(len(part)) > 0 for part in parts])
-        rows, which = rows[keep], which[keep]
-        seen = np.isfinite(y[rows])
-        self.row, self.coordinate = (np.repeat(rows, c), np.tile(np.arange(c), len(rows)))
-        good = seen.ravel()
-        self.row, self.coordinate, self.which = self.row[good], self.coordinate[good], np.repeat(which, c)[good]
+        rows = np.concatenate([np.arange(a + 1, b) for a, b in windows])  # the first row counts for the window before
+        which = np.repeat(np.arange(len(windows)), windows[:, 1] - windows[:, 0] - 1)
+        good = np.isfinite(y[rows]).ravel()
+        self.row, self.coordinate = np.repeat(rows, c)[good], np.tile(np.arange(c), len(rows))[good]
+        self.which = np.repeat(which, c)[good]
         self.flat = self.size * self.row + self.coordinate  # of a simulation (N, 2 C)
         self.starts = np.searchsorted(self.which, np.arange(len(windows)))
         self.count = np.diff(np.append(self.starts, len(self.which)))
@@ -261,7 +257,7 @@ class Windows:
         for e, n in free:
             one, at = self.model.effects[e].parameters[n], values[e][n]
             slack = 1e-6 * max(abs(at), self.model.scale[e, n])
-            if n != "" and (at <= one.low + slack or at >= one.high - slack):
+            if at <= one.low + slack or at >= one.high - slack:
                 at_bound.append((e, n))
         return Fit(
             values, free, states, residual, self.sums(r * r), self.count.astype(np.float64), tuple(at_bound), self
@@ -279,7 +275,7 @@ class Windows:
         for _ in range(SECANTS):
             by_p, by_s = self._columns(fit.values, fit.states, r, free, steps, state_steps)
             clean, _ = self._cleaned(by_p, by_s)
-            out[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums, self.count)
+            out[np.ix_(inside, inside)] = sandwich(clean[:, inside], r, self.sums)
             steps = np.sqrt(np.diag(out))
             gram = self.sums(by_s[:, :, None] * by_s[:, None, :]) + 1e-9 * np.diag(self.state_floor)
             spread = np.einsum("mii->mi", np.linalg.inv(gram)) * (fit.cost / fit.count)[:, None]
@@ -318,7 +314,7 @@ class Windows:
         return states
 
 
-def sandwich(clean: Array, r: Array, sums, count: Array) -> Array:
+def sandwich(clean: Array, r: Array, sums: Callable[[Array], Array]) -> Array:
     """Covariance of parameters from windows: not smaller than that of white residuals of the same size."""
     gram = clean.T @ clean
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))

@@ -61,7 +61,9 @@ def diagnose(
     if circle is not None:
         effects.append(circle.entry(corrected or Camera()))
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
-    library, closely = _libraries(declared, record.r is not None, openings or Openings(), more)
+    walls, named = openings or Openings(), [c for c in ring_library() if record.r is None or c.name != "camera_offset"]
+    library = [*(_from_declared(c, declared) for c in named), *wall_library(walls), *more, *NAMELESS, *PLACEBOS]
+    closely = closer_library(walls)
     everything = [*library, *closely, *nuisance]
     record, (rows, held) = _with_ball(record, rows, held)
     record = _straight(record, circle)
@@ -147,16 +149,6 @@ def _as_it_was(
     nuisance = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
     base = fit(plain, nuisance, {c.name: dict.fromkeys(c.parameters, 0.0) for c in nuisance})
     return plain, base, score(plain, base, held)
-
-
-def _libraries(
-    declared: Values, measured: bool, openings: Openings, more: Sequence[Effect]
-) -> tuple[list[Effect], list[Effect]]:
-    """Effects to look for, and closer models of openings.
-
-    measured: whether the record has radii, which show the camera's offset"""
-    named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
-    return [*named, *wall_library(openings), *more, *NAMELESS, *PLACEBOS], closer_library(openings)
 
 
 def _from_declared(candidate: Effect, declared: Values) -> Effect:

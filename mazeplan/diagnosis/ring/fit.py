@@ -21,8 +21,6 @@ STEPS, ENOUGH = 10, 0.02  # maximum number of Gauss-Newton steps; minimum gain o
 DAMPING = (1e-6, 1e8)
 PASSES = 12  # cached passes of the filter: a fit asks for some of them again
 ROUNDS, STEADY = 14, 1.0  # maximum rounds of values and process noise; minimum gain of -2 log L for a further round
-
-
 NOTHING, NO_ROW = np.empty((0, 0)), np.empty(0, dtype=np.int64)
 NONE = Moves(NOTHING, np.empty((0, 0, 0, 0)), NO_ROW, np.empty(0), NO_ROW.reshape(0, 2))
 

@@ -260,8 +260,7 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
 
 def changed_gain(stage: Stage | None, known: Known) -> tuple[Entry | None, Entry | None]:
     """A changed gain of the stage, once as the servo's gain and once as the tilt sensor's scale; None if unchanged."""
-    servo = None if stage is None else changed(stage, rig.servo_gain, known)
-    if servo is None:
+    if stage is None or (servo := changed(stage, rig.servo_gain, known)) is None:
         return None, None
     had, scale = servo["known_before"], known.values.get("tilt_gain", dict.fromkeys(AXES, 1.0))
     values = {axis: scale[axis] * (value / had[axis]) for axis, value in values_of(servo).items()}
