@@ -25,12 +25,12 @@ def effect_entry(
 
     known_before: the values in the model; None leaves them out
     more: further keys of the entry"""
-    units = {name: p.unit for name, p in effect.parameters.items()}
-    parameters: dict[str, dict[str, Any]] = {
-        name: {"value": value, "stderr": stderr[name], "unit": units[name]}
-        | ({} if determined(effect.parameters[name], value, stderr[name]) else {"determined": False})
-        for name, value in values.items()
-    }
+    parameters: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        p, error = effect.parameters[name], stderr[name]
+        parameters[name] = {"value": value, "stderr": error, "unit": p.unit}
+        if not determined(p, value, error):
+            parameters[name]["determined"] = False
     before = {} if known_before is None else {"known_before": dict(known_before)}
     return {"name": effect.name, "parameters": parameters, **before, **more}
 
@@ -60,7 +60,7 @@ def why_not_planned(name: str) -> str:
 def with_plan(entry: Entry) -> Entry:
     """The entry, and whether a planner can use the effect."""
     why = why_not_planned(entry["name"])
-    return {**entry, "planned": not why, **({"why_not": why} if why else {})}
+    return entry | {"planned": not why} | ({"why_not": why} if why else {})
 
 
 def untold(group: Iterable[str]) -> str:

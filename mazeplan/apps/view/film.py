@@ -99,24 +99,20 @@ class _Picture:
         self._time = side.text(0.0, 0.895, "", fontsize=13, weight="bold")
         self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"], **plain)
         self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5, **plain) for k in range(ROWS)]
-        self._axes = plan, side
-        self._moving = (*self._balls, downhill, self._trail, self._planned, self._next, self._tilt)
-        self._texts = (self._time, self._said, *self._rows)
-        for artist in (*self._moving, *self._texts):
+        moving = (*self._balls, downhill, self._trail, self._planned, self._next, self._tilt)
+        self._changing: Any = (*moving, self._time, self._said, *self._rows)
+        for artist in self._changing:
             artist.set_animated(True)  # keeps it out of the background
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def frame(self, moment: Moment) -> Frame:
         """The picture of a moment."""
-        plan, side = self._axes
         self._canvas.restore_region(self._background)
         self._place(moment)
         self._write(moment)
-        for artist in self._moving:
-            plan.draw_artist(artist)
-        for text in self._texts:
-            side.draw_artist(text)
+        for artist in self._changing:
+            artist.axes.draw_artist(artist)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _place(self, moment: Moment) -> None:
@@ -159,11 +155,10 @@ def tree_rows(moment: Moment) -> list[tuple[str, str, bool]]:
     There are at most ROWS rows. Of a longer list, the part around the active leaf is kept."""
     tree = moment.tree
     found, last = [], 0
-    for i, node in enumerate(tree.nodes):
-        sign, style, _ = SIGNS.get(tree.statuses[i : i + 1], SIGNS["-"])
-        if tree.statuses[i : i + 1] in ("", "-"):
+    for i, (node, letter) in enumerate(zip(tree.nodes, tree.statuses, strict=False)):
+        if letter == "-":
             continue
-        active = i in tree.active
+        (sign, style, _), active = SIGNS.get(letter, SIGNS["-"]), i in tree.active
         last = len(found) if active else last
         found.append((f"{'   ' * node.depth}{sign} {node.name}", style, active))
     first = max(0, min(last + 4, len(found)) - ROWS)

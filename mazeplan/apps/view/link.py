@@ -128,8 +128,7 @@ class PageLink:
     """A page in a process of its own; a context manager.
 
     on_order: called with each order, in a separate thread
-    opened: set when the first browser shows the page
-    ended: set when the page has ended"""
+    opened, ended: set when the first browser shows the page, and when the page has ended"""
 
     def __init__(self, offer: Offer, listening: socket.socket, on_order: Callable[[Order], object]) -> None:
         self.opened, self.ended = threading.Event(), threading.Event()
@@ -138,9 +137,8 @@ class PageLink:
         self._queue: deque[tuple[str, dict[str, Any]]] = deque()
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=live_page, args=(offer, listening, theirs), name="mazeplan page", daemon=True
-        )
+        arguments = (offer, listening, theirs)
+        self._process = context.Process(target=live_page, args=arguments, name="mazeplan page", daemon=True)
         self._process.start()
         theirs.close()
         for work in (self._send, self._receive):

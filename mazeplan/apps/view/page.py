@@ -151,10 +151,8 @@ def tree_html(moment: Moment) -> str:
     if not tree.nodes:
         return f'<div style="{FONT}color:{INKS["quiet"]};padding:2px 12px">no tree{"" if moment.tick else " yet"}</div>'
     failed = moment.failure.where if moment.failure is not None else None
-    lines = [
-        _node(node, tree.statuses[i : i + 1] or "-", i in tree.active, node.name == failed)
-        for i, node in enumerate(tree.nodes)
-    ]
+    letters = tree.statuses.ljust(len(tree.nodes), "-")
+    lines = [_node(n, letters[i], i in tree.active, n.name == failed) for i, n in enumerate(tree.nodes)]
     legend = "  ".join(f'<span style="color:{INKS[name]}">{sign}</span> {word}' for sign, name, word in SIGNS.values())
     return (
         f'<div style="{FONT}padding:2px 12px" data-tree="{tree.number}">{"".join(lines)}'
@@ -172,6 +170,5 @@ def _node(node: NodeShown, letter: str, active: bool, failed: bool) -> str:
         f'padding-left:{4 + 9 * node.depth}px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis">'
         f'<span style="color:{INKS[style]};display:inline-block;width:13px">{sign}</span>'
         f'<span style="font-weight:{weight};color:{INKS["ink" if letter != "-" else "quiet"]}">'
-        f"{escape(node.name)}</span>"
-        f"{kind}{mark}</div>"
+        f"{escape(node.name)}</span>{kind}{mark}</div>"
     )

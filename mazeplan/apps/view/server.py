@@ -44,10 +44,8 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws://{host} blob: data:; "
     "frame-ancestors 'none'; form-action 'none'; base-uri 'none'; object-src 'none'"
 )
-BAR_COLOURS = {
-    "RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"], "FACE": STOP["face"],
-    "PRESSED": STOP["pressed"],
-}  # fmt: skip
+BAR_COLOURS = {"RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"]}
+BAR_COLOURS |= {"FACE": STOP["face"], "PRESSED": STOP["pressed"]}
 ROOT = b'<div id="root">'  # the bar precedes it
 
 

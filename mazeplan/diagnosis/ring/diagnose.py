@@ -45,15 +45,14 @@ def diagnose(
     declared: known effects
     openings: openings of the ring in the map, if a map is known
     more: effects to look for beside the library
-    test: a further record, for scores only
+    test: a further record, for scores only; progress: reports progress
     known: the model's stage; None: the declared one
-    corrected: camera by which the positions of `record` are corrected already; None: they are as measured
-    progress: reports progress"""
+    corrected: camera by which the positions of `record` are corrected already; None: they are as measured"""
     whole, (rows, held, which) = record, seen_and_held(record)
     seen = np.isfinite(record.theta)
     share = float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
     progress("stage")
-    known = known or Known(declared, {})
+    known, walls = known or Known(declared, {}), openings or Openings()
     stage = fit_stage(record, rows, known.kind)
     tilt = plate_motion(record, stage)
     effects = stage_effects(stage, known)
@@ -61,7 +60,7 @@ def diagnose(
     if circle is not None:
         effects.append(circle.entry(corrected or Camera()))
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
-    walls, named = openings or Openings(), [c for c in ring_library() if record.r is None or c.name != "camera_offset"]
+    named = [c for c in ring_library() if record.r is None or c.name != "camera_offset"]  # r shows the offset
     library = [*(_from_declared(c, declared) for c in named), *wall_library(walls), *more, *NAMELESS, *PLACEBOS]
     closely = closer_library(walls)
     everything = [*library, *closely, *nuisance]
@@ -73,8 +72,7 @@ def diagnose(
         effects.append(gain)
         if gain["name"] == "tilt_gain":
             library = [c for c in library if c.name != "tilt_gain"]
-            scaled = declared | {gain["name"]: values_of(gain)}
-            straight = _likelihood(record, tilt, radius, scaled, everything, rows)
+            straight = _likelihood(record, tilt, radius, declared | {"tilt_gain": values_of(gain)}, everything, rows)
     if record.u is None and matched_target(straight.system) is not None:
         finding, judge = by_windows(straight, library, progress, closely)
     else:
