@@ -118,8 +118,7 @@ class ReplayTab:
         self._before = now
         t, playing = self._player.t, self._player.playing
         self._view.show(self._recording.moments[self._recording.tick_at(t)], now)
-        shown = (round(t, 2), playing)
-        if shown != self._drawn:
+        if (shown := (round(t, 2), playing)) != self._drawn:
             self._drawn = shown
             self._slider.value = min(max(round(t, 2), self._slider.min), self._slider.max)
             self._play.label = "Stop" if playing else "Play"

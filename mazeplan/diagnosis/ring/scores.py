@@ -109,9 +109,8 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:
 
 
 def _rolled_out(likelihood: Likelihood, fitted: Fit, starts: np.ndarray, steps: int) -> tuple[Array, Array]:
-    """Angles (W, steps + 1) that the camera sees in roll-outs from the filter's states in the rows `starts` (W,).
-
-    Also returns the variances (W,) of the last angle, over that of a measurement."""
+    """Angles (W, steps + 1) that the camera sees in roll-outs from the filter's states in the rows `starts` (W,), and
+    variances (W,) of the last angle, over that of a measurement."""
     _, states = likelihood.everywhere(fitted.values, fitted.q)
     problem, p = likelihood.system.build(likelihood.library, fitted.values)
     positions, variances = roll_out(problem, p, states, starts, steps)

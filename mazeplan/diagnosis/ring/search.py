@@ -323,6 +323,5 @@ def swinging(likelihood: Likelihood, current: Fit) -> CandidateTrial:
     c = oscillation(Parameter("rad/s^2", 0.0, -50.0, 50.0, SWING, 1e-3))
     if power[k] < PEAK:
         return CandidateTrial(c, current, -math.inf, 0.0)
-    start = {**current.values, c.name: {"frequency": float(frequency[k]), "cos": 0.05, "sin": 0.05}}
     likelihood.add(c)
-    return try_one(likelihood, current, c, start[c.name])
+    return try_one(likelihood, current, c, {"frequency": float(frequency[k]), "cos": 0.05, "sin": 0.05})

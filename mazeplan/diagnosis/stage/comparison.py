@@ -250,10 +250,9 @@ def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
     looser = any(abs(now - was) > smallest[axis] for axis, (now, was) in known.looseness(stage).items())
     like = [effect for effect in COMPARED_EFFECTS if effect not in PLAY_AND_DEADBAND or looser]
     found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
-    names = {effect.name for effect in PLAY_AND_DEADBAND}
     gears = {}
     for made in found:
-        if made["name"] in names:
+        if made["name"] in (rig.backlash.name, rig.deadband.name):
             gears[made["name"]] = max(abs(v - made["known_before"][key]) for key, v in values_of(made).items())
     return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
 

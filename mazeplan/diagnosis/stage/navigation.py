@@ -92,9 +92,7 @@ def _less_certain(entry: Entry, error: float) -> Entry:
 
 
 def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
-    """Standard errors by which the record's gains predict blocks of measured tilt better than the old gains.
-
-    was: old gains of beta and gamma
+    """Standard errors by which the record's gains predict blocks of measured tilt better than the old gains `was`.
 
     Both predictions use the lag of the fitted stage, each with its own offsets. Offsets and new gains for one half of
     the record come from the other half. Raises ValueError without commands."""
@@ -110,8 +108,6 @@ def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> f
 
 def nearer_by_coupling(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
     """As `nearer_tilt`, for couplings: the share of the other axis' command that an axis follows.
-
-    was: old couplings of beta and gamma
 
     Gains come from the other half of the record in both predictions."""
     second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))

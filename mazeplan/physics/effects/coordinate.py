@@ -48,17 +48,3 @@ input_gain = Effect(
     text="the inputs act stronger or weaker", source="gain",
 )  # fmt: skip
 INPUTS = (input_delay, input_lag, input_gain)
-
-# Nameless terms. They must not depend on measured rates, because a free run has none.
-_ONE = Parameter("", *ANY)
-NAMELESS = (
-    Effect(
-        "powers of the speed", {"p0": _ONE, "p1": _ONE}, FORCE,
-        lambda s, p: p.p0 * s.velocity**3 + p.p1 * s.velocity**2, named=False, depends_on=("speed",),
-    ),
-    Effect(
-        "powers of the position", {"p0": _ONE, "p1": _ONE, "p2": _ONE}, FORCE,
-        lambda s, p: s.position * (p.p0 + s.position * (p.p1 + s.position * p.p2)), named=False,
-        depends_on=("position",),
-    ),
-)  # fmt: skip
