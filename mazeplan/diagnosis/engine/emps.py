@@ -135,12 +135,10 @@ def force_error(record: Record, values: Values) -> float:
     a = np.gradient(v, record.step)
     force = record.u[:, 0]
     needed = values[system.motion.name]["mass"] * a
-    for name, numbers in values.items():
-        if name == system.motion.name:
-            continue
-        effect = next(e for e in system.effects if e.name == name)
-        for term in system.terms[name]:
-            size = np.broadcast_to(term.values(q, v, record.t, [force], effect.numbers(numbers)), q.shape)
+    for effect in (e for name in values for e in system.effects if e.name == name):
+        for term in system.terms[effect.name]:
+            numbers = effect.numbers(values[effect.name])
+            size = np.broadcast_to(term.values(q, v, record.t, [force], numbers), q.shape)
             needed = needed + (size * np.sign(v) if term.held else -size)
     every = max(1, round(rate / PARALLEL))
     e, y = needed - force, force

@@ -279,9 +279,8 @@ class Search:
                 if rival in found or not known:
                     continue
                 instead = self.trial((*rest, rival), without)
-                if self.judge.why_not(without, instead, rival)[1]:
-                    continue
-                if not self.judge.clearly_better(current, instead):
+                _, why_not = self.judge.why_not(without, instead, rival)
+                if not why_not and not self.judge.clearly_better(current, instead):
                     group.append(rival)
             if len(group) > 1:
                 groups.append(tuple(group))

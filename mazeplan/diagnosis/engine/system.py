@@ -173,9 +173,7 @@ def _compiled(system: System, candidates: Sequence[tuple[Effect, int | None]]) -
     given = {effect.name for effect, _ in candidates}
     steady = any(name.startswith("constant_") for name in given)
     further = [(e, None) for e in INPUTS if system.inputs and e.name not in given]
-    terms: dict[str, tuple[Term, ...]] = {}
-    on: dict[str, str] = {}
-    effects: list[Effect] = []
+    terms, on, effects = dict[str, tuple[Term, ...]](), dict[str, str](), list[Effect]()
     for effect, coordinate in [(system.motion, None), *candidates, *further]:
         one = effect
         if coordinate is not None and len(system.positions) > 1:

@@ -132,17 +132,13 @@ class Search:
         most = (MOST if self._likelihood.noisy else MANY) + len(self._free)
         start = {c.name: start_of(c) for c in self._free} | (known or {})
         current = base = fit(self._likelihood, self._free, start)
-        ranked: tuple[CandidateTrial, ...] = ()
-        alike: list[tuple[str, ...]] = []
-        unknown: CandidateTrial | None = None
+        ranked, alike, unknown = tuple[CandidateTrial, ...](), list[tuple[str, ...]](), None
         while len(current.candidates) < most:
             trials = self._trials(current)
             ranked = ranked or tuple(trials)
             named, unknown, group = self._choice(current, trials, base.minus2 - current.minus2)
-            if unknown is not None:
-                current = unknown.fit
-                break
             if named is None:
+                current = current if unknown is None else unknown.fit
                 break
             if len(group) > 1:
                 alike.append(group)

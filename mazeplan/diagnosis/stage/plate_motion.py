@@ -47,8 +47,7 @@ class Tilt:
         """Motion (K, 6) at any times (K,), s, by cubic Hermite interpolation. It is constant beyond the ends.
 
         parameter: direction of the stage, for the derivative by it; None: the motion itself"""
-        out = np.empty((len(times), 6))
-        motion = self.motion if parameter is None else self.by_stage[parameter]
+        out, motion = np.empty((len(times), 6)), self.motion if parameter is None else self.by_stage[parameter]
         _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), np.ascontiguousarray(times), out)
         return out
 
@@ -73,7 +72,6 @@ def _hermite(motion, start, h, times, out):
 class Stage:
     """Fits of both axes, and the uncertainty of their parameters.
 
-    beta, gamma: fits
     directions: by name, the axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
     their covariance
     differs: effects by which the motion surely differs from that of a known stage (`comparison.settled_on`)
