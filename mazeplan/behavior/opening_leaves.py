@@ -51,14 +51,9 @@ class Align(OpeningLeaf):
             return self.missed(opening, self._ring, f"not aligned with {opening.name}")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing beside {opening.name}")
+        gate, target = run.steering.options.gate, opening.leads_to(self._ring)
         push = self.get("lean_deg")
-        ahead = run.ahead(run.steering.options.gate.lead_s)
-        run.steer(
-            self.name,
-            opening_command(
-                ahead, opening, opening.leads_to(self._ring), run.plate, run.steering.options.gate, push_deg=push
-            ),
-        )
+        run.steer(self.name, opening_command(run.ahead(gate.lead_s), opening, target, run.plate, gate, push_deg=push))
         return Status.RUNNING
 
 
@@ -165,15 +160,11 @@ class Settle(OpeningLeaf):
                     return Status.SUCCESS
         if run.here.ring != goal and (measured is None or measured.ring != goal):
             return self.fail_as(FailureKind.FELL_BACK, f"left ring {goal} for ring {run.here.ring}")
-        near = self._nearest_opening(goal)
+        near = min(run.maze.openings_of(goal), key=lambda opening: abs(run.turn_to(opening)), default=None)
         if near is not None and run.now - self._began > self.get("timeout_s"):
             return self.missed(near, near.leads_to(goal), f"did not come to rest in ring {goal}")
         self._brake(goal, near)
         return Status.RUNNING
-
-    def _nearest_opening(self, ring: int) -> Opening | None:
-        run = self.context
-        return min(run.maze.openings_of(ring), key=lambda opening: abs(run.turn_to(opening)), default=None)
 
     def _brake(self, goal: int, near: Opening | None) -> None:
         """Brake; in a channel, also lean away from the side that has the nearest opening."""

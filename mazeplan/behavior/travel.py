@@ -181,21 +181,16 @@ class PlanInRing(OpeningLeaf):
             return Status.SUCCESS
         if (off := self.walled_off(opening)) is not None:
             return off
-        plan = self._prepared(opening)
-        if plan is None:
+        prepared, run.leg.prepared = run.leg.prepared, None
+        if prepared is not None and prepared[0] == opening and prepared[1].t0 == here.t:
+            plan = prepared[1]  # the plan by which the opening was chosen in this tick
+        else:
             plan = plan_to(run, opening)
         run.leg.plan, run.leg.goal_theta = plan, opening.angle
         self.set("plan", plan)
         if not (plan.ok or np.isfinite(here.planner_vector()).all()):
             return self.fail_as(FailureKind.PLAN_FAILED, f"the solver stopped: {plan.reason}")
         return Status.SUCCESS
-
-    def _prepared(self, opening: Opening) -> Plan | None:
-        """The plan by which the opening was chosen in this tick."""
-        prepared, self.context.leg.prepared = self.context.leg.prepared, None
-        if prepared is None or prepared[0] != opening or prepared[1].t0 != self.context.here.t:
-            return None
-        return prepared[1]
 
 
 class Track(OpeningLeaf):

@@ -162,11 +162,11 @@ class EmulatedWorld:
         if beta_us > 0.0 and gamma_us > 0.0:  # without pulses the servos stay where they are
             machine.aim(*self.truth.servos.tilt(beta_us, gamma_us))
         machine.step()
-        chip.set_volts(*self.truth.diode.volts(*machine.tilt))
+        chip.set_volts(*self.truth.diode.volts(*machine.gimbal.tilt))
         if self._trace is not None:
             target = self.truth.servos.tilt(beta_us, gamma_us)
             x, y = machine.scenes()[0][:2]
-            row = (now, beta_us, gamma_us, *target, *machine.tilt, x, y)
+            row = (now, beta_us, gamma_us, *target, *machine.gimbal.tilt, x, y)
             self._trace.write(",".join(f"{value:.6f}" for value in row) + "\n")
 
     def _expose(self, now: float) -> None:
@@ -174,7 +174,7 @@ class EmulatedWorld:
         if self.camera.shots.full():
             self.camera.lost += 1
         else:
-            self.camera.shots.put((now, ball, *self.machine.tilt))
+            self.camera.shots.put((now, ball, *self.machine.gimbal.tilt))
 
     def _obey(self, order: dict[str, Any]) -> None:
         if "place" in order:
@@ -187,7 +187,7 @@ class EmulatedWorld:
         elif "remove" in order:
             self.here = False
         elif "tilt" in order:
-            self._say({"tilt": self.machine.tilt})
+            self._say({"tilt": self.machine.gimbal.tilt})
 
 
 def main() -> None:

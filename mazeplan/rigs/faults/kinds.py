@@ -46,11 +46,6 @@ class FaultKind:
     machine: str = ""  # kind of `sim.settings.Fault`; empty for a fault that does not act in the machine
     machine_size: str = ""  # key of `sim.settings.Fault` that takes the size
 
-    @property
-    def survivable(self) -> bool:
-        """Whether a run should reach its goal in spite of the fault."""
-        return not self.because
-
     def __reduce__(self) -> tuple[Callable[[str], FaultKind], tuple[str]]:
         """Pickle the kind by its name: `change` is often a lambda, which cannot be pickled."""
         return kind_of, (self.name,)

@@ -12,7 +12,6 @@ Each entry is a trial. Entries with the same `name` are one trial: their faults 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -134,10 +133,7 @@ def _drawn(entry: Entry, seed: int, number: int) -> Drawn:
 def load_schedule(path: str | Path) -> tuple[FaultTrial, ...]:
     """The trials of a file, in its order. Raises SettingsError with file, line and key."""
     tree = read_yaml(Path(path), error=SettingsError, what="a schedule of faults (YAML)")
-    return _trials(read_section(Schedule, Tree(as_tuples(tree.data), tree.lines), path, SettingsError).faults)
-
-
-def _trials(entries: Sequence[Entry]) -> tuple[FaultTrial, ...]:
+    entries = read_section(Schedule, Tree(as_tuples(tree.data), tree.lines), path, SettingsError).faults
     together: dict[str, list[Entry]] = {}
     for entry in entries:
         name = entry.name or entry.kind

@@ -148,7 +148,8 @@ class Gimbal:
 class NearWalls:
     """The boxes near each cell of the floor of one plate. Rigs with the same physics share it.
 
-    slots: largest number of boxes in a model."""
+    slots: largest number of boxes in a model.
+    free: distance that a ball may go before the boxes are chosen anew, m; timestep: of MuJoCo, s."""
 
     def __init__(self, text: str, bare: str, maze: Maze) -> None:
         """text, bare: MJCF with and without walls."""
@@ -157,9 +158,9 @@ class NearWalls:
         self._boxes = np.flatnonzero(self._whole.geom_bodyid == plate)  # walls and plugs
         self._boxes = self._boxes[self._boxes != floor]
         self._plugs = {opening.name: self._whole.geom(plug_name(opening.name)).id for opening in maze.openings}
-        self._timestep = float(self._whole.opt.timestep)
-        self._free = max(FREE, FASTEST * self._timestep)
-        reach = maze.ball.radius + self._free + _slack(maze) + math.sqrt(0.5) * CELL
+        self.timestep = float(self._whole.opt.timestep)
+        self.free = max(FREE, FASTEST * self.timestep)
+        reach = maze.ball.radius + self.free + _slack(maze) + math.sqrt(0.5) * CELL
         places, sizes = self._whole.geom_pos[self._boxes], self._whole.geom_size[self._boxes]
         self._half = float(np.max(np.hypot(places[:, 0], places[:, 1]) + np.hypot(sizes[:, 0], sizes[:, 1]))) + reach
         self._side = math.ceil(2.0 * self._half / CELL)
@@ -184,11 +185,6 @@ class NearWalls:
         column = min(max(int((x + self._half) / CELL), 0), last)
         row = min(max(int((y + self._half) / CELL), 0), last)
         return row * self._side + column
-
-    def stays_near(self, speed: float, steps: int) -> bool:
-        """Whether a ball with this speed, m/s, stays near its cell for so many of MuJoCo's steps."""
-        most = steps * self._timestep
-        return speed * most + GRAVITY * most * most <= self._free
 
     def fill(
         self, model: mujoco.MjModel, fields: list[tuple[Any, Any]], cells: tuple[int, ...], blocked: frozenset[str]
@@ -272,7 +268,8 @@ class MazeGimbal(Gimbal):
     def advance(self) -> None:
         """See `Gimbal`. For a fast ball, chooses the boxes anew in each step."""
         speed = max(math.hypot(*self.data.qvel[2 + 6 * i : 4 + 6 * i].tolist()) for i in self._balls)
-        once = self._walls.stays_near(speed, self.steps)
+        most = self.steps * self._walls.timestep  # s; a ball that stays near its cell so long needs no other boxes
+        once = speed * most + GRAVITY * most * most <= self._walls.free
         for _ in range(1 if once else self.steps):
             self._choose()
             mujoco.mj_step(self.model, self.data, nstep=self.steps if once else 1)

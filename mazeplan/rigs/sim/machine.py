@@ -154,11 +154,6 @@ class Machine:
         check_fault(fault, "fault", self.maze)
         self.faults.append(fault)
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """beta, gamma, rad."""
-        return self.gimbal.tilt
-
     def scenes(self) -> list[Array]:
         """x, y, z of each ball in the plate frame, m, then beta, gamma, rad; (5,) each. A ball that is taken out has
         NaN for x, y."""
@@ -177,7 +172,7 @@ class Machine:
     def truth(self) -> Array:
         """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
         position, velocity, _ = self.ball()
-        return np.array([*position, velocity[0], velocity[1], *self.tilt])
+        return np.array([*position, velocity[0], velocity[1], *self.gimbal.tilt])
 
     def ball(self) -> tuple[Array, Array, Array]:
         """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate frame, (3,) each."""
@@ -268,28 +263,19 @@ class FaultBox:
     def after_step(self, t: float) -> None:
         """Make glued and removed balls move with the plate: restore their places in its frame after each step."""
         for index in range(self._maze.balls):
-            self._hold(t, index)
-
-    def _hold(self, t: float, index: int) -> None:
-        glued, out = self.acts("stuck", t, index), self.acts("removed", t, index)
-        taken_from = self._taken_from.get(index)
-        if not (glued or out) and taken_from is None:
-            self._held.pop(index, None)
-            return
-        here = self._gimbal.drawn().T @ self._gimbal.place(index)
-        if out and taken_from is None:
-            self._taken_from[index] = here
-        elif not out and taken_from is not None:
-            self._put(taken_from, index)
-            del self._taken_from[index]
-        if not (glued or out):
-            self._held.pop(index, None)
-            return
-        held = self._held.get(index, here)
-        if out:
-            held = np.array([self._maze.walls[0].outer_radius + ASIDE * (1 + index), 0.0, ASIDE])
-        self._held[index] = held
-        self._put(held, index)
+            glued, out = self.acts("stuck", t, index), self.acts("removed", t, index)
+            if not out and index in self._taken_from:
+                self._put(self._taken_from.pop(index), index)
+            if not (glued or out):
+                self._held.pop(index, None)
+                continue
+            here = self._gimbal.drawn().T @ self._gimbal.place(index)
+            held = self._held.get(index, here)
+            if out:
+                self._taken_from.setdefault(index, here)
+                held = np.array([self._maze.walls[0].outer_radius + ASIDE * (1 + index), 0.0, ASIDE])
+            self._held[index] = held
+            self._put(held, index)
 
 
 def _axes(fault: Fault) -> list[int]:

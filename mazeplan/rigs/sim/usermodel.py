@@ -197,9 +197,6 @@ class UserGimbal(Gimbal):
         return motion[3:] + np.cross(motion[:3], self._floor * up)
 
 
-# -- names to numbers ------------------------------------------------------------------------------------------------
-
-
 def _find(model: mujoco.MjModel, key: str, name: str, *kinds: str) -> tuple[str, int]:
     """Kind and number of a name. Raises SettingsError with the existing names."""
     said = []
