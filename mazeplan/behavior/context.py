@@ -219,10 +219,6 @@ class RunContext:
         self.balls.led, self.ahead, self.leg = ball, self.balls.aheads[ball - 1], CurrentLeg()
         self.state, self.measured = self.balls.views[ball - 1].state, self.balls.views[ball - 1].measured
 
-    def again(self) -> None:
-        """The root is ticked once more in this tick. The command so far stands, but a leaf may replace it."""
-        self.commanded_by, self.leg.followed = "", False
-
     @property
     def here(self) -> State:
         """The state at which the command of this tick will act."""

@@ -71,8 +71,8 @@ class TiltFinder:
         right, bottom = np.clip(pixels.max(axis=0) + ROOM + 1, 0, self.camera.size).astype(int).tolist()
         return left, top, right, bottom
 
-    def seen(self, gray: np.ndarray) -> dict[int, Array]:
-        """{id: corners (4, 2), px} of the detected markers."""
+    def tilt(self, gray: np.ndarray) -> tuple[float, float, float] | None:
+        """(beta, gamma, rms error of the corners in px), or None if no marker is detected."""
         found: dict[int, Array] = {}
         for number, (left, top, right, bottom) in self._windows.items():
             if right - left < 16 or bottom - top < 16:
@@ -80,16 +80,10 @@ class TiltFinder:
             here = find(np.ascontiguousarray(gray[top:bottom, left:right]), self._finder, self.markers)
             if number in here:
                 found[number] = here[number] + np.array([left, top])
-        return found
-
-    def tilt(self, gray: np.ndarray) -> tuple[float, float, float] | None:
-        """(beta, gamma, rms error of the corners in px), or None if no marker is detected."""
-        found = self.seen(gray)
         if not found:
             return None
         points = np.vstack([self.markers.corners(number) for number in found])
-        pixels = np.vstack(list(found.values()))
-        return fit_tilt(self.camera, points, pixels)
+        return fit_tilt(self.camera, points, np.vstack(list(found.values())))
 
 
 def fit_tilt(camera: CameraModel, points: Array, pixels: Array) -> tuple[float, float, float]:

@@ -64,9 +64,9 @@ class CameraModel:
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        across, up = x * y, r2 * 1.0
-        u = x * radial + 2.0 * p1 * across + p2 * (up + 2.0 * x * x)
-        v = y * radial + p1 * (up + 2.0 * y * y) + 2.0 * p2 * across
+        across = x * y
+        u = x * radial + 2.0 * p1 * across + p2 * (r2 + 2.0 * x * x)
+        v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * across
         m = self.matrix
         return np.column_stack([m[0, 0] * u + m[0, 1] * v + m[0, 2], m[1, 1] * v + m[1, 2]])
 
