@@ -21,7 +21,7 @@ CLOCKS = ("time", "datetime", "timeit", "sched", "asyncio", "calendar")
 LOOKS = ("perf_counter", "perf_counter_ns", "monotonic", "monotonic_ns", "process_time", "time_ns", "sleep", "utcnow",
          "today", "clock_gettime", "times")  # fmt: skip
 ALLOWED = {  # who may look at it, and for what
-    "control/deadline.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
+    "control/ilqg.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
     "run/loop.py": {"from time import perf_counter"},  # how long a tick took, for the report
     "rigs/watchdog.py": {"from time import monotonic"},  # judges the loop from outside
     "rigs/faults/faulty.py": {"from time import monotonic"},  # when a call was made to hang ...

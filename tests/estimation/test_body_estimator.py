@@ -213,7 +213,7 @@ def test_a_model_file_holds_the_terms_of_a_body(tmp_path):
     path = tmp_path / "model.yaml"
     text = path.read_text()
     for old, new, message in (
-        ("floor_warp", "floor_wrap", "body.terms.floor_wrap: unknown key, expected one of floor_warp"),
+        ("floor_warp", "floor_wrap", "body.terms.floor_wrap: got 'floor_wrap', expected one of floor_warp"),
         ("a: {value: 0.02", "a: {value: 2.0", r"body.terms.floor_warp: a: got 2.0, expected -1.0 to 1.0 1/m"),
         ("a: {value: 0.02", "e: {value: 0.02", "body.terms.floor_warp.e: unknown key"),
     ):

@@ -40,7 +40,7 @@ def test_a_measured_latency_takes_the_place_of_the_models():
     assert (late.stage.beta.dead_time, late.stage.gamma.dead_time) == (0.03, 0.03)
     assert late.stage.beta.natural_frequency == model.stage.beta.natural_frequency
     assert late.late_s == pytest.approx(0.08)
-    assert SETUP.on(PlanarRig(MAZE)) is SETUP
+    assert SETUP.on(PlanarRig(MAZE)).driving_model is SETUP.model
     assert SETUP.on(Told(LATE)).driving_model.camera_delay == 0.05
     assert SETUP.on(Told(LATE)).model is SETUP.model
 
