@@ -104,7 +104,7 @@ def diagnosed(rig: Rig, change: dict[str, Any], right: set[str], seed: int, fold
     done = verdict_on(table, maze, known_reference(model, known, maze), lambda text: None)
     names = [effect["name"] for effect in done.effects]
     out |= {"s": round(time.process_time() - began, 1), "verdict": done.verdict, "names": names}
-    out["gains"] = [round(gain) for gain in done.searched.gains]
+    out["gains"] = [round(one.gain) for one in done.searched.found]
     out |= {"first": bool(names) and names[0] in right, "wrong": [name for name in names if name not in right]}
     out["unknown"] = done.unknown.document() if done.unknown else None
     return out | {"sentence": done.sentences()[0], "remaining": round(done.remaining, 2)}
