@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
-from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, number_of, value_of, with_values
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, number_of, score_search, value_of, with_values
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.diagnosis.rig.candidates import Candidate
 from mazeplan.physics.effect import Term
@@ -229,3 +229,18 @@ def zero_effect(term: Term) -> tuple[float, ...]:
     """The numbers of a term with its places, and with sizes that have no effect."""
     pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
     return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
+
+
+def gain_estimates(
+    body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
+) -> dict[Candidate, float]:
+    """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
+    names = [*free, *(name for c in left for name in c.sizes)]
+    scores, given, out = score_search(body, model, names), np.arange(len(free)), {}
+    g, F = scores.each.sum(axis=0), scores.information
+    for c in left:
+        own = np.array([names.index(name) for name in c.sizes])
+        B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])
+        slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
+        out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
+    return out

@@ -40,6 +40,7 @@ from mazeplan.diagnosis.rig.fitting import (
     alternate,
     fit_start,
     fitted,
+    gain_estimates,
     placed,
     polished,
     smallest_reportable,
@@ -355,7 +356,7 @@ def _best(
     base: the likeliest model with the earlier findings
     minus2: -2 log L of the base"""
     begins = {c: fit_start(part, base, c, places) for c in left}
-    scores = _scores(part, base, free, left)
+    scores = gain_estimates(part, base, free, left)
     scores = {c: max(scores[c], minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
     ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
     tried = [c for c in ranked[:MOST_FITTED] if scores[c] > MIN_SCORE_SHARE * scores[ranked[0]]]
@@ -391,18 +392,3 @@ def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[E
     swings = value_of(model, "table_swing.frequency") if table_swing.name in have else 0.0
     started = (*started_terms(body, body.run(model), model.view.delay, maze, swings), *(effect() for effect in own))
     return model._replace(terms=tuple(have.get(term.name, term) for term in started))
-
-
-def _scores(
-    body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
-) -> dict[Candidate, float]:
-    """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
-    names = [*free, *(name for c in left for name in c.sizes)]
-    scores, given, out = score_search(body, model, names), np.arange(len(free)), {}
-    g, F = scores.each.sum(axis=0), scores.information
-    for c in left:
-        own = np.array([names.index(name) for name in c.sizes])
-        B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])
-        slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
-        out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
-    return out

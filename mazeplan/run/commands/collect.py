@@ -74,9 +74,8 @@ def collect(
     if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
         allowed = f"{LEAST_TILT:g} to {math.degrees(maze.tilt_limit):g}"
         raise InputError(f"--tilt: got {tilt:g}, expected {allowed} degrees")
-    most = None if tilt is None else math.radians(tilt)
     spec, label = str(rig) if isinstance(rig, str | Path) else None, rig_label(rig)
-    plan = Collection(seconds, (first, *others), seed, most, highest_hz)
+    plan = Collection(seconds, (first, *others), seed, None if tilt is None else math.radians(tilt), highest_hz)
     setup, tour = None, None
     if rings and not place:
         name = "" if isinstance(model, RigModel | None) else str(model)
@@ -87,11 +86,9 @@ def collect(
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
     shown = of_total(advance, math.ceil(seconds))
     with guard(machine):
-        if setup is None:
-            samples = run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
-        else:
+        if setup is not None:
             tour = run_tour(machine, setup, plan, output, progress=shown)
-            samples = tour.rows
+        samples = tour.rows if tour else run_collection(machine, maze, plan, output, rig_name=label, progress=shown)
     document = {
         "log": str(output), "samples": samples, "seconds": seconds, "rig": label, "seed": seed,
         "map": maze.name if isinstance(map, Maze) else str(map), "tour": None if tour is None else asdict(tour),
