@@ -219,8 +219,9 @@ def _parse(path: Path, data: bytes) -> Element:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
         raise TreeError(f"got an empty file, expected {EXPECTED}", file=path, line=1)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:  # before anything is expanded
-        raise TreeError("document types and entities are not allowed", file=path)
+    if entity := re.search(rb"<!(DOCTYPE|ENTITY)", data):  # before anything is expanded
+        line = 1 + data.count(b"\n", 0, entity.start())
+        raise TreeError("document types and entities are not allowed", file=path, line=line)
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True, remove_pis=True
     )

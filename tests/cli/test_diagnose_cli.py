@@ -39,7 +39,7 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagno
     further.write_text(log.read_text().rpartition("\n")[0])
     code, out, err = diagnose(log, *KNOWN, "--test", further, "-o", tmp_path / "report", "--json", terminal=True)
     assert code == 0, err
-    assert re.search(r"diagnosing .*trying dry_friction, \d+ of \d+", plain(err))
+    assert re.search(r"diagnosing .*trying dry_friction", plain(err))
     document = json.loads(out)
     assert document["verdict"] == "effect_found"
     (effect,) = document["effects"]

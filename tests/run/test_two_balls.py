@@ -55,7 +55,7 @@ class Robbed:
 
     def observe(self):
         sample, rig = self._rig.observe(), self._rig
-        inside = [CME.ring_at(float((scene[:2] ** 2).sum()) ** 0.5) == 5 for scene in (rig.truth(), *rig.others())]
+        inside = [CME.ring_at(float((scene[:2] ** 2).sum()) ** 0.5) == 5 for scene in rig.machine.scenes()]
         if self.taken_at is None and inside == [self._ball == 1, self._ball == 2]:
             self.taken_at = sample.t + 0.5
             rig.inject(Fault(kind="teleport", at_s=self.taken_at, ball=self._ball, ring=3, direction_deg=90.0))

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mazeplan.apps.report import words
 from mazeplan.apps.report.inputs import Input, number, read_as_printed
-from mazeplan.apps.report.page import Note, PageSection, PageTable
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
+from mazeplan.core.logs.table import read_table
+from mazeplan.core.palette import COLOURS
 from mazeplan.learning.split import TOO_FEW, enough
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SLASH = f"{words.HARD}/{words.HARD}"
 Comparison = dict[int, dict[str, Any]]  # {ring: its scores}
@@ -45,7 +52,17 @@ def record_section(given: Input) -> PageSection:
         PageTable("Passages", ("opening", "passages"), passed),
     ]
     facts = [(name, str(document[name])) for name in ("rig", "map", "seed", "log")]
-    return PageSection(f"Record of {document['rig']}", lead, facts, [table for table in tables if table.rows])
+    log = Path(str(document["log"]))
+    places = [PagePicture("places", "Where the ball was", "Each dot is one sample.", partial(_places, log), (4.6, 4.4))]
+    parts = [*(places if log.exists() else []), *(table for table in tables if table.rows)]
+    return PageSection(f"Record of {document['rig']}", lead, facts, parts)
+
+
+def _places(log: Path, figure: Figure) -> None:
+    """Measured positions of the ball in a log."""
+    table, axes = read_table(log), figure.subplots()
+    axes.plot(1e3 * table["x"], 1e3 * table["y"], ".", markersize=1.5, color=COLOURS["real"])
+    axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
 
 
 def model_section(given: Input) -> PageSection:
