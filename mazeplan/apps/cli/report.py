@@ -39,6 +39,7 @@ def view(
     rig: opt.RigName = "toy",
     model: opt.Model = None,
     behavior: opt.Behavior = "navigate",
+    time_limit: opt.TimeLimit = 20.0,
     port: opt.PagePort = opt.PORT,
 ) -> None:
     """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it.
@@ -56,5 +57,5 @@ def view(
     from mazeplan.apps.cli.live import navigate_live
     from mazeplan.run.request import NavigationRequest
 
-    request = NavigationRequest(map=map_, rig=rig, model=model, behavior=behavior)
+    request = NavigationRequest(map=map_, rig=rig, model=model, behavior=behavior, time_limit=time_limit)
     sys.exit(navigate_live(request, port, begin=False))
