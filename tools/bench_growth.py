@@ -23,7 +23,6 @@ from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import check_text, load_map
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 RING, SEED = 2, 4000
 SPREAD = np.array([0.3, 0.01, 0.05, 0.01, 0.05])  # of start rates and tilts: rad/s, then rad, rad/s for either axis
@@ -57,7 +56,7 @@ def tick_ms(rows: int) -> float:
 def plan_ms(rows: int = 2000, horizon: int = 40) -> float:
     """Median time of a cold plan of pi/4 on a Gaussian process of so many rows, ms."""
     maze, model, rng = load_map("cme"), load_model("toy"), np.random.default_rng(SEED)
-    parameters, process = RingParameters.from_model(model, RING, maze.ring(RING).track_radius), model.processes[RING]
+    parameters, process = model.ring_parameters(RING, maze.ring(RING).track_radius), model.processes[RING]
     options = IlqgOptions(horizon=horizon)
     planner = RingPlanner(parameters, maze.tilt_limit, options, process=with_rows(process, rows))  # pyright: ignore
     planner.warm_up()

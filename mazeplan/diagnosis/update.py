@@ -20,10 +20,10 @@ from typing import Any
 
 from mazeplan.diagnosis.effect_entry import values_of
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rig_model import with_part
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import BALL
 from mazeplan.physics.registry import EFFECTS, make_term
-from mazeplan.physics.rig.entries import with_part
 from mazeplan.physics.rig.stage import StageModel
 
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis

@@ -181,7 +181,7 @@ def _best_delay(
             fit.check()
         except ValueError:  # far from the true delay
             return None
-        return PlanarModel.build(maze, RigModel(StageModel(), {ring.number: fit.ball(ring) for ring in maze.rings}))
+        return PlanarModel.build(maze, StageModel(), {ring.number: fit.ball(ring) for ring in maze.rings})
 
     return best_delay(table, starts[usable], blocks[usable], model_at, dt, -stage.dead_time)
 

@@ -1,9 +1,14 @@
 """The model of a rig: what estimation and planning know of it. `transfer_model` adapts it to another maze; `fits_words`
-says whether it fits the machine that it was learned from."""
+says whether it fits the machine that it was learned from.
+
+An effect of stage, tilt sensor or camera names the place of each of its parameters in the model (`Effect.entry`):
+`stage.beta.gain`, `camera.angle`, `camera_delay_s`; a star stands for both axes. `part_values` and `with_part` read and
+write them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,9 +17,12 @@ from mazeplan.core.records import Latency
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.rigid_body_entries import Body
 from mazeplan.maze.geometry import Maze, Ring
-from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ball_model import BallModel, ball_of
+from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.dynamics.ring_parameters import FASTEST, RingParameters
+from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, viscous_friction
-from mazeplan.physics.rig.entries import declared_parts
+from mazeplan.physics.effects.rig import AXES, FAMILY
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import StageModel
 
@@ -22,6 +30,10 @@ LATENCY_STDERR = 0.002  # s; standard error of a delay that was measured while t
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to a tilt of 0.4 deg
 ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
 FITS = 1.3  # times the noise up to which a description fits a record
+DEAD_TIME = 0.005  # s; a smaller dead time does not count as an effect
+ALWAYS = ("servo_gain", "servo_lag")  # effects of every model
+TAKEN_OFF = ("camera_offset", "camera_scale", "lens_distortion")  # corrected in measured positions before a fit
+DELAY = "camera_delay_s"  # the place of the one number that belongs to no part
 SLIDING, SMOOTH = 0.8, 0.02  # factor of gravity that no rolling ball has; friction of a wall that hardly has any
 
 
@@ -55,12 +67,21 @@ class RigModel:
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring, or of the nearest ring that has one."""
-        nearest = min(self.balls, key=lambda number: abs(number - ring))
-        return self.balls[nearest]
+        return ball_of(self.balls, ring)
 
     def by_effects(self, ring: int) -> bool:
         """Whether effects describe the ball in a ring; False if a learned part replaces them (kind np)."""
         return not (self.kind == "np" and ring in self.processes)
+
+    def ring_parameters(self, ring: int, radius: float) -> RingParameters:
+        """Parameters of a plan along a ring; radius: of the ball's track, m. The stage is on the safe side."""
+        careful = ((axis, *axis.careful(FASTEST)) for axis in (self.true_stage.beta, self.true_stage.gamma))
+        beta, gamma = (replace(axis, order=2, natural_frequency=w, damping=z) for axis, w, z in careful)
+        return RingParameters(radius, self.ball(ring).planned, beta, gamma, physics=self.by_effects(ring))
+
+    def planar(self, maze: Maze) -> PlanarModel:
+        """The planar model of ball and stage in a maze."""
+        return PlanarModel.build(maze, self.true_stage, self.balls)
 
     @property
     def delay_known(self) -> bool:
@@ -107,6 +128,69 @@ class RigModel:
             dry = dry_friction(NOMINAL_DRY / max(ring.track_radius, 0.5 * ring.outer_radius))
             balls[ring.number] = BallModel((factor, viscous_friction(0.3), dry))
         return cls(StageModel(), balls)
+
+
+def declared_parts(model: RigModel) -> dict[str, dict[str, float]]:
+    """Effects of stage, tilt sensor and camera in a model, without neutral ones: {effect: {parameter: value}}."""
+    found = {}
+    for effect in FAMILY:
+        values = part_values(model, effect)
+        neutral = all(values[name] == p.default for name, p in effect.parameters.items()) and effect.name not in ALWAYS
+        at_once = effect.name == "command_delay" and values["delay"] <= DEAD_TIME
+        if effect.name not in TAKEN_OFF and not neutral and not at_once:
+            found[effect.name] = values
+    return found
+
+
+def part_values(model: RigModel, effect: Effect) -> dict[str, float]:
+    """Values of the parameters of an effect in a model."""
+    return {name: min(_read(model, place), effect.parameters[name].high) for name, place in effect.entry.items()}
+
+
+def part_stderr(model: RigModel, effect: Effect) -> dict[str, float]:
+    """Standard errors of the parameters of an effect in a model; NaN if unknown."""
+    return {name: _stderr(model, place) for name, place in effect.entry.items()}
+
+
+def with_part(model: RigModel, effect: Effect, values: Mapping[str, float], stderr: Mapping[str, float]) -> RigModel:
+    """The model with new parameters of an effect, clipped to their bounds."""
+    for name, value in values.items():
+        p = effect.parameters[name]
+        inside = min(max(value, p.low), p.high)
+        model = _write(model, effect.entry[name], inside, stderr.get(name, math.inf))
+    return model
+
+
+def _owners(model: RigModel, place: str) -> tuple[dict[str, Any], str]:
+    """The objects that have the number of an entry, by their names in the model or in its stage; and its name there."""
+    part, *names = place.split(".")
+    if part != "stage":
+        return {part: getattr(model, part)}, names[0]
+    return {axis: getattr(model.stage, axis) for axis in (AXES if names[0] == "*" else names[:1])}, names[1]
+
+
+def _read(model: RigModel, place: str) -> float:
+    if place == DELAY:
+        return model.camera_delay
+    owners, name = _owners(model, place)
+    first, *rest = (float(getattr(owner, name)) for owner in owners.values())
+    return (first + sum(rest)) / len(owners) if rest else first
+
+
+def _stderr(model: RigModel, place: str) -> float:
+    if place == DELAY:
+        return math.nan if model.camera_delay_stderr is None else model.camera_delay_stderr
+    owners, name = _owners(model, place)
+    return math.hypot(*(owner.stderr.get(name, math.nan) for owner in owners.values())) / len(owners)
+
+
+def _write(model: RigModel, place: str, value: float, stderr: float) -> RigModel:
+    if place == DELAY:
+        return replace(model, camera_delay=max(value, -model.stage.dead_time), camera_delay_stderr=stderr)
+    owners, name = _owners(model, place)
+    stderr *= math.sqrt(len(owners))  # `_stderr` reads the error of the mean of independent axes
+    new = {key: replace(o, **{name: value}, stderr={**o.stderr, name: stderr}) for key, o in owners.items()}
+    return replace(model, stage=replace(model.stage, **new)) if place.startswith("stage") else replace(model, **new)
 
 
 def same_rings(a: Maze, b: Maze) -> bool:

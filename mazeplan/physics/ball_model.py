@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,6 +64,11 @@ class BallModel:
     def jacobian(self, k: RingKinematics) -> Array:
         """See the function `jacobian`."""
         return jacobian(self.effects, k)
+
+
+def ball_of(balls: Mapping[int, BallModel], ring: int) -> BallModel:
+    """The ball model of a ring, or of the nearest ring that has one; balls: by ring."""
+    return balls[min(balls, key=lambda number: abs(number - ring))]
 
 
 def packed(terms: Sequence[Term], width: float = EXACT) -> list[float]:

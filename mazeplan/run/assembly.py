@@ -26,8 +26,6 @@ from mazeplan.core.side_by_side import beside
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapschema import MAX_BALLS, crowded
-from mazeplan.physics.dynamics.planar import PlanarModel
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.run.specification import Job, Setup
 
@@ -72,7 +70,7 @@ def planners_of(
     cost = cost.seen_late(model.late_s if late_s is None else late_s)
     return {
         ring.number: RingPlanner(
-            RingParameters.from_model(model, ring.number, ring.track_radius),
+            model.ring_parameters(ring.number, ring.track_radius),
             maze.tilt_limit,
             IlqgOptions(horizon=horizon),
             cost=cost,
@@ -91,13 +89,13 @@ def rollout_of(
     most = options.rollout.late_s if body_of(model) is None else options.rollout.late_body_s
     if late_s > most:
         return None
-    planar = PlanarModel.build(maze, model)
+    planar = model.planar(maze)
     return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout, 1.0 / rate_hz)
 
 
 def safety_filter_of(maze: Maze, model: RigModel) -> SafetyFilter | None:
     """The filter that keeps waiting balls in the disc; None for a maze with one ball, which never waits."""
-    return None if maze.balls == 1 else SafetyFilter(maze, PlanarModel.build(maze, model), plate_of(maze, model))
+    return None if maze.balls == 1 else SafetyFilter(maze, model.planar(maze), plate_of(maze, model))
 
 
 RECENT_S = 2.0  # s of samples and commands that new estimators take in

@@ -21,7 +21,6 @@ from mazeplan.core.records import LEVEL, FailureKind, State, StopReason
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
@@ -37,7 +36,7 @@ def at(ring=1, theta_deg=45.0, t=0.0, speed=0.0, **more):
 
 
 def planner(ring):
-    return RingPlanner(RingParameters.from_model(MODEL, ring, MAZE.track_radius(ring)), MAZE.tilt_limit)
+    return RingPlanner(MODEL.ring_parameters(ring, MAZE.track_radius(ring)), MAZE.tilt_limit)
 
 
 class Bench:

@@ -13,7 +13,6 @@ from mazeplan.control.tilt import Plate
 from mazeplan.core.records import Command, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.rigs.registry import make_rig
 
 CME = load_map("cme")
@@ -24,7 +23,7 @@ LED = State(0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4)
 
 @pytest.fixture(scope="module")
 def keeper():
-    return SafetyFilter(CME, PlanarModel.build(CME, RigModel.nominal(CME)), PLATE)
+    return SafetyFilter(CME, RigModel.nominal(CME).planar(CME), PLATE)
 
 
 def at(x_mm=0.0, y_mm=0.0, vx=0.0, vy=0.0):

@@ -18,7 +18,6 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import State
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.run.assembly import rollout_of
 from mazeplan.run.execution import run_job
 from mazeplan.run.specification import Job, Setup
@@ -26,7 +25,7 @@ from mazeplan.run.specification import Job, Setup
 MAZE = load_map("cme")
 PLATE = Plate(MAZE.tilt_limit, 0.004, -0.006)
 GATE = OpeningOptions()
-PLANAR = PlanarModel.build(MAZE, known(MAZE))
+PLANAR = known(MAZE).planar(MAZE)
 BIAS = np.array([known(MAZE).ball(1).parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")])  # rad
 
 

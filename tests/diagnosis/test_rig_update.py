@@ -16,11 +16,11 @@ from mazeplan.diagnosis.rig.reference import reference_by_model
 from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rig_model import part_stderr, part_values
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effects.ball import constant_torque, quadratic_drag, surface_profile
 from mazeplan.physics.effects.local_forces import drag_drift, floor_bump, table_swing
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.physics.rig.entries import part_stderr, part_values
 
 MODEL = RigModel.nominal(load_map("cme"))
 

@@ -13,7 +13,7 @@ from mazeplan.control.estimation.plate import AxisFilter
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import PlanarModel, predict
+from mazeplan.physics.dynamics.planar import predict
 
 MAZE = load_map("cme")
 DT = 1.0 / 30.0
@@ -33,7 +33,7 @@ class Played:
     ) -> None:
         self.model, self.noise, self.rng = rig_model, noise, np.random.default_rng(seed)
         self.tilt_late, self.parts = tilt_late or 0.0, 1 if tilt_late is None else 2
-        self.planar = PlanarModel.build(MAZE, rig_model)
+        self.planar = rig_model.planar(MAZE)
         radius = MAZE.track_radius(1)
         self.z = np.array([radius * math.cos(theta), radius * math.sin(theta), 0, 0, 0, 0, 0, 0], dtype=float)
         self.history, self.t = [self.z.copy()], 0.0
@@ -221,7 +221,7 @@ def test_commands_that_have_not_acted_yet_are_predicted_through():
     stage = replace(nominal.stage, beta=replace(nominal.stage.beta, dead_time=dead_time))
     stage = replace(stage, gamma=replace(nominal.stage.gamma, dead_time=dead_time))
     estimator = Estimator(MAZE, replace(nominal, stage=stage))
-    planar = PlanarModel.build(MAZE, nominal)
+    planar = nominal.planar(MAZE)
     radius = MAZE.track_radius(1)
     z = np.array([radius, 0.0, 0, 0, 0, 0, 0, 0], dtype=float)
     moments, commands = [-1.0], [(0.0, 0.0)]

@@ -18,7 +18,7 @@ from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel, RingKinematics
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.ring_parameters import PROCESS, RingParameters
+from mazeplan.physics.dynamics.ring_parameters import PROCESS
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
@@ -145,7 +145,7 @@ def test_which_models_have_no_physics():
     ball = BallModel((rolling_inertia(0.6), viscous_friction(0.2), dry_friction(0.4), tilt_offset(0.01, -0.02)))
     model = RigModel(StageModel(), {1: ball, 2: ball}, processes={1: GP})
     for kind, ring, physics in (("np", 1, False), ("np", 2, True), ("sp", 1, True), ("sp", 2, True)):
-        p = RingParameters.from_model(replace(model, kind=kind), ring, 0.0689)
+        p = replace(model, kind=kind).ring_parameters(ring, 0.0689)
         assert p.physics is physics
         n = numbers_of(p)
         assert (n.rolling_factor, n.viscous, n.dry) == (0.6, 0.2, 0.4)

@@ -20,7 +20,6 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rig_gp import FEWEST, _condition, learn_processes, planned
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_terms
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.collect import multisine
@@ -158,8 +157,8 @@ def test_effects_stand_aside_for_np(np_):
     assert model.kind == "np"
     assert model.balls[1] == BALL
     assert model.processes[1].hyper.weight_sigma.size == 0
-    assert not RingParameters.from_model(model, 1, MAZE.track_radius(1)).physics
-    assert RingParameters.from_model(model, 2, MAZE.track_radius(2)).physics
+    assert not model.ring_parameters(1, MAZE.track_radius(1)).physics
+    assert model.ring_parameters(2, MAZE.track_radius(2)).physics
     # gravity comes from the process: downhill on either side
     k = replace(still(np.array([math.pi / 2, -math.pi / 2])), beta=np.array([0.04, 0.04]))
     pull = model.processes[1].mean(inputs(k))

@@ -10,7 +10,6 @@ from mazeplan.learning.modelfile import load_model
 from mazeplan.learning.rig_model import same_rings, transfer_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.run.resolve import resolve_model
 
@@ -27,7 +26,7 @@ def test_in_the_maze_it_was_fitted_on_it_is_the_model_itself():
 def test_every_ring_of_another_maze_has_physics_and_nothing_learned(maze):
     model = resolve_model(None, "toy", maze)
     assert sorted(model.balls) == [ring.number for ring in maze.rings]
-    assert PlanarModel.build(maze, model).scalars[1] == PlanarModel.build(CME, TOY).scalars[1]  # away from walls
+    assert model.planar(maze).scalars[1] == TOY.planar(CME).scalars[1]  # away from walls
     assert (model.kind, model.processes) == ("pi", {})
     assert (model.stage, model.camera_delay, model.delay_known) == (TOY.stage, TOY.camera_delay, True)
     for ring in maze.rings:

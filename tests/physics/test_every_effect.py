@@ -21,15 +21,14 @@ from mazeplan.diagnosis.ring.fit import Likelihood
 from mazeplan.diagnosis.ring.kalman import NODES, accelerations
 from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.learning.rig_model import part_values, with_part
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics import Effect, Parameter, cos, registry, sin
 from mazeplan.physics.ball_model import BallModel, RingKinematics
 from mazeplan.physics.dynamics import ring_dynamics
-from mazeplan.physics.dynamics.planar import EFFECT_OUTPUTS, PlanarModel, evaluate_effects, stage_step
-from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.physics.dynamics.planar import EFFECT_OUTPUTS, evaluate_effects, stage_step
 from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
 from mazeplan.physics.effects.ball import rolling_inertia
-from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.stage import second_order_transition
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "outside"))
@@ -71,14 +70,14 @@ def model_with(effect: Effect | None) -> RigModel:
 
 def planner(model: RigModel) -> float:
     """theta_dd of the planner's step."""
-    p = RingParameters.from_model(model, RING, RADIUS).pack()
+    p = model.ring_parameters(RING, RADIUS).pack()
     s = np.array([*AT, TILT[0], 0.0, TILT[1], 0.0])
     return ring_dynamics.acceleration(s, np.array(TILT), p)
 
 
 def prediction(model: RigModel) -> float:
     """theta_dd of the planar prediction, for a ball that touches a wall, on the track."""
-    planar = PlanarModel.build(MAZE, model)
+    planar = model.planar(MAZE)
     angle, rate = AT
     z = np.array([math.cos(angle), math.sin(angle), -rate * math.sin(angle), rate * math.cos(angle), 0, 0, 0, 0])
     z *= RADIUS
@@ -130,7 +129,7 @@ def test_an_effect_on_the_ball_acts_alike_everywhere(name):
 def test_the_derivatives_of_the_step_are_those_of_differences(name):
     effect = EVERY[name]
     model = model_with(effect) if effect.acts in BALL else part_with(effect)
-    p = RingParameters.from_model(model, RING, RADIUS).pack()
+    p = model.ring_parameters(RING, RADIUS).pack()
     x = np.array([AT[0], AT[1], 0.03, 0.2, -0.02, -0.3, 0.04, -0.05])
     out, A, B = np.empty(6), np.empty((6, 6)), np.empty((6, 2))
     ring_dynamics.linearise(x[:6], x[6:], p, out, A, B)
@@ -172,9 +171,9 @@ def test_an_effect_of_a_part_acts_where_that_part_is_used(name):
 def settled(model: RigModel) -> tuple[np.ndarray, np.ndarray]:
     """Tilts and rates (4,) under a held command: late, where the lag has no say; and, for the lag, those of the
     planner's table against those that the planar model's numbers give."""
-    p = RingParameters.from_model(model, RING, RADIUS).pack()
+    p = model.ring_parameters(RING, RADIUS).pack()
     u, s, out = np.array([0.04, -0.03]), np.zeros(6), np.empty(6)
-    planar = PlanarModel.build(MAZE, model)
+    planar = model.planar(MAZE)
     ring_dynamics.step(s, u, p, out)
     first = out[2:].copy()
     for _ in range(300):
@@ -209,8 +208,8 @@ def test_it_survives_the_model_file_or_says_why_it_is_not_planned(name, tmp_path
     assert effect.planned == (not effect.why_not)
     if not effect.planned:
         assert term not in model.ball(RING).planned
-        plain = RingParameters.from_model(replace(model, balls={RING: BallModel()}), RING, RADIUS)
-        assert RingParameters.from_model(model, RING, RADIUS) == plain, "a plan leaves it out"
+        plain = replace(model, balls={RING: BallModel()}).ring_parameters(RING, RADIUS)
+        assert model.ring_parameters(RING, RADIUS) == plain, "a plan leaves it out"
 
 
 @pytest.mark.parametrize("name", EVERY)

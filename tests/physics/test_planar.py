@@ -11,10 +11,10 @@ from planar_rig import known
 from mazeplan.core.constants import FREE_ROLLING, GRAVITY
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.dynamics.planar import contact, predict, predict_given_tilt, ring_index
 
 MAZE = load_map("cme")
-PLANAR = PlanarModel.build(MAZE, known(MAZE))
+PLANAR = known(MAZE).planar(MAZE)
 RADIUS = MAZE.ball.radius
 
 

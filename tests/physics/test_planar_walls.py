@@ -9,10 +9,10 @@ import pytest
 from planar_rig import known
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import RESTITUTION, SUBSTEP, PlanarModel, contact, predict_given_tilt
+from mazeplan.physics.dynamics.planar import RESTITUTION, SUBSTEP, contact, predict_given_tilt
 
 MAZE = load_map("detour")
-PLANAR = PlanarModel.build(MAZE, known(MAZE))
+PLANAR = known(MAZE).planar(MAZE)
 RADIUS = MAZE.ball.radius
 WALLS = MAZE.radial_walls
 
@@ -34,7 +34,7 @@ def across(z: np.ndarray, angle: float) -> float:
 
 
 def test_all_openings_and_radial_walls_of_a_map_are_in_its_arrays():
-    planar = PlanarModel.build(load_map("cme"), known(load_map("cme")))
+    planar = known(load_map("cme")).planar(load_map("cme"))
     assert planar.walls.shape == (4, 6)
     assert len(planar.gaps) == 13
     assert PLANAR.walls.shape == (3, 6)

@@ -164,7 +164,7 @@ def test_parameters_come_from_a_fitted_model():
     stage = StageModel(
         beta=StageAxis(gain=0.9, natural_frequency=20.0, coupling=0.03), gamma=StageAxis(damping=1.2, offset=0.003)
     )
-    p = RingParameters.from_model(RigModel(stage, balls), 2, 0.0689)
+    p = RigModel(stage, balls).ring_parameters(2, 0.0689)
     assert p == ring_of(
         0.0689,
         rolling_factor=0.6,
@@ -183,7 +183,7 @@ def test_a_plate_that_answers_like_a_lag_of_first_order(natural_frequency, dampi
     """What `learn` finds then has a pole faster than any sample shows; it must not push the ball."""
     axis = StageAxis(natural_frequency=natural_frequency, damping=damping)
     model = RigModel(StageModel(axis, axis), {1: BallModel((rolling_inertia(0.6),))})
-    p = RingParameters.from_model(model, 1, 0.0689)
+    p = model.ring_parameters(1, 0.0689)
     as_found = replace(p, beta=axis, gamma=axis)
     rng = np.random.default_rng(2)
     true, kept, stiff = (np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0]) for _ in range(3))
@@ -216,7 +216,7 @@ def test_a_stage_that_can_be_resolved_is_as_it_is():
 
 
 def test_without_a_rolling_effect_the_ball_slides():
-    p = RingParameters.from_model(RigModel(StageModel(), {1: BallModel(())}), 1, 0.08)
+    p = RigModel(StageModel(), {1: BallModel(())}).ring_parameters(1, 0.08)
     assert p == RingParameters(0.08, ())
     s, u = np.array([math.pi / 2, 0, 0.05, 0, 0, 0]), np.array([0.05, 0.0])
     tilted = stepped(s, u, p)

@@ -12,7 +12,6 @@ from mazeplan.core.errors import ModelError
 from mazeplan.core.records import Observation
 from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.dynamics.planar import PlanarModel
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
@@ -65,6 +64,6 @@ def test_the_estimator_sees_ball_and_plate_where_they_are():
 
 
 def test_the_stage_is_planned_with_in_tilts_as_they_are():
-    stage = PlanarModel.build(MAZE, OFF).stage
+    stage = OFF.planar(MAZE).stage
     assert stage[:, 0] == pytest.approx([1.0, 1.0])
     assert stage[1, 3] == pytest.approx(0.01)

@@ -18,7 +18,7 @@ from mazeplan.core.records import Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.dynamics.planar import PlanarModel, predict
+from mazeplan.physics.dynamics.planar import predict
 
 RATE = 30.0  # Hz
 TOLERANCE = 1e-9  # rad, of the tilt limit
@@ -56,7 +56,7 @@ class LightRig:
         self.maze, self.mishap = maze, mishap
         self._model = identified(maze)
         self._blocked: frozenset[str] = frozenset()
-        self._planar = PlanarModel.build(maze, self._model)
+        self._planar = self._model.planar(maze)
         self.levelled = self.closed = 0
         self.commands: list[tuple[float, float]] = []
         self.u, self.dead = np.zeros((1, 2)), frozenset[str]()
@@ -100,7 +100,7 @@ class LightRig:
         if openings != self._blocked:
             self._blocked = openings
             free = tuple(opening for opening in self.maze.openings if opening.name not in openings)
-            self._planar = PlanarModel.build(replace(self.maze, openings=free), self._model)
+            self._planar = self._model.planar(replace(self.maze, openings=free))
 
     # -- a rig ------------------------------------------------------------------------------------------------------
 

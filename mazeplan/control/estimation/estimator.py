@@ -30,7 +30,7 @@ from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.dynamics.planar import INNER, OUTER, PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.dynamics.planar import INNER, OUTER, contact, predict, predict_given_tilt, ring_index
 
 HOLD_S = 1.0 / 30.0  # s; of a command, with which the settings of navigation were found
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
@@ -68,7 +68,7 @@ class Estimator:
     ) -> None:  # fmt: skip
         """plate: filter of the plate that several estimators share; its owner updates it"""
         self._maze, self._model, self._options = maze, model, options or EstimatorOptions()
-        self._planar = PlanarModel.build(maze, model)
+        self._planar = model.planar(maze)
         # The settings of navigation hold for commands that stay for HOLD_S; half of it is part of every lead. At 60 Hz
         # a command acts that much earlier on average. At 15 Hz a later moment made runs slower, so it stays as it is.
         self._dt, self.camera_delay = 1.0 / rate_hz, model.camera_delay

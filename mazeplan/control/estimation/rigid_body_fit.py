@@ -30,6 +30,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel,
 from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import side_by_side
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rig_model import part_stderr, part_values
 from mazeplan.learning.rigid_body_entries import (
     ABSENT,
     KEPT,
@@ -44,7 +45,6 @@ from mazeplan.learning.rigid_body_entries import (
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effect import BALL
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.physics.rig.entries import part_stderr, part_values
 
 STEPS, ENOUGH = 20, 1.0  # maximum number of scoring steps; minimum gain of -2 log L for a further step
 WIDTH = 4.0  # of the differences by parameters of physics, in their steps

@@ -21,12 +21,12 @@ from mazeplan.diagnosis.rig.verdict import RigVerdict
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import DRIFT, UNTIL, updated, with_effect
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rig_model import part_values, with_part
 from mazeplan.learning.rigid_body_entries import PARAMETERS
 from mazeplan.physics.effect import BALL, STAGE, Effect
 from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.effects.local_forces import FAMILY, drag_drift
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.stage import StageModel
 
 INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)

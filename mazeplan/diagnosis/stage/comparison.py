@@ -16,10 +16,10 @@ from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.axis_record import fastest_turn, free_numbers
 from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rig_model import declared_parts, part_stderr
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
-from mazeplan.physics.rig.entries import declared_parts, part_stderr
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white

@@ -17,6 +17,7 @@ z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +27,10 @@ from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.core.maths.compiled import CALLEE, KERNEL, pointer_to
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Ring
-from mazeplan.physics.ball_model import gravity_factor, packed
+from mazeplan.physics.ball_model import BallModel, ball_of, gravity_factor, packed
 from mazeplan.physics.formulas.compiled import call_plane, ring_functions
 from mazeplan.physics.formulas.symbols import PLATE
-from mazeplan.physics.rig.entries import RigNumbers
+from mazeplan.physics.rig.stage import StageModel
 
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # share of the velocity into a wall; steel on printed plastic, slow
@@ -60,18 +61,18 @@ class PlanarModel(NamedTuple):
     gaps: Array
 
     @classmethod
-    def build(cls, maze: Maze, model: RigNumbers) -> PlanarModel:
-        """The arrays for one maze and one fitted (or nominal) model."""
-        rows = [_ring_row(ring, maze, model) for ring in maze.rings]
+    def build(cls, maze: Maze, stage: StageModel, balls: Mapping[int, BallModel]) -> PlanarModel:
+        """The arrays for one maze, the stage in true tilts, and ball models by ring."""
+        rows = [_ring_row(ring, maze, balls) for ring in maze.rings]
         width = max(map(len, rows))
         walls, gaps = _wall_rows(maze)
-        stage = [
+        axes = [
             [axis.gain, *axis.second_order(), axis.offset, axis.coupling, axis.rate_limit]
-            for axis in (model.true_stage.beta, model.true_stage.gamma)
+            for axis in (stage.beta, stage.gamma)
         ]
         return cls(
-            scalars=np.array([maze.ball.radius, _free_factor(maze, model)]),
-            stage=np.array(stage, dtype=float),
+            scalars=np.array([maze.ball.radius, _free_factor(maze, balls)]),
+            stage=np.array(axes, dtype=float),
             rings=np.array([[*row, *[0.0] * (width - len(row))] for row in rows]),
             walls=walls,
             gaps=gaps,
@@ -91,10 +92,10 @@ def _wall_rows(maze: Maze) -> tuple[Array, Array]:
     return np.array(walls, dtype=float).reshape(-1, RADIAL_TO + 1), np.array(gaps, dtype=float).reshape(-1, HALF + 1)
 
 
-def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
+def _ring_row(ring: Ring, maze: Maze, balls: Mapping[int, BallModel]) -> list[float]:
     """The columns of a ring, from the effects of this ring and the common effects of ring 1."""
-    shared = [term for term in model.ball(1).planned if term.effect.common]
-    own = [term for term in model.ball(ring.number).planned if not term.effect.common]
+    shared = [term for term in ball_of(balls, 1).planned if term.effect.common]
+    own = [term for term in ball_of(balls, ring.number).planned if not term.effect.common]
     terms = [*own, *shared]
     functions = ring_functions([term.effect for term in terms])
     track = max(ring.track_radius, 0.5 * ring.outer_radius)
@@ -106,12 +107,12 @@ def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
     return [*head, *packed(terms)]
 
 
-def _free_factor(maze: Maze, model: RigNumbers) -> float:
+def _free_factor(maze: Maze, balls: Mapping[int, BallModel]) -> float:
     """The factor of gravity away from walls: the factor in the model of the central disc, else the nominal value."""
     disc = maze.rings[-1]
-    if not disc.is_disc or disc.number not in model.balls:
+    if not disc.is_disc or disc.number not in balls:
         return FREE_ROLLING
-    factor = model.ball(disc.number).parameter("rolling_inertia", "factor", FREE_ROLLING)
+    factor = balls[disc.number].parameter("rolling_inertia", "factor", FREE_ROLLING)
     return FREE_ROLLING if abs(factor - FREE_ROLLING) < ROUNDED else factor
 
 

@@ -11,7 +11,7 @@ The vector has these parts, in this order:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from mazeplan.physics.effect import Term
 from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.compiled import ring_functions
 from mazeplan.physics.formulas.symbols import PLATE
-from mazeplan.physics.rig.entries import RigNumbers
 from mazeplan.physics.rig.stage import StageAxis, second_order_transition
 
 SUBSTEPS = 2
@@ -63,15 +62,6 @@ class RingParameters:
         for term in self.effects:
             if not term.effect.planned:
                 raise ModelError(f"cannot be planned with: {term.effect.why_not}", key=term.name)
-
-    @classmethod
-    def from_model(cls, model: RigNumbers, ring: int, radius: float) -> RingParameters:
-        """Parameters for one ring of a rig's model; radius: m, of the ball's track. A model of kind np has no
-        effects, only a Gaussian process."""
-        stage, effects = model.true_stage, model.ball(ring).planned
-        careful = ((axis, *axis.careful(FASTEST)) for axis in (stage.beta, stage.gamma))
-        beta, gamma = (replace(axis, order=2, natural_frequency=w, damping=z) for axis, w, z in careful)
-        return cls(radius, effects, beta, gamma, physics=model.by_effects(ring))
 
     def pack(self, substeps: int = SUBSTEPS) -> Array:
         """The vector for the compiled functions."""

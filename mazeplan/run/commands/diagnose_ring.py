@@ -15,13 +15,13 @@ from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import base_model, updated
 from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.learning.rig_model import part_values, with_part
 from mazeplan.learning.samples import rings_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effects import rig
 from mazeplan.physics.effects.openings import Openings, wall_library
 from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
 from mazeplan.physics.registry import own_effects
-from mazeplan.physics.rig.entries import part_values, with_part
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
 from mazeplan.run.commands.diagnosis_request import DiagnosisRequest, DiagnosisResult, Values, declare_known, finish
