@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 from bench_kit import BUILD, ROOT, Section, Table, arrivals
 
-from mazeplan.control.policy import Policy, policy_inputs
-from mazeplan.control.policy_file import load_policy
+from mazeplan.control.policy import Policy, load_policy, policy_inputs
 from mazeplan.control.tilt import Plate
 from mazeplan.core import resources
 from mazeplan.core.records import State

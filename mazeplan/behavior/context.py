@@ -17,12 +17,10 @@ from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.sample_check import Out
-from mazeplan.control.opening import OpeningOptions
-from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
+from mazeplan.control.opening import OpeningOptions, OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.control.tilt import Plate
-from mazeplan.control.tracking import TrackingOptions
+from mazeplan.control.tilt import Plate, TrackingOptions
 from mazeplan.core.events import FailureReported, LawChanged, OtherEvent, RecoveryChosen, RunEvent
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.maths.angles import difference

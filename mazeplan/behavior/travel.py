@@ -24,7 +24,7 @@ from mazeplan.behavior.mazeleaf import HeldWatch, MazeLeaf, OpeningLeaf
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.btree.status import Status
 from mazeplan.control.opening import aligned
-from mazeplan.control.tracking import finished, follow_gains, off_plan, pd_to_angle
+from mazeplan.control.tilt import finished, follow_gains, off_plan, pd_to_angle
 from mazeplan.core.events import OpeningChosen, RoutePlanned
 from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import Command, FailureKind, Plan

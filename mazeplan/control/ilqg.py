@@ -187,7 +187,7 @@ class Planner:
         dt:     duration of a step, s, for the plans
         watch:  stopwatch for deadlines"""
         self.options = options or IlqgOptions()
-        self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Stopwatch()
+        self.dt, self._watch = dt, watch or Stopwatch()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):
             raise SettingsError(f"got limits {low} to {high}, expected two finite numbers each, low <= high")

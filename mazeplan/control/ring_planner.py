@@ -60,7 +60,8 @@ class RingPlanner:
         process:     Gaussian process, added to the effects
         watch:       stopwatch for deadlines"""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
-        limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Stopwatch()
+        limit, watch = np.full(2, tilt_limit), watch or Stopwatch()
+        self.options = options = options or IlqgOptions()
 
         def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
             return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, watch=watch)
@@ -76,11 +77,6 @@ class RingPlanner:
             if parameters.physics:  # else there are no effects for a coarse plan
                 rough = replace(effects, parameters=parameters.pack(COARSE_SUBSTEPS))
                 self._coarse = planner(rough, replace(options, tolerance=max(COARSE, options.tolerance)))
-
-    @property
-    def options(self) -> IlqgOptions:
-        """Options of the solver."""
-        return self._planner.options
 
     def plan(
         self,
@@ -137,11 +133,6 @@ class RingPlanner:
         states = warm.states.copy()
         states[:, 0] += turns
         return replace(warm, states=states)
-
-    @property
-    def dynamics(self) -> Dynamics:
-        """Dynamics of the full model."""
-        return self._planner.dynamics
 
     def warm_up(self) -> None:
         """Compile or load everything before the rig moves."""

@@ -61,10 +61,6 @@ class BallModel:
         """theta_dd, shape (N,), rad/s^2, without effects of openings."""
         return acceleration(self.effects, k)
 
-    def jacobian(self, k: RingKinematics) -> Array:
-        """See the function `jacobian`."""
-        return jacobian(self.effects, k)
-
 
 def ball_of(balls: Mapping[int, BallModel], ring: int) -> BallModel:
     """The ball model of a ring, or of the nearest ring that has one; balls: by ring."""

@@ -16,7 +16,7 @@ from mazeplan.control.estimation.sample_check import Out, RimWatch
 from mazeplan.control.ilqg import IlqgOptions, Stopwatch, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
 from mazeplan.control.keeping import SafetyFilter
-from mazeplan.control.opening_rollout import OpeningRollout
+from mazeplan.control.opening import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner, compile_guess
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError

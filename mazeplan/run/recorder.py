@@ -9,7 +9,7 @@ from weakref import WeakMethod
 from mazeplan.behavior.context import RunContext
 from mazeplan.btree.blame import blame_no_node
 from mazeplan.btree.tree import BehaviorTree
-from mazeplan.control.tracking import plan_step
+from mazeplan.control.tilt import plan_step
 from mazeplan.core.events import (
     DoubtRaised,
     FailureReported,

@@ -21,7 +21,7 @@ import numpy as np
 from mazeplan.behavior.trees import read_tree
 from mazeplan.control.estimation.sample_check import FAR_M
 from mazeplan.control.ilqg import Recorded
-from mazeplan.control.policy_file import load_policy, policy_sha256
+from mazeplan.control.policy import load_policy, policy_sha256
 from mazeplan.core import resources
 from mazeplan.core.errors import LogError, ModelError, SettingsError
 from mazeplan.core.events import TimedEvent

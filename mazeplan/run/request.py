@@ -18,8 +18,7 @@ from mazeplan.behavior.trees import StaticContext, load_tree, refuse_mistakes
 from mazeplan.btree.check import reads_key
 from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
-from mazeplan.control.policy import Policy
-from mazeplan.control.policy_file import load_policy
+from mazeplan.control.policy import Policy, load_policy
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.logs.run_log import Sink

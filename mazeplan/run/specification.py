@@ -17,8 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.tree import BehaviorTree
-from mazeplan.control.policy import Policy
-from mazeplan.control.policy_file import policy_sha256
+from mazeplan.control.policy import Policy, policy_sha256
 from mazeplan.core import resources
 from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.fingerprint import fingerprint

@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
-from mazeplan.control.policy_file import save_policy
+from mazeplan.control.policy import save_policy
 
 MINE = b"mine\n"
 RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n"

@@ -7,7 +7,7 @@ import json
 import pytest
 from policies import hand_made
 
-from mazeplan.control.policy_file import load_policy, save_policy
+from mazeplan.control.policy import load_policy, save_policy
 
 
 @pytest.fixture

@@ -10,8 +10,15 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.behavior.context import LeafOptions
-from mazeplan.control.opening import OpeningOptions, opening_command
-from mazeplan.control.opening_rollout import TICK, OpeningRollout, RolloutOptions, law_command, passing_time
+from mazeplan.control.opening import (
+    TICK,
+    OpeningOptions,
+    OpeningRollout,
+    RolloutOptions,
+    law_command,
+    opening_command,
+    passing_time,
+)
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import FREE_ROLLING, GRAVITY
 from mazeplan.core.errors import SettingsError

@@ -11,8 +11,7 @@ import pytest
 import yaml
 from policies import LIMIT, drawn, hand_made
 
-from mazeplan.control.policy import INPUTS, KNOWN, policy_inputs
-from mazeplan.control.policy_file import load_policy, save_policy
+from mazeplan.control.policy import INPUTS, KNOWN, load_policy, policy_inputs, save_policy
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import ModelError
 from mazeplan.core.records import State

@@ -59,5 +59,5 @@ def test_a_decision_needs_no_torch():
     """Imported in a process of its own, policy, folder and leaf leave it out."""
     import subprocess
 
-    code = "import sys, mazeplan.behavior.follow_policy, mazeplan.control.policy_file; print('torch' in sys.modules)"
+    code = "import sys, mazeplan.behavior.follow_policy, mazeplan.control.policy; print('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

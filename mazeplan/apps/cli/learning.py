@@ -204,7 +204,7 @@ def train(
     make_rig(rig, load_map(map_))  # before torch loads, so that a rig that is missing is named at once
     note_missing_model(rig, model)
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.control.policy_file import policy_document, save_policy
+    from mazeplan.control.policy import policy_document, save_policy
     from mazeplan.learning.policy_training import require_device, require_torch
     from mazeplan.run.campaign.imitation import Options
     from mazeplan.run.campaign.imitation import train as train_policy

@@ -34,8 +34,6 @@ from mazeplan.physics.dynamics.planar import INNER, OUTER, contact, predict, pre
 
 HOLD_S = 1.0 / 30.0  # s; of a command, with which the settings of navigation were found
 SPIN, SIZE = 8, 9  # of a state z: the state of `planar`, then the spin of a rigid ball, m/s
-
-
 OUTLIER_SIGMAS = 8.0  # a sample with a larger innovation is an outlier, sigmas
 OUTLIERS_TO_RESTART = 3  # number of agreeing outliers in a row that restart the filter
 LOST_AFTER = 0.5  # s; time without a sample after which the ball is lost
@@ -158,17 +156,12 @@ class Estimator:
 
     # -- ball -----------------------------------------------------------------------------------------------------
 
-    def _tilt_history(self) -> tuple[Array, Array]:
-        times, tilts = self._plate.history
-        if not self._coming:
-            return times, tilts
-        angles = [(plate[0][0], plate[1][0]) for _, plate in self._coming]
-        return np.append(times, [t for t, _ in self._coming]), np.concatenate([tilts, angles])
-
     def advance(self, z: Array, start: float, end: float) -> None:
         """Advance the ball in z from start to end, in the past, under the filtered tilt."""
-        times, tilts = self._tilt_history()
-        p = self._planar
+        (times, tilts), p = self._plate.history, self._planar
+        if self._coming:
+            angles = [(plate[0][0], plate[1][0]) for _, plate in self._coming]
+            times, tilts = np.append(times, [t for t, _ in self._coming]), np.concatenate([tilts, angles])
         predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
     def predict_queued(self, z: Array, start: float, end: float) -> None:

@@ -194,11 +194,6 @@ class Gradient(NamedTuple):
     each: Array  # (N, J): its part from each picture
     information: Array  # (J, J): Fisher information
 
-    def between_blocks(self, rows: int) -> Array:
-        """Sum of s s' over blocks of `rows` pictures, (J, J); s: gradient of a block."""
-        sums = np.add.reduceat(self.each, np.arange(0, len(self.each), rows), axis=0)
-        return sums.T @ sums
-
 
 class _Search:
     """The filter in the coordinates x (J,) of the search: values, or their logarithms."""
@@ -297,7 +292,9 @@ def fit_body(
             break
         scores = search.scores(x, best)
     plain = _inverse(scores.information)
-    cov = plain @ scores.between_blocks(round(BLOCK_S / body.pictures.dt)) @ plain
+    blocks = np.arange(0, len(scores.each), round(BLOCK_S / body.pictures.dt))
+    sums = np.add.reduceat(scores.each, blocks, axis=0)  # s of each block
+    cov = plain @ (sums.T @ sums) @ plain
     found = search.model_at(x)
     sigma = np.sqrt(np.diag(cov))
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]

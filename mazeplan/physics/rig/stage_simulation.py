@@ -18,17 +18,10 @@ SUBSTEP = 1.0 / 480.0  # s, largest step with a limited rate
 TURNS = 4  # moments of a sample at which gears behind the lag may turn
 
 
-def apply_backlash(u: Array, backlash: float, start: float | None = None) -> Array:
-    """Output (N,) of gears with `backlash` rad for commands u (N,). start: output before the first command; by default
-    the first command."""
-    if backlash == 0.0:
-        return u
-    return _behind_gears(np.ascontiguousarray(u), 0.5 * backlash, float(u[0] if start is None else start))
-
-
 @njit(**KERNEL)
-def _behind_gears(u, half, at):
-    out = np.empty(len(u))
+def _behind_gears(u, half):
+    """Output (N,) of gears with the play 2 `half`, rad, for commands u (N,); it begins with the first command."""
+    out, at = np.empty(len(u)), u[0]
     for i, value in enumerate(u):
         low, high = value - half, value + half
         if low > at:
@@ -39,13 +32,9 @@ def _behind_gears(u, half, at):
     return out
 
 
-def apply_deadband(u: Array, deadband: float) -> Array:
-    """Output (N,) of a servo that ignores changes of the commands u (N,) below `deadband` rad."""
-    return _obeyed(np.ascontiguousarray(u), deadband) if deadband else u
-
-
 @njit(**KERNEL)
 def _obeyed(u, deadband):
+    """Output (N,) of a servo that ignores changes of the commands u (N,) below `deadband`, rad."""
     out, at = np.empty(len(u)), u[0]
     for i, value in enumerate(u):
         at = value if abs(value - at) >= deadband else at
@@ -57,7 +46,11 @@ def actuator_output(u: Array, axis: StageAxis) -> Array:
     """Output (N,) of what acts in front of the lag, steps, deadband and gears, for commands u (N,)."""
     if axis.resolution:
         u = np.round(u / axis.resolution) * axis.resolution
-    return apply_backlash(apply_deadband(u, axis.deadband), 0.0 if axis.behind else axis.backlash)
+    if axis.deadband:
+        u = _obeyed(np.ascontiguousarray(u), axis.deadband)
+    if axis.backlash and not axis.behind:
+        u = _behind_gears(np.ascontiguousarray(u), 0.5 * axis.backlash)
+    return u
 
 
 def step_response(axis: StageAxis, t: Array) -> Array:

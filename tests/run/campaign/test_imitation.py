@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from policies import LIMIT, hand_made
 
-from mazeplan.control.policy import INPUTS
-from mazeplan.control.policy_file import load_policy, save_policy
+from mazeplan.control.policy import INPUTS, load_policy, save_policy
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
