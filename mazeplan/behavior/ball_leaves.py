@@ -1,7 +1,7 @@
 """Leaves for several balls on one plate: choose the ball to lead, and check that the others stay in the centre.
 
 All other leaves act for the ball that they lead now. A filter changes their commands if a kept ball would leave the
-centre (`control.keeping`)."""
+centre (`control.command_chain`)."""
 
 from __future__ import annotations
 

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mazeplan.core.records import Array, IntArray
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
 FLOOR = 2e-4  # rad; no tilt sensor of such a rig is known better: a clinometer shows 0.1 degree
 POLES = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # rad/s, starts

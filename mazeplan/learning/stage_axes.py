@@ -16,8 +16,7 @@ from mazeplan.core.side_by_side import in_processes
 from mazeplan.learning.axis_record import determined
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.effects.rig import axis_coupling
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
 BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest

@@ -28,8 +28,7 @@ from mazeplan.learning.weak_form import (
     weak_rows,
 )
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, StageModel, simulate_axis
 
 FIRST, SECOND, DAMPINGS = (6.0, 9.0, 13.0, 19.0, 28.0, 42.0), (8.0, 11.0, 15.0, 20.0, 26.0, 36.0), (0.7, 1.0)
 RATE = 30.0  # Hz, of the rows that are compared; more would only take time

@@ -8,6 +8,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 from mazeplan.behavior.context import BallView, LeafOptions
+from mazeplan.control.command_chain import SafetyFilter
 from mazeplan.control.cost import CostParameters, running
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
@@ -15,7 +16,6 @@ from mazeplan.control.estimation.rigid_body_fit import body_of
 from mazeplan.control.estimation.sample_check import Out, RimWatch
 from mazeplan.control.ilqg import IlqgOptions, Stopwatch, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
-from mazeplan.control.keeping import SafetyFilter
 from mazeplan.control.opening import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner, compile_guess
 from mazeplan.control.tilt import Plate

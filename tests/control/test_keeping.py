@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.control.keeping import MARGIN, SafetyFilter
+from mazeplan.control.command_chain import MARGIN, SafetyFilter
 from mazeplan.control.tilt import Plate
 from mazeplan.core.records import Command, State
 from mazeplan.learning.modelfile import RigModel

@@ -7,8 +7,7 @@ import pytest
 
 from mazeplan.control.command_chain import CommandChain, Gears
 from mazeplan.core.records import LEVEL, Command, State
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import actuator_output
+from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output
 
 LIMIT = 0.087
 

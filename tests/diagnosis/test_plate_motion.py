@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mazeplan.diagnosis.stage.plate_motion import FINE
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import fine_motion
+from mazeplan.physics.rig.stage import StageAxis, fine_motion
 
 
 def test_an_axis_begins_at_rest_and_settles_where_gain_and_offset_say():

@@ -18,8 +18,7 @@ from mazeplan.diagnosis.stage.plate_motion import Stage, fit_stage
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.stage_fit import StageFit
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output, simulate_axis
 
 ERRORS = dict.fromkeys(("gain", "dead_time", "backlash", "deadband"), 1e-4) | {
     "natural_frequency": 0.3,

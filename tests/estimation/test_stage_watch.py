@@ -11,8 +11,7 @@ from stage_kinds import DEGREE, KINDS, jumps
 
 from mazeplan.control.estimation.fit_watch import LEARNED_OFF, OFF, StageWatch
 from mazeplan.core.records import Command, Observation
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, StageModel, simulate_axis
 
 PLAIN = {name: replace(axis, gain=1.0, offset=0.0) for name, axis in KINDS.items()}
 PLAIN["first order"] = StageAxis(1.0, 9.0, 1.0, 1.0 / 30.0, order=1)  # one of 16 rad/s is much like a textbook servo

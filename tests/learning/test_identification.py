@@ -11,8 +11,7 @@ from mazeplan.core.logs.table import Table
 from mazeplan.learning.identification import fit_rig
 from mazeplan.learning.weak_form import find_windows, ridge, weak_function, window_of
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, simulate_axis
 from mazeplan.run.collect import multisine
 
 MAZE = load_map("cme")

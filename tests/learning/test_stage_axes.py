@@ -9,8 +9,7 @@ import pytest
 from stage_kinds import DT, jumps
 
 from mazeplan.learning.stage_axes import fit_axes
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, simulate_axis
 from mazeplan.run.collect import multisine
 
 N, NOISE, FINE = 3000, 5e-4, 20

@@ -11,8 +11,7 @@ from stage_kinds import DEGREE, DT, KINDS, jumps
 
 from mazeplan.learning.axis_record import FLOOR, LIMITS, STEADY_S
 from mazeplan.learning.stage_fit import fit_axis
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 from mazeplan.run.collect import multisine
 
 NOISE = 9e-4  # rad, 0.05 deg

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import TransferFunction
 from scipy.signal import step as unit_step
 
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import simulate_axis, step_response
+from mazeplan.physics.rig.stage import StageAxis, simulate_axis, step_response
 from mazeplan.run.collect import multisine
 
 DT = 1.0 / 30.0

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 from stage_kinds import DT, KINDS, jumps
 
 from mazeplan.control.estimation.plate import servo_step
-from mazeplan.physics.rig.stage import PROMPT, WIDE, StageAxis
-from mazeplan.physics.rig.stage_simulation import SUBSTEP, fine_motion, simulate_axis
+from mazeplan.physics.rig.stage import PROMPT, SUBSTEP, WIDE, StageAxis, fine_motion, simulate_axis
 
 PER = 6  # moments of a sample
 FREE = {name: replace(axis, rate_limit=math.inf) for name, axis in KINDS.items()}

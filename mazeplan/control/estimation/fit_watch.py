@@ -31,8 +31,7 @@ from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.core.records import Array, Command, Observation
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import simulate_axis, step_response
+from mazeplan.physics.rig.stage import StageAxis, StageModel, simulate_axis, step_response
 
 FIRST = (6.0, 9.0, 13.0, 19.0, 28.0)  # rad/s
 SECOND, DAMPINGS = (8.0, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 29.0, 36.0), (0.2, 0.35, 0.6, 0.9, 1.3)  # rad/s, -

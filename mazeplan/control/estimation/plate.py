@@ -21,8 +21,7 @@ import numpy as np
 from mazeplan.core.records import Array, Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.dynamics.plate import PlateMotion
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import SUBSTEP
+from mazeplan.physics.rig.stage import SUBSTEP, StageAxis
 
 NEAR = math.radians(2.5)  # rad; a servo of 60 deg/s turns less in one sample
 AGREE = 4  # outliers in a row that agree

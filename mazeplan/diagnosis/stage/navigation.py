@@ -23,8 +23,7 @@ from mazeplan.diagnosis.stage.comparison import AXES, COUPLINGS, SURE, Known, ch
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.stage_axes import BLOCK_S
 from mazeplan.physics.effects import rig
-from mazeplan.physics.rig.stage import StageAxis
-from mazeplan.physics.rig.stage_simulation import actuator_output, simulate_axis
+from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
 BETTER = 2.0  # standard errors by which held-out blocks of measured tilt have to be predicted better
 GAIN_ERROR, COUPLING_ERROR = 0.015, 0.01  # standard errors that overtaxed servos cause

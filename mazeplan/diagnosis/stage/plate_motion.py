@@ -18,8 +18,7 @@ from mazeplan.diagnosis.record import RingRecord
 from mazeplan.learning.smoothing import Smoothing, derivatives
 from mazeplan.learning.stage_axes import coupling, significant
 from mazeplan.learning.stage_fit import StageFit, fit_axis
-from mazeplan.physics.rig.stage import StageAxis, StageModel
-from mazeplan.physics.rig.stage_simulation import actuator_output, fine_motion
+from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output, fine_motion
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
