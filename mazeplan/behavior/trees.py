@@ -16,8 +16,7 @@ from mazeplan.btree.node import TreeNode
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.btree.treefile import TreeFile
 from mazeplan.core import file_kinds, resources
-from mazeplan.core.errors import TreeError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import TreeError, one_of
 from mazeplan.maze.geometry import Maze
 
 SET_BY_THE_RUN = ("goal", "waypoints")  # keys that the run sets in the outermost scope, before the first tick

@@ -23,8 +23,7 @@ from mazeplan.btree.script import Script, parse_script
 from mazeplan.btree.script_values import ScriptError
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.btree.treefile import TREE_ATTRIBUTES, Element, Mistakes, TreeFile, keeping, literal
-from mazeplan.core.errors import InputError, MazeplanError, TreeError
-from mazeplan.core.name_hints import nearest, one_of
+from mazeplan.core.errors import InputError, MazeplanError, TreeError, nearest, one_of
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # nodes of a tree, subtrees included

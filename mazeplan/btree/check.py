@@ -16,8 +16,7 @@ from mazeplan.btree.ports import Key
 from mazeplan.btree.script import Script, parse_script
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.btree.treefile import Mistakes, TreeFile
-from mazeplan.core.errors import TreeError
-from mazeplan.core.name_hints import nearest
+from mazeplan.core.errors import TreeError, nearest
 
 MOST = 20  # maximum number of mistakes listed for one file: later ones may only follow from the first
 MOST_NAMES = 200  # maximum number of names in a message

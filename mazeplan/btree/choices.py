@@ -13,7 +13,7 @@ from mazeplan.btree.node import Control
 from mazeplan.btree.ports import REQUIRED, Key, Port
 from mazeplan.btree.script_values import EPSILON, number_of, text_of
 from mazeplan.btree.status import FAILURE, FINISHED, RUNNING, SKIPPED, SUCCESS, Status
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import one_of
 
 
 class _Choice(Control):

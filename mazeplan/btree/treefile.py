@@ -17,8 +17,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 
 from mazeplan.btree.conditions import CONDITIONS
 from mazeplan.btree.ports import Key, one_line, shown
-from mazeplan.core.errors import TreeError
-from mazeplan.core.name_hints import nearest, one_of
+from mazeplan.core.errors import TreeError, nearest, one_of
 
 MAX_BYTES = 1 << 20
 MAX_FILES = 50  # files of one tree: the file itself and all that it includes

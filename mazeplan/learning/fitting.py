@@ -36,9 +36,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, one_of
 from mazeplan.core.maths.angles import nearest
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs, paper_features

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
+from mazeplan.core.errors import guess
 from mazeplan.core.logs.table import Table
-from mazeplan.core.name_hints import guess
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array
 from mazeplan.learning.delay import best_delay, usable_starts

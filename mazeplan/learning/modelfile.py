@@ -34,8 +34,7 @@ import yaml
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from mazeplan.core import file_kinds, resources
-from mazeplan.core.errors import ModelError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import ModelError, one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process

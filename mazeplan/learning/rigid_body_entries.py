@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import one_of
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter, Term
 from mazeplan.physics.registry import PACKAGED

@@ -14,8 +14,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mazeplan.core import resources
-from mazeplan.core.errors import MapError
-from mazeplan.core.name_hints import guess
+from mazeplan.core.errors import MapError, guess
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import (
     MapFile,

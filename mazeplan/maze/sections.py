@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mazeplan.core.errors import InputError
-from mazeplan.core.name_hints import one_of, unknown_keys_first
+from mazeplan.core.errors import InputError, one_of, unknown_keys_first
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, shown
 
 M = TypeVar("M", bound=BaseModel)

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import one_of
 
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
 STAGE, TILT_SENSOR, CAMERA, INPUT = "stage", "tilt sensor", "camera", "input"

@@ -9,8 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError, ModelError, SettingsError, ShortWarning
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import InputError, ModelError, SettingsError, ShortWarning, one_of
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path, model_stamp
 from mazeplan.learning.rig_model import transfer_model
 from mazeplan.maze.geometry import Maze

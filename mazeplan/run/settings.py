@@ -14,8 +14,7 @@ from typing import Any
 
 from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.estimation.estimator import EstimatorOptions
-from mazeplan.core.errors import SettingsError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import SettingsError, one_of
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"

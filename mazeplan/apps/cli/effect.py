@@ -8,8 +8,7 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
-from mazeplan.core.errors import InputError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import InputError, one_of
 
 if TYPE_CHECKING:
     from mazeplan.physics.effect import Effect

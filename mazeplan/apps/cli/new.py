@@ -14,8 +14,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import check_new
 from mazeplan.apps.cli.output import say
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import InputError, one_of
 from mazeplan.core.whole_file import write_text
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mazeplan.core.errors import InputError, TableError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import InputError, TableError, one_of
 from mazeplan.core.records import Array
 
 # factor to the SI unit, and that unit, by the name of a unit

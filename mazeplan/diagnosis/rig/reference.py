@@ -32,10 +32,9 @@ from mazeplan.control.estimation.rigid_body_fit import (
     value_of,
     with_values,
 )
-from mazeplan.core.errors import ModelError
+from mazeplan.core.errors import ModelError, one_of
 from mazeplan.core.file_kinds import format_problem
 from mazeplan.core.logs.table import Table, join
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.side_by_side import in_processes, side_by_side
 from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.fitting import (

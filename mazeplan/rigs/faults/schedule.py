@@ -19,8 +19,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator
 
-from mazeplan.core.errors import SettingsError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import SettingsError, one_of
 from mazeplan.maze.sections import Section, as_tuples, read_section
 from mazeplan.maze.yamltree import Tree, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range

@@ -14,8 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from mazeplan.core.errors import RigError, SettingsError
-from mazeplan.core.name_hints import one_of
+from mazeplan.core.errors import RigError, SettingsError, one_of
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.forces import Forces, Motion, heavy_side

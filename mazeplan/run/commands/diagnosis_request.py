@@ -10,9 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, one_of
 from mazeplan.core.logs.column_units import ColumnSource
-from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.results import PAGES, DocumentResult, finite
 from mazeplan.core.whole_file import write_text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.core.name_hints import nearest, one_of
+from mazeplan.core.errors import nearest, one_of
 
 NAMES = ("dry_friction", "viscous_friction", "servo_gain")
 
