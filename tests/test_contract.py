@@ -16,7 +16,7 @@ from typer.main import get_command
 import mazeplan
 from mazeplan.apps.cli.app import app
 from mazeplan.behavior.current_leg import measured_miss
-from mazeplan.core.logs.table_checks import KNOWN
+from mazeplan.core.logs.columns import KNOWN
 from mazeplan.core.records import Failure, NavigationResult, Observation, State
 from mazeplan.core.results import DocumentResult, Result
 from mazeplan.physics.registry import PACKAGED

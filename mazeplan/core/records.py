@@ -19,7 +19,7 @@ shape (2,). One step is 1/30 s. Records are frozen: a step makes a new one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -307,6 +307,14 @@ class NavigationResult(Result):
     def from_json(cls, document: Mapping[str, Any]) -> NavigationResult:
         """Read a document of `json`, exact to the last bit. Raises ValueError for any other document."""
         return _result_adapter().validate_python(document)
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """p50, p99 and max of the values, such as times in ms; 0 without values."""
+    if not values:
+        return {"p50": 0.0, "p99": 0.0, "max": 0.0}
+    p50, p99 = np.percentile(values, [50.0, 99.0])
+    return {"p50": round(float(p50), 4), "p99": round(float(p99), 4), "max": round(float(max(values)), 4)}
 
 
 @cache

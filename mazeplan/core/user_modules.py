@@ -24,8 +24,9 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
     here = os.getcwd()
     if here not in sys.path:
         sys.path.insert(0, here)
-    place = None if folder is None else folder.resolve()
-    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else installed
+    place, top = None if folder is None else folder.resolve(), name.partition(".")[0]
+    beside = [] if place is None else [place / f"{top}.py", place / top / "__init__.py"]
+    if str(place) not in sys.path and any(file.is_file() for file in beside):  # else it is installed
         sys.path.insert(0, str(place))
         importlib.invalidate_caches()
     try:
@@ -37,10 +38,6 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
         raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
     except (Exception, SystemExit) as problem:  # whatever a user's code does at import
         raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
-
-
-def _holds(folder: Path, module: str) -> bool:
-    return (folder / f"{module}.py").is_file() or (folder / module / "__init__.py").is_file()
 
 
 def reason(problem: BaseException) -> str:

@@ -1,4 +1,6 @@
-"""Files that get their name only when they are complete, folders that a failure does not leave half made, locks."""
+"""Files that get their name only when they are complete, folders that a failure does not leave half made, locks.
+
+`end_process` saves open work before a watchdog ends the process: a loop that hangs runs no `finally`."""
 
 from __future__ import annotations
 
@@ -6,14 +8,18 @@ import errno
 import os
 import shutil
 import stat
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
+from weakref import WeakSet
 
 from mazeplan.core.errors import InputError
 
 WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+SAVE_S = 0.5  # for saving one object; a disk may hang, too
+_open: WeakSet[Any] = WeakSet()
 
 
 def is_stream(path: str | Path) -> bool:
@@ -102,3 +108,24 @@ def lock(file: IO[Any]) -> bool:
     except OSError:
         return False
     return True
+
+
+def save_at_hard_end(what: Any) -> None:
+    """Call `what.save()` before a watchdog ends the process, in another thread than the one that hangs.
+
+    Only a weak reference is kept."""
+    _open.add(what)
+
+
+def end_process(status: int) -> NoReturn:
+    """Save what can be saved, each object within SAVE_S, and end the process at once."""
+    for what in list(_open):
+        saver = threading.Thread(target=_save, args=(what,), daemon=True)
+        saver.start()
+        saver.join(SAVE_S)
+    os._exit(status)
+
+
+def _save(what: Any) -> None:
+    with suppress(Exception):  # the process ends for another reason, which has been reported
+        what.save()

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import MazeplanError, RigError
-from mazeplan.core.hard_end import end_process
 from mazeplan.core.records import Observation
+from mazeplan.core.whole_file import end_process
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 
 TIMEOUT_S = 0.2  # s from a sample to the command that answers it

@@ -23,7 +23,6 @@ from mazeplan.core.events import (
     TimedEvent,
 )
 from mazeplan.core.logs.run_log import STATUSES, RunMessages
-from mazeplan.core.maths.spread import spread
 from mazeplan.core.progress import Display
 from mazeplan.core.records import (
     Command,
@@ -38,6 +37,7 @@ from mazeplan.core.records import (
     Start,
     State,
     TreeOutline,
+    spread,
 )
 from mazeplan.maze.graph import OpeningMemory
 from mazeplan.run.specification import Job

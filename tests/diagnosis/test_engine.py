@@ -10,7 +10,7 @@ import pytest
 from machine_records import Pendulum, Slider, play
 
 from mazeplan.core.errors import InputError, TableError
-from mazeplan.core.logs.table_checks import Rows
+from mazeplan.core.logs.columns import Rows
 from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
 from mazeplan.diagnosis.engine.model import Model, scales
 from mazeplan.diagnosis.engine.record import Record, noise_of, record_of, resolution

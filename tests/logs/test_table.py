@@ -7,7 +7,7 @@ import pytest
 
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs import table as module
-from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.table import Table, join, read_table, stretches
 from mazeplan.core.records import Command, Observation

@@ -171,7 +171,7 @@ def test_tables_in_memory_are_as_good_as_files(tmp_path):
     write_csv(plain, tmp_path / "plain.csv")
     other, columns = in_other_units(plain)
     assert as_table(plain) is plain
-    frame = as_table(pd.DataFrame(other), mazeplan.core.logs.column_units.parse_columns(columns))
+    frame = as_table(pd.DataFrame(other), mazeplan.core.logs.columns.parse_columns(columns))
     for name in ("t", "theta", "beta", "gamma"):
         assert frame[name] == pytest.approx(read_table(tmp_path / "plain.csv")[name])
 

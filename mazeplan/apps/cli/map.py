@@ -228,7 +228,7 @@ def _track(logs: list[Path], columns: list[str]) -> BallTrack:
     """The measured places of the ball in all logs. Raises TableError with file and line."""
     import numpy as np
 
-    from mazeplan.core.logs.column_units import parse_columns
+    from mazeplan.core.logs.columns import parse_columns
     from mazeplan.core.logs.table import join, read_table
     from mazeplan.maze.transitions import BallTrack
 

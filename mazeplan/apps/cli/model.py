@@ -121,7 +121,7 @@ def score(
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
-    from mazeplan.core.logs.column_units import parse_columns
+    from mazeplan.core.logs.columns import parse_columns
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning.model_score import learned_from, ring_errors, score_document
     from mazeplan.learning.modelfile import load_model

@@ -108,7 +108,7 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[Document], bool]:
     for message in file.documents():
         messages.append(message)
         if len(messages) == 1:  # checked first, because a newer format may differ in all that follows
-            _check_format(message[1], path)
+            _header(messages, path)
     return _header(messages, path), messages, file.complete
 
 
@@ -118,11 +118,12 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def _header(messages: Sequence[Document], path: Path) -> dict[str, Any]:
-    """The header among the messages of a log. Raises LogError without one, or with one of a newer format."""
-    header = next((document for topic, document in messages if topic == HEADER), {})
-    if header.get("program") != PROGRAM:
+    """The first message of a log, its header. Raises LogError for another message, and for a newer format."""
+    topic, header = messages[0] if messages else ("", {})
+    if topic != HEADER or header.get("program") != PROGRAM:
         raise LogError(f"{NO_RUN}, expected {EXPECTED}", file=path)
-    _check_format(header, path)
+    if problem := format_problem(header.get("format"), FORMAT, header.get("version")):
+        raise LogError(problem, file=path, key="header.format")
     return header
 
 
@@ -130,14 +131,6 @@ def read_attachment(path: Path, name: str) -> bytes | None:
     """Content of a file that is attached to a log, or None. Raises LogError if the log cannot be read so far."""
     attached = (record for record in _McapFile(path).records() if isinstance(record, Attachment))
     return next((record.data for record in attached if record.name == name), None)
-
-
-def _check_format(header: dict[str, Any], path: Path) -> None:
-    """Refuse a log of a format that cannot be read; a document that is not a header of mazeplan passes."""
-    if header.get("program") == PROGRAM:
-        problem = format_problem(header.get("format"), FORMAT, header.get("version"))
-        if problem is not None:
-            raise LogError(problem, file=path, key="header.format")
 
 
 def _columns(ticks: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:

@@ -26,10 +26,9 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
-from mazeplan.core.logs.column_units import ColumnSource, select_columns
+from mazeplan.core.logs.columns import KNOWN, SI_UNITS, ColumnSource, Rows, checked, select_columns
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.run_log_reader import warn_if_cut
-from mazeplan.core.logs.table_checks import KNOWN, UNITS, Rows, checked
 from mazeplan.core.records import Array
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz
@@ -77,20 +76,15 @@ OTHERS = ("an empty file", "a MATLAB file", "XML", "JSON")
 EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or x and y, in its first row"
 
 
-def check_there(path: str | Path) -> None:
-    """Raises TableError if a file is missing, cannot be read, or is certainly neither a run log nor a table."""
-    path = Path(path)
-    if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
-        raise TableError(file_kinds.refused(path, EXPECTED), file=path)
-
-
 def read_table(path: str | Path, columns: Mapping[str, ColumnSource] | None = None) -> Table:
     """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column.
 
     columns: names and units of columns of a CSV (`parse_columns`); a run log has names and units of its own"""
     path = Path(path)
-    check_there(path)
-    if path.suffix == ".mcap" or file_kinds.got(path) == file_kinds.LOG:
+    kind = file_kinds.got(path)
+    if not path.is_file() or kind in OTHERS or not os.access(path, os.R_OK):
+        raise TableError(file_kinds.refused(path, EXPECTED), file=path)
+    if path.suffix == ".mcap" or kind == file_kinds.LOG:
         log = read_log(path)
         warn_if_cut(log)
         found = {name: column for name, column in log.ticks.items() if column.dtype != object}
@@ -98,7 +92,7 @@ def read_table(path: str | Path, columns: Mapping[str, ColumnSource] | None = No
     else:
         content = content_of(path)
         found, rows = read_csv(content, path)
-        found, named = select_columns(found, columns or {}, UNITS, (), path)
+        found, named = select_columns(found, columns or {}, SI_UNITS, (), path)
         rows = replace(rows, named=named)
     with np.errstate(all="ignore"):  # very large numbers overflow in the checks, but comparisons still work
         found = checked(found, rows)
@@ -115,7 +109,7 @@ def as_table(given: Any, columns: Mapping[str, ColumnSource] | None = None) -> T
     if isinstance(given, str | Path):
         return read_table(given, columns)
     found, rows = given_columns(given)
-    found, named = select_columns(found, columns or {}, UNITS, (), rows.file)
+    found, named = select_columns(found, columns or {}, SI_UNITS, (), rows.file)
     with np.errstate(all="ignore"):
         return Table(checked(found, replace(rows, named=named)), {"file": rows.file.name})
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
-from mazeplan.core.logs.column_units import ColumnSource, select_columns
+from mazeplan.core.logs.columns import ColumnSource, Rows, select_columns
 from mazeplan.core.logs.table import OTHERS, content_of, given_columns, read_csv
-from mazeplan.core.logs.table_checks import Rows
 from mazeplan.core.records import Array
 
 FEWEST = 60  # samples

@@ -12,8 +12,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.maths.spread import spread
-from mazeplan.core.records import Failure, FailureKind, NavigationResult
+from mazeplan.core.records import Failure, FailureKind, NavigationResult, spread
 from mazeplan.rigs.faults.schedule import FaultTrial
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.faults import Noticed, Trial

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.table import as_table, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.results import DocumentResult

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError, one_of
-from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.table import Table, as_table, join, name_of, several
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.user_modules import user_module

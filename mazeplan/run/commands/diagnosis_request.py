@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from mazeplan.core.errors import InputError, one_of
-from mazeplan.core.logs.column_units import ColumnSource
+from mazeplan.core.logs.columns import ColumnSource
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.results import PAGES, DocumentResult, finite
 from mazeplan.core.whole_file import write_text

@@ -17,9 +17,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.maths.spread import spread
 from mazeplan.core.progress import Display, Words, no_words
-from mazeplan.core.records import NavigationResult
+from mazeplan.core.records import NavigationResult, spread
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze

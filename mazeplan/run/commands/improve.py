@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError, TableError
-from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.table import Table, as_table, read_table, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
 from mazeplan.core.results import DocumentResult

@@ -21,7 +21,7 @@ import numpy as np
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of, with_body
 from mazeplan.core.errors import InputError, TableError
-from mazeplan.core.logs.column_units import parse_columns
+from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.table import Table, as_table, join, name_of, several
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array
