@@ -19,7 +19,7 @@ from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, LEAVES, DiceRun, random_tree,
 
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.trees import load_tree
-from mazeplan.btree.outline import tree_text
+from mazeplan.btree.tree import tree_text
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError, TreeError
 from mazeplan.maze.mapfile import check_text, dump_map, load_map

@@ -36,13 +36,6 @@ def blames_a_node(problem: BaseException) -> bool:
     return isinstance(problem, TreeError) or any(n.startswith(NAMED) for n in getattr(problem, "__notes__", ()))
 
 
-def raised(problem: BaseException) -> str:
-    """An exception as one line, with the innermost place in the code."""
-    frames = traceback.extract_tb(problem.__traceback__)
-    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if frames else ""
-    return where + " ".join(f"{type(problem).__name__}: {problem}".split())
-
-
 def exception_line(problem: BaseException) -> str:
     """An exception of a node as one line: what happened, and which node raised it."""
     reason = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"

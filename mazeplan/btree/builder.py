@@ -3,7 +3,7 @@
 A node may have either form: `<Track speed="1"/>` or `<Action ID="Track" speed="1"/>`. An attribute is one of these:
 - `name`,
 - a port; `{key}` refers to the blackboard, and `{=}` to the key with the name of the port,
-- a pre- or postcondition (`conditions`), such as `_skipIf="legs &lt; 2"`.
+- a pre- or postcondition (`node.Conditions`), such as `_skipIf="legs &lt; 2"`.
 """
 
 from __future__ import annotations
@@ -12,18 +12,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mazeplan.btree.blackboard import Blackboard
-from mazeplan.btree.blame import raised
-from mazeplan.btree.conditions import CONDITIONS, Conditions
 from mazeplan.btree.controls import CONTROLS
 from mazeplan.btree.decorators import DECORATORS, SubTree
 from mazeplan.btree.leaf import BUILTIN_LEAVES, Context
-from mazeplan.btree.node import Node, Place, TreeNode
+from mazeplan.btree.node import CONDITIONS, Conditions, Node, Place, TreeNode
 from mazeplan.btree.ports import REQUIRED, Key, Port, shown
 from mazeplan.btree.script import Script, parse_script
 from mazeplan.btree.script_values import ScriptError
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.btree.treefile import TREE_ATTRIBUTES, Element, Mistakes, TreeFile, keeping, literal
-from mazeplan.core.errors import InputError, MazeplanError, TreeError, nearest, one_of
+from mazeplan.core.errors import InputError, MazeplanError, TreeError, nearest, one_of, reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # nodes of a tree, subtrees included
@@ -152,7 +150,7 @@ class _Builder:
         except MazeplanError:
             raise
         except (Exception, SystemExit) as problem:  # a user's own `__init__` may raise anything
-            raise self._file.error(element, path, f"{kind.__name__} could not be made: {raised(problem)}") from problem
+            raise self._file.error(element, path, f"{kind.__name__} could not be made: {reason(problem)}") from problem
         if "_board" not in vars(node):
             call = f"super().__init__(name, {'children, clock' if inner else 'context'}, board, values)"
             problem = f"{kind.__name__} could not be made: its __init__ does not call {call}"

@@ -1,6 +1,10 @@
 """The base of all nodes of a tree: ports, pre- and postconditions, a place in a file, and the states of
 BehaviorTree.CPP 4. A node is idle (INVALID), is ticked by `execute`, is RUNNING, and is finished until its parent
 resets it. A node that was skipped keeps its status; `last` has the result of its last tick.
+
+Preconditions are evaluated in the order of DECISIONS, in an idle node; _while in one that runs, too, which it halts.
+All scripts use the blackboard scope of the node; for a SubTree, that of the tree around it. docs/tree-nodes.md has
+their table.
 """
 
 from __future__ import annotations
@@ -12,11 +16,21 @@ from typing import Any, ClassVar, Protocol
 
 from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.blame import blame
-from mazeplan.btree.conditions import Conditions
 from mazeplan.btree.ports import Key, Port, one_line, shown
+from mazeplan.btree.script import Script
 from mazeplan.btree.script_values import ScriptError
-from mazeplan.btree.status import FINISHED, INVALID, RUNNING, SKIPPED, Status
+from mazeplan.btree.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Status
 from mazeplan.core.errors import TreeError
+
+WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
+DECISIONS: dict[str, tuple[bool, Status]] = {  # in the order of evaluation: (decisive value of the script, result)
+    "_failureIf": (True, FAILURE),
+    "_successIf": (True, SUCCESS),
+    "_skipIf": (True, SKIPPED),
+    WHILE: (False, SKIPPED),
+}
+ENDINGS: dict[str, Status] = {"_onSuccess": SUCCESS, "_onFailure": FAILURE}
+CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
 
 
 @dataclass(frozen=True)
@@ -26,6 +40,41 @@ class Place:
     file: Path
     line: int
     path: str
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """The pre- and postconditions of one node: {attribute: script}, and the blackboard of their names."""
+
+    given: Mapping[str, Script]
+    board: Blackboard
+
+    def decide(self, status: Status) -> Status | None:
+        """The result that the preconditions give in place of a tick; None: the node is ticked.
+
+        status: of the node before. Raises ScriptError that names the attribute."""
+        for name, (decisive, result) in DECISIONS.items():
+            evaluated = status is not RUNNING or name == WHILE
+            if evaluated and name in self.given and self._named(name, Script.holds) is decisive:
+                return result
+        return None
+
+    def after(self, result: Status) -> None:
+        """Run the scripts of a node that has ended. Raises ScriptError, which names the attribute."""
+        for name in (*(name for name, ending in ENDINGS.items() if result is ending), POST):
+            if name in self.given:
+                self._named(name, Script.run)
+
+    def halted(self) -> None:
+        """Run the script of a node that was halted while it ran. Raises ScriptError, which names the attribute."""
+        if ON_HALTED in self.given:
+            self._named(ON_HALTED, Script.run)
+
+    def _named(self, name: str, action: Callable[[Script, Blackboard], Any]) -> Any:
+        try:
+            return action(self.given[name], self.board)
+        except ScriptError as problem:
+            raise ScriptError(f"{name}: {problem}") from None
 
 
 @dataclass

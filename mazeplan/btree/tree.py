@@ -1,4 +1,4 @@
-"""A tree that is ready to run."""
+"""A tree that is ready to run, and a tree as text. If a SubTree occurs again in the text, its line is folded."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from mazeplan.btree.blackboard import Blackboard
+from mazeplan.btree.decorators import SubTree
 from mazeplan.btree.leaf import Leaf
 from mazeplan.btree.node import TreeNode, Waker
+from mazeplan.btree.ports import Key, shown
 from mazeplan.btree.status import FINISHED, INVALID, RUNNING, Status
 
 MOST_ROUNDS = 1000  # maximum ticks of the root in one tick; a tree that asks for more goes on at the next tick
+SYMBOLS = {
+    "Sequence": "→", "SequenceWithMemory": "→*", "ReactiveSequence": "→ᴿ", "Fallback": "?", "ReactiveFallback": "?ᴿ",
+    "Parallel": "⇉", "Repeat": "↻", "RetryUntilSuccessful": "↺", "Inverter": "¬",
+}  # fmt: skip
+FOLDED = "(as above)"
 
 
 class BehaviorTree:
@@ -90,3 +97,39 @@ def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
     yield path, node
     for child in node.parts:
         yield from _walk(child, path)
+
+
+def tree_text(tree: BehaviorTree, whole: bool = False) -> str:
+    """The tree as text, one line for each node, with its ports. whole: whether nothing is folded"""
+    lines, drawn = list[str](), set[str]()
+
+    def draw(node: TreeNode, branch: str, below: str) -> None:
+        """branch: before the node; below: before what is below it"""
+        folded = False
+        if isinstance(node, SubTree) and not whole:
+            name = str(node.values.get("ID", node.name))
+            folded = name in drawn
+            drawn.add(name)
+        lines.append(f"{branch}{_words(node)}{f' {FOLDED}' if folded else ''}")
+        for child in () if folded else node.parts:
+            last = child is node.parts[-1]
+            draw(child, below + ("└── " if last else "├── "), below + ("    " if last else "│   "))
+
+    draw(tree.root, "", "")
+    return "\n".join(lines)
+
+
+def _words(node: TreeNode) -> str:
+    """Kind of node, with a symbol; its name, if it is not that of its kind; ports and conditions as in the file."""
+    kind = type(node).__name__
+    ports = [f"{name}={_written(value)}" for name, value in node.values.items()]
+    given = {} if node.conditions is None else node.conditions.given
+    scripts = [f'{name}="{_written(script.text)}"' for name, script in given.items()]
+    return " ".join(filter(None, (SYMBOLS.get(kind), kind, f"'{node.name}'" * (node.name != kind), *ports, *scripts)))
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, Key):
+        return str(value)
+    text = ";".join(map(str, value)) if isinstance(value, list) else str(value)
+    return text if text.isprintable() and len(text) <= 60 else shown(text)

@@ -1,13 +1,13 @@
 """Reads behaviour trees from XML files in BehaviorTree.CPP version 4 format, with the files that they include.
 
 lxml reads the files without DTD, entities or network, after a check of the size. Nothing in a file is ever executed.
-`builder` makes the nodes.
+`builder` makes the nodes. `write_palette` writes the leaves and users' nodes for Groot2.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from os.path import isfile  # Path.is_file raises OSError for a name that is too long
 from pathlib import Path
@@ -15,8 +15,8 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.btree.conditions import CONDITIONS
-from mazeplan.btree.ports import Key, one_line, shown
+from mazeplan.btree.node import CONDITIONS, TreeNode
+from mazeplan.btree.ports import REQUIRED, Key, one_line, shown
 from mazeplan.core.errors import TreeError, nearest, one_of
 
 MAX_BYTES = 1 << 20
@@ -30,6 +30,8 @@ KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
 BRACED = re.compile(r"\{.*\}", re.DOTALL)
 WHOLE = re.compile(r"-?[0-9]{1,18}")
 REAL = re.compile(r"-?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?")
+TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
+TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "std::vector<std::string>"}  # C++ names
 
 Element = Any  # lxml's element class is not public
 Mistakes = dict[tuple[str, int | None, str], TreeError]  # by file, line and problem: each once
@@ -232,3 +234,26 @@ def _parse(path: Path, data: bytes) -> Element:
     if root.getroottree().docinfo.doctype:  # a doctype in an encoding that is not like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
     return root
+
+
+def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
+    """TreeNodesModel of leaves and of users' control nodes and decorators: typed ports with defaults and descriptions.
+
+    It leaves out the nodes of BehaviorTree.CPP, because the editor has them already."""
+    root = etree.Element("root", BTCPP_format="4")
+    model = etree.SubElement(root, "TreeNodesModel")
+    for name, node in sorted(registry.items()):
+        entry = etree.SubElement(model, node.category, ID=name)
+        for port_name, port in node.ports.items():
+            line = etree.SubElement(entry, TAGS[port.direction], name=port_name, type=TYPES[port.type])
+            if port.default is not REQUIRED and port.default is not None:
+                line.set("default", _written(port.default))
+            line.text = port.doc
+    return etree.tostring(root, pretty_print=True, encoding="unicode")
+
+
+def _written(value: Any) -> str:
+    """A default as text, as in a tree's file."""
+    if isinstance(value, list | tuple):
+        return ";".join(map(str, value))
+    return str(value).lower() if isinstance(value, bool) else str(value)

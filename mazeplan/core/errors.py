@@ -13,12 +13,13 @@
 A run that does not succeed raises no exception. Its failure is a value, `records.Failure`, for which the behaviour tree
 chooses a recovery. Any other exception that escapes is a bug.
 
-Below stand the hints of messages about an unknown name: the known names, and the name that was probably meant.
+Below stand words for messages: hints at the name that was probably meant, and the place of an exception.
 """
 
 from __future__ import annotations
 
 import difflib
+import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -114,3 +115,14 @@ def unknown_keys_first(errors: Sequence[Any]) -> list[Any]:
     a key. A misspelled key causes both errors; only its name shows the mistake."""
     lacking = {error["loc"][:-1] for error in errors if error["type"] == "missing"}
     return sorted(errors, key=lambda e: not (e["type"] == "extra_forbidden" and e["loc"][:-1] in lacking))
+
+
+def reason(problem: BaseException) -> str:
+    """One line about an exception, with the innermost place outside of libraries, or the place of a syntax error."""
+    frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
+    frames = [frame for frame in frames if "site-packages" not in frame.filename] or frames
+    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    if isinstance(problem, SyntaxError) and problem.filename:
+        where = f"{problem.filename}:{problem.lineno}: "
+        problem = SyntaxError(problem.msg)
+    return where + " ".join(f"{type(problem).__name__}: {problem}".split())

@@ -6,11 +6,10 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-import traceback
 from pathlib import Path
 from types import ModuleType
 
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, reason
 
 
 def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
@@ -38,14 +37,3 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
         raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
     except (Exception, SystemExit) as problem:  # whatever a user's code does at import
         raise InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}") from None
-
-
-def reason(problem: BaseException) -> str:
-    """One line about an exception, with the innermost place outside of libraries, or the place of a syntax error."""
-    frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
-    frames = [frame for frame in frames if "site-packages" not in frame.filename] or frames
-    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
-    if isinstance(problem, SyntaxError) and problem.filename:
-        where = f"{problem.filename}:{problem.lineno}: "
-        problem = SyntaxError(problem.msg)
-    return where + " ".join(f"{type(problem).__name__}: {problem}".split())

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from itertools import product
 from typing import Any
 
-from mazeplan.core.errors import InputError
-from mazeplan.core.user_modules import reason, user_module
+from mazeplan.core.errors import InputError, reason
+from mazeplan.core.user_modules import user_module
 from mazeplan.physics.effect import BALL, Effect, Parameter, Term
 from mazeplan.physics.effects import ball, openings, rig
 

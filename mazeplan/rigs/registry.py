@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core import file_kinds
-from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError, guess, one_of
-from mazeplan.core.user_modules import reason, user_module
+from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError, guess, one_of, reason
+from mazeplan.core.user_modules import user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown

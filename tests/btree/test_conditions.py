@@ -8,9 +8,9 @@ import pytest
 
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.leaf import Leaf
-from mazeplan.btree.outline import tree_text
 from mazeplan.btree.ports import Port
 from mazeplan.btree.status import FAILURE, INVALID, RUNNING, SKIPPED, SUCCESS
+from mazeplan.btree.tree import tree_text
 from mazeplan.core.errors import TreeError
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n<BehaviorTree ID="Main">\n'

@@ -6,7 +6,7 @@ import pytest
 
 from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import load_tree
-from mazeplan.btree.outline import tree_text
+from mazeplan.btree.tree import tree_text
 
 TWICE = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main"><Sequence><SubTree ID="Rest"/><Repeat num_cycles="2"><SubTree ID="Rest" name="more"/></Repeat>

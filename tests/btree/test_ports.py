@@ -8,10 +8,10 @@ import pytest
 
 from mazeplan.behavior.trees import load_tree
 from mazeplan.btree.leaf import Leaf
-from mazeplan.btree.outline import tree_text
-from mazeplan.btree.palette import write_palette
 from mazeplan.btree.ports import REQUIRED, Port
 from mazeplan.btree.status import Status
+from mazeplan.btree.tree import tree_text
+from mazeplan.btree.treefile import write_palette
 from mazeplan.core.errors import TreeError
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'

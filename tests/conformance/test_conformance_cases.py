@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from recorded_trees import cases, expected, played
 
-from mazeplan.btree.conditions import CONDITIONS
 from mazeplan.btree.controls import CONTROLS
 from mazeplan.btree.decorators import DECORATORS
 from mazeplan.btree.leaf import BUILTIN_LEAVES
+from mazeplan.btree.node import CONDITIONS
 from mazeplan.btree.script import ASSIGNMENTS, POWERS, PREFIXES
 
 CASES, EXPECTED = cases(), expected()

@@ -69,7 +69,7 @@ def show(source: ShownTree = None, whole: Whole = False, behavior_module: opt.Be
     """Draw a tree as text."""
     from mazeplan.behavior.registry import registry_with
     from mazeplan.behavior.trees import StaticContext, load_tree
-    from mazeplan.btree.outline import tree_text
+    from mazeplan.btree.tree import tree_text
 
     print(tree_text(load_tree(source or "navigate", registry_with(behavior_module or ()), StaticContext()), whole))
 
@@ -79,7 +79,7 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, as_json: opt.AsJson 
     """List all nodes that a tree may name, with their ports, and the conditions that any node may have."""
     from mazeplan.behavior.registry import registry_with
     from mazeplan.btree.builder import BUILTIN
-    from mazeplan.btree.conditions import CONDITIONS, DECISIONS
+    from mazeplan.btree.node import CONDITIONS, DECISIONS
 
     registry = registry_with(behavior_module or ())
     nodes = {name: _document(node) for name, node in {**dict(sorted(registry.items())), **BUILTIN}.items()}
@@ -137,7 +137,7 @@ def _lines(name: str, node: dict[str, Any]) -> list[str]:
 def palette(output: Palette = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
     from mazeplan.behavior.registry import registry_with
-    from mazeplan.btree.palette import write_palette
+    from mazeplan.btree.treefile import write_palette
 
     text = write_palette(registry_with(behavior_module or ()))
     if output is None:

@@ -26,8 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.core.errors import InputError
-from mazeplan.core.user_modules import reason
+from mazeplan.core.errors import InputError, reason
 from mazeplan.diagnosis.effect_entry import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
