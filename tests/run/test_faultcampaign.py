@@ -12,9 +12,8 @@ from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.faults.schedule import Entry, FaultTrial
 from mazeplan.run.campaign.executor import open_executor
-from mazeplan.run.campaign.faults import good, report
 from mazeplan.run.campaign.one_run import Campaign, do_run
-from mazeplan.run.commands.evaluate import run_all
+from mazeplan.run.commands.evaluate import good, report, run_all
 from mazeplan.run.execution import run_job
 from mazeplan.run.specification import Job, Setup
 

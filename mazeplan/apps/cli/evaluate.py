@@ -85,7 +85,7 @@ def _exit_status(document: dict[str, Any]) -> int:
     Raises RigError if a rig failed in a campaign without faults."""
     from mazeplan.core.errors import RigError
     from mazeplan.core.records import FailureKind
-    from mazeplan.run.campaign.faults import good
+    from mazeplan.run.commands.evaluate import good
 
     if "faults" in document:
         return 0 if good(document["faults"]) else 1

@@ -32,8 +32,7 @@ from mazeplan.core.whole_file import lock, whole_file
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_label
-from mazeplan.run.campaign.faults import Noticed
-from mazeplan.run.campaign.one_run import Campaign, Ran
+from mazeplan.run.campaign.one_run import Campaign, Noticed, Ran
 from mazeplan.run.resolve import model_source
 from mazeplan.run.specification import file_sha256, log_header
 

@@ -22,11 +22,10 @@ from mazeplan.core.records import NavigationResult, spread
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.faults.schedule import every_kind, load_schedule
+from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import is_simulated, named_rig
 from mazeplan.run.campaign.executor import Executor, open_executor
-from mazeplan.run.campaign.faults import report
 from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, campaign_files, open_stores, read_runs, result_of
@@ -34,6 +33,7 @@ from mazeplan.run.loop import Run
 from mazeplan.run.specification import TIME_LIMIT, log_header
 
 RUNS, FAULT_RUNS = 16, 10
+ROUNDED = 1e-4  # s; times of faults have four digits
 Bar = Callable[[int, int], AbstractContextManager[Callable[[int], None]]]  # of so many runs, of which some are done
 
 
@@ -175,6 +175,55 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
         "tick_ms": worst(outcomes, "tick_ms"),
         "results": [outcome.json() for outcome in outcomes],
     }
+
+
+def report(trial: FaultTrial, runs: Sequence[Ran]) -> dict[str, Any]:
+    """The results of a trial: its row of the table, as `evaluate --faults --json` prints it.
+
+    faulted: number of runs in which a fault began before the end
+    noticed: number of these runs that noticed the fault
+    time_s: mean time of the runs that arrived, s
+    as_expected: number of runs that arrived; if the fault cannot be survived, also those that ended for its reasons
+    """
+    because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
+    ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}
+    faulted = [(run.result, run.noticed) for run in runs if run.noticed is not None and run.noticed.faults]
+    noticed = [found.noticed_s for _, found in faulted if found.noticed_s is not None]
+    times = [run.result.time_s for run in runs if run.result.success]
+    stopped = Counter(run.result.reason for run in runs if not run.result.success)
+    expected = len(times) + sum(count for end, count in stopped.items() if because and end in ends)
+    recoveries = {
+        failure.recovery
+        for result, found in faulted
+        for failure in result.failures
+        if failure.recovery is not None and failure.t >= min(fault["at_s"] for fault in found.faults) - ROUNDED
+    }
+    return {
+        "fault": trial.name,
+        "kinds": [kind.name for kind in trial.kinds],
+        "survivable": not because,
+        "because": because or None,
+        "runs": len(runs),
+        "faulted": len(faulted),
+        "noticed": len(noticed),
+        "noticed_s": {"p50": _rounded(np.median(noticed)), "worst": _rounded(max(noticed))} if noticed else None,
+        "noticed_as": dict(Counter(found.noticed_as for _, found in faulted if found.noticed_as).most_common()),
+        "recoveries": sorted(recoveries),
+        "arrived": len(times),
+        "time_s": _rounded(np.mean(times)) if times else None,
+        "stopped": dict(stopped.most_common()),
+        "as_expected": expected,
+        "wrong": [f"seed {r.result.seed}: {what}" for r in runs if r.noticed is not None for what in r.noticed.wrong],
+    }
+
+
+def _rounded(value: Any) -> float:
+    return round(float(value), 3)
+
+
+def good(rows: Sequence[dict[str, Any]]) -> bool:
+    """Whether every run ended as expected and nothing happened that must never happen."""
+    return all(row["as_expected"] == row["runs"] and not row["wrong"] for row in rows)
 
 
 def stored_documents(folder: Path) -> list[dict[str, Any]]:

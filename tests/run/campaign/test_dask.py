@@ -18,7 +18,7 @@ from campaign_work import refuse
 
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import NavigationResult
-from mazeplan.run.campaign import dask_cluster as daskcluster
+from mazeplan.run.campaign import executor as executors
 from mazeplan.run.campaign.executor import open_executor
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.store import open_stores, program, runs_table
@@ -90,7 +90,7 @@ def same(results: list[NavigationResult]) -> list[dict]:
 def test_a_scheduler_without_workers_is_no_use(scheduler, monkeypatch):
     if scheduler.workers:
         pytest.skip("its workers have been begun by a test that came first")
-    monkeypatch.setattr(daskcluster, "WORKERS_S", 0.2)
+    monkeypatch.setattr(executors, "WORKERS_S", 0.2)
     with (
         pytest.raises(InputError, match="has no workers; start some: dask worker tcp"),
         open_executor(dask=scheduler.address),
@@ -101,7 +101,7 @@ def test_a_scheduler_without_workers_is_no_use(scheduler, monkeypatch):
 @pytest.mark.slow
 def test_workers_that_would_compute_something_else_are_refused(site, monkeypatch):
     other = {**program(), "numpy": "1.0"}
-    monkeypatch.setattr(daskcluster, "program", lambda: other)
+    monkeypatch.setattr(executors, "program", lambda: other)
     expected = f"numpy {program()['numpy']} instead of 1.0"
     with pytest.raises(InputError, match=expected), open_executor(dask=site.address):
         pass

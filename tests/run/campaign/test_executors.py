@@ -91,5 +91,6 @@ def blas_threads() -> int:
 
 
 def test_workers_of_a_scheduler_are_as_many_as_they_are():
-    with pytest.raises(InputError, match=r"--workers: got 3 with --dask tcp://127\.0\.0\.1:1"):
-        open_executor(3, "tcp://127.0.0.1:1")
+    expected = r"--workers: got 3 with --dask tcp://127\.0\.0\.1:1"
+    with pytest.raises(InputError, match=expected), open_executor(3, "tcp://127.0.0.1:1"):
+        pass
