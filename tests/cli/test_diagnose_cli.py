@@ -15,7 +15,7 @@ from standalone_page import alone
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.learning.modelfile import load_model
-from mazeplan.run.commands import diagnose_ring
+from mazeplan.run.commands import diagnose_mechanism
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -79,13 +79,13 @@ def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
 
 @pytest.mark.slow
 def test_no_model_is_written_that_predicts_worse(diagnose, log, tmp_path, monkeypatch):
-    real = diagnose_ring._diagnose
+    real = diagnose_mechanism._diagnose_ring
 
     def worse(*given):
         done, document = real(*given)
         return done, document | {"before": document["after"], "after": document["before"]}
 
-    monkeypatch.setattr(diagnose_ring, "_diagnose", worse)
+    monkeypatch.setattr(diagnose_mechanism, "_diagnose_ring", worse)
     code, out, err = diagnose(log, *KNOWN, "-o", tmp_path / "report", "--json")
     assert code == 0, err
     document = json.loads(out)

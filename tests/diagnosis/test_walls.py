@@ -25,7 +25,7 @@ from mazeplan.physics.effects.openings import Openings, closer_library, wall_lib
 from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.formulas.symbols import INPUTS
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.run.commands.diagnose_ring import ring_openings
+from mazeplan.run.commands.diagnose_mechanism import ring_openings
 
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
 RADIUS = 0.0689

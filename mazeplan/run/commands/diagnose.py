@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mazeplan.core.errors import InputError, one_of
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.columns import parse_columns
 from mazeplan.core.logs.table import Table, as_table, join, name_of, several
 from mazeplan.core.progress import Words, no_words
-from mazeplan.core.user_modules import user_module
-from mazeplan.diagnosis.engine.diagnosis import diagnose_motion
-from mazeplan.diagnosis.engine.emps import Axis, emps_result, read_drive
-from mazeplan.diagnosis.engine.record import read_record
-from mazeplan.diagnosis.engine.system import System, system_of
 from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.diagnosis.rig.reference import known_reference, reference_of, save_reference
 from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
@@ -24,18 +18,13 @@ from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.rig.words import advice, errors_in_words
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.effect import Effect
-from mazeplan.physics.registry import load_effects, own_effects
-from mazeplan.run.commands.diagnose_ring import diagnose_ring
-from mazeplan.run.commands.diagnosis_request import (
+from mazeplan.physics.registry import own_effects
+from mazeplan.run.commands.diagnose_mechanism import (
     DiagnosisRequest,
     DiagnosisResult,
-    Values,
-    declare_known,
+    diagnose_ring,
+    diagnose_system,
     finish,
-    lines_of_files,
-    lines_of_test,
-    write_reports,
 )
 from mazeplan.run.commands.log_context import check_wiring, logged_map
 
@@ -107,9 +96,8 @@ def _check_system(system: Any, request: DiagnosisRequest) -> None:
 
 def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> DiagnosisResult:
     """Find the differences between a rig and its reference, all rings together. Raises TableError, InputError."""
-    further = [] if request.test is None else [request.test]
-    found = logged_map(request.map, *request.logs, *further, *request.references)
-    maze, known = found.maze, request.known
+    maze = logged_map(request.map, *request.logs, request.test, *request.references).maze
+    known = request.known
     added = own_effects(request.effects)
     for one in tables:
         check_wiring(one, maze)
@@ -133,56 +121,5 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> Diagnosi
     typed = [str(log) if isinstance(log, str | Path) else name_of(log) for log in request.logs]
     document["advice"] = advice(done, document["model"], add, shlex.join(typed))
     evidence = {"kind": "rig", "title": title, **done.held.evidence(done.plate.body.pictures.dt)}
-    if request.output is not None:
-        write_reports(document, evidence, request.output)
-    on_test = lines_of_test("" if done.test is None else errors_in_words(done, done.test))
-    lines = [document["sentence"], *on_test, *document["advice"]]
-    return DiagnosisResult(document, evidence, (*lines, *lines_of_files(document)))
-
-
-def diagnose_system(system: Any, log: Any, request: DiagnosisRequest) -> DiagnosisResult:
-    """Diagnose a record. system: emps, MODULE:CLASS, or a class. Raises InputError, TableError."""
-    own = [] if request.effects is None else load_effects(request.effects)
-    machine = _machine(system, Path(log).parent if isinstance(log, str | Path) else Path(), own)
-    known, fitted = _declared(request.declare, machine)
-    done: Any
-    if system == "emps":
-        record, gain = read_drive(Path(log))
-        test = None if request.test is None else read_drive(Path(request.test), gain)[0]
-        done = emps_result(machine, record, known, fitted, test, request.progress)
-    else:
-        columns = {"positions": machine.positions, "inputs": machine.inputs, "columns": request.columns}
-        read = partial(read_record, units=machine.units, **columns)
-        record, test = read(log), None if request.test is None else read(request.test)
-        done = diagnose_motion(machine, record, known, fitted, test=test, progress=request.progress)
-    name = system if isinstance(system, str) else f"{system.__module__}:{system.__qualname__}"
-    document: dict[str, Any] = {**done.document(), "system": name, "declared": known, "report": None}
-    return finish(done, document, request, name_of(log))
-
-
-def _machine(system: Any, folder: Path, own: Sequence[Effect]) -> System:
-    """The system of a name. folder: folder of the log, in which the module is searched, too"""
-    kind: Any = Axis if system == "emps" else system
-    if isinstance(system, str) and system != "emps":
-        module, _, name = system.partition(":")
-        kind = getattr(user_module(module, "--system", folder), name, None)
-        if kind is None:
-            raise InputError(f"--system: module {module!r} has no {name!r}, expected the name of a class in it")
-    try:
-        return system_of(kind, own)
-    except InputError as problem:
-        raise InputError(f"--system: {system}: {problem}") from None
-
-
-def _declared(declare: Sequence[str], machine: System) -> tuple[Values, list[str]]:
-    fitted = [text for text in declare if "=" not in text and "." not in text]
-    known: Values = {}
-    names = [effect.name for effect in machine.library]
-    valued = [text for text in declare if text not in fitted]
-    declare_known(known, valued, machine.library, machine.motion.name)
-    for name in fitted:
-        if name not in names:
-            raise InputError(f"--declare: got effect {name!r}, expected {one_of(names, name)}")
-        if name in known:
-            raise InputError(f"--declare: got {name} both with and without a value, expected one of the two")
-    return known, fitted
+    on_test = "" if done.test is None else errors_in_words(done, done.test)
+    return finish(document, evidence, request, document["sentence"], on_test, document["advice"])
