@@ -91,8 +91,6 @@ class NavigationRequest:
     def job(self) -> Job:
         """The job, checked. Raises InputError."""
         maze, degrees = self.maze, self.start_angle_deg
-        if degrees is not None and not math.isfinite(degrees):
-            raise InputError(f"got {degrees}, expected a finite number of degrees", key="start angle")
         for name in self.closed:
             opening_name(name, maze)
         start = ring_number(self.start, maze)

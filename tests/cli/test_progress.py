@@ -13,7 +13,7 @@ import pytest
 from commands import plain
 
 from mazeplan.apps.cli import progress
-from mazeplan.apps.cli.progress import NavigationProgress, ProgressBar, campaign_progress
+from mazeplan.apps.cli.progress import NavigationProgress, ProgressBar
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
 
 
@@ -76,9 +76,9 @@ def test_a_run_that_does_not_arrive_ends_with_what_to_look_at_next(capsys, kinds
 
 
 def campaign():
-    with campaign_progress(4, 0) as advance:
-        for finished in range(1, 5):
-            advance(finished)
+    with ProgressBar("runs", transient=False) as bar:
+        for finished in range(5):
+            bar.advance(finished, 4)
 
 
 def unknown_length():

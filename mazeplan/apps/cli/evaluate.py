@@ -40,7 +40,7 @@ def evaluate(
     if compare is not None:
         _compare(compare, as_json)
         return
-    from mazeplan.apps.cli.progress import campaign_progress
+    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.evaluation import evaluation_section
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import section_text
@@ -51,12 +51,13 @@ def evaluate(
 
     make_rig(rig, with_balls(load_map(map_), balls))
     note_missing_model(rig, model)
-    done = run_all(
-        runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
-        behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
-        time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
-        own_process=True, say=say, bar=campaign_progress,
-    )  # fmt: skip
+    with ProgressBar("runs", transient=False) as bar:
+        done = run_all(
+            runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
+            behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
+            time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
+            own_process=True, say=bar.note, advance=bar.advance,
+        )  # fmt: skip
     if report is not None:
         say(f"wrote {done.report(report)}")
     if as_json:

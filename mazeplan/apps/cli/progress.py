@@ -7,15 +7,13 @@ import os
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self, TextIO
 
 from mazeplan.apps.cli.output import plural, say
-from mazeplan.core.progress import Display, of_total
+from mazeplan.core.progress import Display
 from mazeplan.core.resources import PACKAGE
 
 QUIET_S = 8.0  # s, after which a new step is printed without a terminal
@@ -137,14 +135,6 @@ class ProgressBar:
         else:
             self._bar.update(self._task, completed=done)
         self._done, self._total = done, total
-
-
-@contextmanager
-def campaign_progress(total: int, begin: int) -> Iterator[Callable[[float], None]]:
-    """A bar of `total` runs that stays on the screen. Yields `advance(finished)`. begin: runs finished before"""
-    with ProgressBar("runs", transient=False) as bar:
-        bar.advance(begin, total)
-        yield of_total(bar.advance, total)
 
 
 def _rich_bar(transient: bool) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.progress import Display, Words, no_words
+from mazeplan.core.progress import Advance, Display, Words, no_advance, no_words, of_total
 from mazeplan.core.records import NavigationResult, spread
 from mazeplan.core.results import DocumentResult
 from mazeplan.learning.modelfile import RigModel
@@ -34,12 +34,6 @@ from mazeplan.run.specification import TIME_LIMIT, log_header
 
 RUNS, FAULT_RUNS = 16, 10
 ROUNDED = 1e-4  # s; times of faults have four digits
-Bar = Callable[[int, int], AbstractContextManager[Callable[[int], None]]]  # of so many runs, of which some are done
-
-
-def no_bar(total: int, begin: int) -> AbstractContextManager[Callable[[int], None]]:
-    """The default: the progress is not shown."""
-    return nullcontext(lambda finished: None)
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,7 @@ def evaluate(
     start: int | str = 1, goal: int | str | None = None, balls: int | None = None, seed: int = 0,
     time_limit: float = TIME_LIMIT, workers: int | None = None, dask: str | None = None,
     store: str | Path | None = None, deadline: bool = True, faults: str | Path | None = None,
-    own_process: bool = False, say: Words = no_words, bar: Bar = no_bar,
+    own_process: bool = False, say: Words = no_words, advance: Advance = no_advance,
 ) -> Evaluation:  # fmt: skip
     """Run many navigations and summarise success, times and failures; with `faults` also the response to each fault.
 
@@ -94,8 +88,9 @@ def evaluate(
         how: dict[str, Any] = {"workers": workers, "dask": dask, "copies": is_simulated(name), "say": say}
         try:
             opened = open_executor(**how) if kept < count else open_executor()
-            with opened as executor, bar(count, kept) as advance:
-                ran = run_all(campaigns, executor, progress=advance, stores=stores)
+            with opened as executor:
+                advance(kept, count)
+                ran = run_all(campaigns, executor, progress=of_total(advance, count), stores=stores)
         except (KeyboardInterrupt, RigError):
             if store is None:
                 say("no run is kept; use --store DIR to keep runs and to continue with the same command")
@@ -138,7 +133,8 @@ def run_all(
     done = {(c, k): run for c, store in enumerate(stores) for k, run in store.runs.items() if (c, k) in every}
     missing = [place for place in every if place not in done]
     if missing and (executor.apart or stores):
-        check(campaigns[0])
+        ready = campaigns[0].resolve(job=campaigns[0].job_of(0))
+        Run(ready.rig, ready.setup, ready.job, None, Display())  # finds wrong input before any process begins
     given = [replace(one, own_process=one.own_process or executor.apart) for one in campaigns]
     for number, ran in executor.each(do_run, [(given[c], k) for c, k in missing]):
         c, k = missing[number]
@@ -148,12 +144,6 @@ def run_all(
         if progress is not None:
             progress(len(done))
     return [[done[c, k] for k in range(campaign.runs)] for c, campaign in enumerate(campaigns)]
-
-
-def check(campaign: Campaign) -> None:
-    """Prepare a run without doing it, to find wrong input before any process begins. Raises InputError."""
-    ready = campaign.resolve(job=campaign.job_of(0))
-    Run(ready.rig, ready.setup, ready.job, None, Display())
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:

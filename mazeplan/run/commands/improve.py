@@ -146,7 +146,10 @@ def do_rounds(loop: Loop, model: str | Path | RigModel | None, references: Seque
     model: a name or folder; None: the model that the rig names
     references: of a time when the model was right; empty: what the model's folder keeps of that time"""
     rig, maze, effects = loop.rig, loop.usual.maze, own_effects(loop.usual.effects)
-    check_seconds(loop.seconds, make_rig(rig, maze).rate_hz)
+    least = math.ceil((FEWEST + UNSEEN) / make_rig(rig, maze).rate_hz)
+    if loop.seconds < least:
+        why = f"expected at least {least}: the diagnosis needs {FEWEST} pictures of the ball"
+        raise InputError(f"got {loop.seconds:g}, {why}", key="seconds")
     known = resolve_model(model, rig, maze)
     loop.progress("what the rig was like")
     path, learned, before = model, "", None
@@ -204,14 +207,6 @@ def _first_model(loop: Loop, nominal: RigModel) -> tuple[RigModel, RigReference,
             return nominal, known_reference(None, nominal, maze), ""
         was = replace(learned.reference, table=None)
         return learned.model, was, _saved(learned.model, was, folder / "model")
-
-
-def check_seconds(seconds: float, rate_hz: float) -> None:
-    """Raises InputError if a record of this length would be too short for a diagnosis. Call it before the rig moves."""
-    least = math.ceil((FEWEST + UNSEEN) / rate_hz)
-    if seconds < least:
-        why = f"expected at least {least}: the diagnosis needs {FEWEST} pictures of the ball"
-        raise InputError(f"got {seconds:g}, {why}", key="seconds")
 
 
 def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
