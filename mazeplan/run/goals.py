@@ -24,7 +24,7 @@ class Goals:
 
     Each method returns False once the run is over, else True. Requests may be made before the run begins: the run reads
     them at its first tick. A mailbox may serve one run after another. Each method checks its rings and openings: for an
-    unknown one it raises SettingsError and makes no request. Several balls go to the centre only; before a run, the
+    unknown one it raises InputError and makes no request. Several balls go to the centre only; before a run, the
     number of balls is the map's."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
@@ -39,7 +39,7 @@ class Goals:
 
         Closed openings stay closed, and those in `closed` are closed as well. An accepted goal is never lost: if the
         run arrives at the old goal meanwhile, it goes on to the new one."""
-        return self._add(GoalChanged(self._ring(ring), tuple(closed)))
+        return self._add(GoalChanged(ring_number(ring, self._maze, "goal"), tuple(closed)))
 
     def close(self, opening: str) -> bool:
         """Do not use an opening any more in this run."""
@@ -53,12 +53,6 @@ class Goals:
         """End the run at its next tick, with the plate level and the reason `stopped`."""
         return self._add(StopRequested())
 
-    def _ring(self, ring: int | str) -> int:
-        try:
-            return ring_number(ring, self._maze)
-        except InputError as problem:
-            raise SettingsError(problem.problem, key="goal") from None
-
     def _add(self, request: Request) -> bool:
         with self._lock:
             if not self._ended:
@@ -67,13 +61,13 @@ class Goals:
             return not self._ended
 
     def check(self, request: Request) -> None:
-        """Raises SettingsError for a ring or opening that the map does not have, and for a goal to which several balls
+        """Raises InputError for a ring or opening that the map does not have, and for a goal to which several balls
         cannot go."""
         names: Collection[str] = ()
         if isinstance(request, GoalChanged):
-            names, ring, last = request.closed, self._ring(request.ring), len(self._maze.rings)
+            names, ring = request.closed, ring_number(request.ring, self._maze, "goal")
             if self._balls > 1 and not self._maze.ring(ring).is_disc:
-                centre = f"expected ring{last}: {self._balls} balls go to the centre"
+                centre = f"expected ring{len(self._maze.rings)}: {self._balls} balls go to the centre"
                 raise SettingsError(f"got ring{ring}, {centre}", key="goal")
         elif isinstance(request, OpeningClosed | OpeningReopened):
             names = (request.opening,)
@@ -140,7 +134,7 @@ class RecordedRequests:
             if isinstance(request, Request):
                 try:
                     mailbox.check(request)
-                except SettingsError as problem:
+                except InputError as problem:
                     raise ValueError(str(problem)) from None
                 self._left.append((timed.t, request))
 

@@ -20,10 +20,10 @@ CENTRE = ("centre", "center")
 HOME = resources.share("maps") / "cme.yaml"  # the map on which the packaged models were fitted
 
 
-def ring_number(ring: int | str, maze: Maze) -> int:
+def ring_number(ring: int | str, maze: Maze, key: str = "ring") -> int:
     """Number of the ring: 1 for 1, "1", "ring1" and "Ring 1"; the innermost one for "centre" and "center".
 
-    Raises InputError when the maze has no such ring."""
+    Raises InputError when the maze has no such ring. key: for the error"""
     text = str(ring).strip().lower()
     if text in CENTRE:
         return len(maze.rings)
@@ -31,7 +31,7 @@ def ring_number(ring: int | str, maze: Maze) -> int:
     if found is not None and 1 <= int(found[1]) <= len(maze.rings):
         return int(found[1])
     expected = f"expected ring1 to ring{len(maze.rings)} or centre (map {maze.name})"
-    raise InputError(f"got {ring!r}, {expected}", key="ring")
+    raise InputError(f"got {ring!r}, {expected}", key=key)
 
 
 def opening_name(name: str, maze: Maze) -> str:
