@@ -10,8 +10,8 @@ from emulator.render import TRUE, Overhead
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.rigs.camera.section import CameraSection
 from mazeplan.rigs.files import validated
+from mazeplan.rigs.hardware.settings import CameraSection
 
 MAZE = load_map("cme")
 RIG = """# the rig in room 3

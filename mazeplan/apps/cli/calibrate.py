@@ -20,7 +20,7 @@ from mazeplan.core.errors import InputError, SettingsError
 if TYPE_CHECKING:
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.rigs.camera.calibration import LensCalibration
-    from mazeplan.rigs.hardware.rigfile import RigFile
+    from mazeplan.rigs.hardware.settings import RigFile
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
 
 PLATES, BOARDS = 20, 40  # frames of the empty plate and of the chessboard, from a camera or video
@@ -72,9 +72,8 @@ def camera(
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_plate
     from mazeplan.rigs.camera.markers import corner_markers
-    from mazeplan.rigs.camera.section import mapping
     from mazeplan.rigs.camera.source import pictures
-    from mazeplan.rigs.hardware.rigfile import hardware_file
+    from mazeplan.rigs.hardware.settings import hardware_file, mapping
 
     maze, file = load_map(map_), hardware_file(rig)
     given = file.settings.camera
@@ -146,7 +145,7 @@ def tilt(
 
     Exit status 1: the error exceeds 0.1 degrees, and the rig's file stays as it is."""
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.hardware.rigfile import hardware_file
+    from mazeplan.rigs.hardware.settings import hardware_file
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)

@@ -43,7 +43,7 @@ def check(
     calibrated, 3 a part is silent."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import CheckResult, check_rig
-    from mazeplan.rigs.hardware.rigfile import is_hardware
+    from mazeplan.rigs.hardware.settings import is_hardware
     from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 

@@ -16,8 +16,8 @@ from scenes import FOUND, MAZE, overlooking, usual
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
-from mazeplan.rigs.camera.section import CameraSection, mapping
 from mazeplan.rigs.files import validated
+from mazeplan.rigs.hardware.settings import CameraSection, mapping
 
 CORNERS, SQUARE = (9, 6), 0.02
 TRUE_LENS = LensCalibration(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)

@@ -9,7 +9,7 @@ import pytest
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import parse_yaml
-from mazeplan.rigs.hardware.rigfile import hardware_file, is_hardware, merged
+from mazeplan.rigs.hardware.settings import hardware_file, is_hardware, merged
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
 
 MAZE = load_map("cme")
