@@ -11,7 +11,7 @@ from emulator.render import TRUE, Overhead
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import Calibration, LensCalibration, calibrate_lens, calibrate_plate
-from mazeplan.rigs.camera.markers import corner_markers
+from mazeplan.rigs.camera.pinhole import corner_markers
 from mazeplan.rigs.hardware.settings import mapping
 
 CORNERS, SQUARE, BOARDS, PLATES = (9, 6), 0.02, 16, 8

@@ -21,7 +21,7 @@ from emulator.truth import Truth
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
-from mazeplan.rigs.camera.markers import corner_markers
+from mazeplan.rigs.camera.pinhole import corner_markers
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.settings import Servo, mapping, write_sections
 from mazeplan.rigs.hardware.tiltcalibration import PulseHolder, TiltFit, fit_tilt, grid, take_readings

@@ -18,8 +18,7 @@ from emulator.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.core.records import Array
 from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze, Wall
-from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
-from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.pinhole import DICTIONARY, MARGIN, CameraModel, Markers, corner_markers, rotation
 
 FLOOR_PX = 3000.0  # pixels of the floor's picture per m
 LAYERS = 8  # layers in which a wall is drawn, below its top

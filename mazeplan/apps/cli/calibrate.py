@@ -71,7 +71,7 @@ def camera(
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_plate
-    from mazeplan.rigs.camera.markers import corner_markers
+    from mazeplan.rigs.camera.pinhole import corner_markers
     from mazeplan.rigs.camera.source import pictures
     from mazeplan.rigs.hardware.settings import hardware_file, mapping
 

@@ -18,8 +18,7 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.camera.detector import Background
 from mazeplan.rigs.camera.floor import Floor
-from mazeplan.rigs.camera.markers import Markers, TiltFinder, detector, find
-from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.pinhole import CameraModel, Markers, TiltFinder, detector, find, rotation
 
 LEAST_BOARDS = 5  # minimum number of pictures of the chessboard
 GOOD_PX = 0.25  # px, rms error of the corners above which a picture may be wrong

@@ -24,8 +24,7 @@ from mazeplan.core.records import Array
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.camera.floor import PX, Floor, Outline, OutlineFit, floor_side
-from mazeplan.rigs.camera.markers import Markers, TiltFinder
-from mazeplan.rigs.camera.pinhole import CameraModel
+from mazeplan.rigs.camera.pinhole import CameraModel, Markers, TiltFinder
 
 HALF = 2  # the search for discs uses a picture this many times smaller
 LIGHT = 100.0  # a floor with a median above this, 0 to 255, is brighter than the ball

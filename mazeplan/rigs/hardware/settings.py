@@ -30,8 +30,7 @@ from mazeplan.rigs.registry import PACKAGED, rig_class, rig_file
 
 if TYPE_CHECKING:
     from mazeplan.rigs.camera.detector import BallDetector
-    from mazeplan.rigs.camera.markers import Markers
-    from mazeplan.rigs.camera.pinhole import CameraModel
+    from mazeplan.rigs.camera.pinhole import CameraModel, Markers
 
 CLASS = "mazeplan.rigs.hardware:HardwareRig"
 WIDTH = 120  # characters of a line that is written
@@ -130,7 +129,7 @@ class MarkerSection(Section):
 
     def markers(self) -> Markers:
         """The markers with lengths in m."""
-        from mazeplan.rigs.camera.markers import Markers
+        from mazeplan.rigs.camera.pinhole import Markers
 
         return Markers({n: (x / 1000, y / 1000, z / 1000) for n, x, y, z in self.at_mm}, self.size_mm / 1000)
 

@@ -1,6 +1,6 @@
 """The machine of the simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins.
 
-The machine gives the true state. Sensors are elsewhere (`simulated`, `emulation.world`). The machine shares no equation
+The machine gives the true state. Sensors are elsewhere: `simulated` has them. The machine shares no equation
 with the planner's models. Time advances in chunks, `CHUNKS` per sample. So slew limit, command delay and faults act on
 a finer time grid than the samples.
 """

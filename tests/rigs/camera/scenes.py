@@ -13,8 +13,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.calibration import calibrate_background
 from mazeplan.rigs.camera.detector import BallDetector
-from mazeplan.rigs.camera.markers import corner_markers
-from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.pinhole import CameraModel, corner_markers, rotation
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius

@@ -15,7 +15,7 @@ from scenes import FOUND, MAZE, overlooking, usual
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
-from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
+from mazeplan.rigs.camera.pinhole import corner_markers, fit_tilt
 from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.settings import CameraSection, mapping
 

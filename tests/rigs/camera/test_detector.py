@@ -15,7 +15,7 @@ from emulator.render import TRUE
 from scenes import FOUND, MAZE, STANDARD, orange, overlooking, place, usual
 
 from mazeplan.rigs.camera.detector import BallDetector, DetectionOutcome
-from mazeplan.rigs.camera.markers import corner_markers
+from mazeplan.rigs.camera.pinhole import corner_markers
 
 
 def pictures(eye, seed=0, others=()):
