@@ -12,12 +12,11 @@ from mazeplan.core.errors import SettingsError
 WHOLE, MOST = 1000, 1e6  # maximum of a whole and of another number: far beyond useful values, so that nothing hangs
 
 
-def check_numbers(
-    options: Any, *, positive: Collection[str] = (), least: float = 0.0, most: Mapping[str, float] | None = None
-) -> None:
-    """Check the numbers of a dataclass; fields declared as int must be whole. Raises SettingsError with the field.
+def check_numbers(options: Any, *, positive: Collection[str] = (), most: Mapping[str, float] | None = None) -> None:
+    """Check the numbers of a dataclass: at least 0; fields declared as int must be whole. Raises SettingsError with the
+    field.
 
-    positive: fields that must be > 0; least: minimum of all numbers; most: maximum by field, else WHOLE or MOST"""
+    positive: fields that must be > 0; most: maximum by field, else WHOLE or MOST"""
     for field in fields(options):
         if field.type not in ("int", "float"):
             continue
@@ -27,5 +26,5 @@ def check_numbers(
         if field.name in positive and not 0.0 < value < math.inf:
             raise SettingsError(f"got {value:g}, expected a number > 0", key=field.name)
         high = (most or {}).get(field.name, WHOLE if whole else MOST)
-        if not least <= value <= high:
-            raise SettingsError(f"got {value:g}, expected a number of {least:g} to {high:g}", key=field.name)
+        if not 0.0 <= value <= high:
+            raise SettingsError(f"got {value:g}, expected a number of 0 to {high:g}", key=field.name)

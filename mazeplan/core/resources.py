@@ -16,12 +16,11 @@ PACKAGE = Path(__file__).resolve().parents[1]
 CHECKOUT = PACKAGE.parent / "pyproject.toml"  # there in a clone, not where a wheel was installed
 
 
-def to_install(extra: str = "") -> str:
-    """The command that installs what an extra needs; without an extra, what the program itself needs."""
-    name = f"[{extra}]" if extra else ""
+def to_install(extra: str) -> str:
+    """The command that installs what an extra needs."""
     if CHECKOUT.is_file():
-        return f"pip install -c constraints.txt -e '.{name}' in {CHECKOUT.parent}"
-    return f"pip install --upgrade 'mazeplan{name}'"
+        return f"pip install -c constraints.txt -e '.[{extra}]' in {CHECKOUT.parent}"
+    return f"pip install --upgrade 'mazeplan[{extra}]'"
 
 
 def share(kind: str) -> Path:

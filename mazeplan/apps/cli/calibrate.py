@@ -158,7 +158,7 @@ def tilt(
         fit = fit_tilt(taken)
     except InputError as problem:
         raise InputError(problem.problem, file=place if place.exists() else None, key=problem.key) from None
-    good, written = fit.error_deg <= LARGEST_ERROR_DEG, None
+    good, written = fit.sensor.error_deg <= LARGEST_ERROR_DEG, None
     try:
         written = str(file.write(_tilt_sections(fit, file.data.get("servo")))) if good else None
     finally:
@@ -229,9 +229,9 @@ def _report(fit: TiltFit, readings: Path | None, written: str | None) -> None:
     for slip in fit.outliers:
         at = f"reading {slip.line}" if readings is None else f"{readings}:{slip.line}"
         print(f"{at}: {slip.axis}: got {slip.got:g}, the others predict {slip.expected:.2f}: not used")
-    if fit.error_deg > LARGEST_ERROR_DEG:
+    if fit.sensor.error_deg > LARGEST_ERROR_DEG:
         wanted = f"expected at most {LARGEST_ERROR_DEG}: take more readings, over the whole range"
-        say(f"error {fit.error_deg:.2f} deg, {wanted}")
+        say(f"error {fit.sensor.error_deg:.2f} deg, {wanted}")
         say("the rig's file stays as it is")
     if written is not None:
         say(f"wrote {'tilt and servo' if servos else 'tilt'} to {written}")

@@ -32,6 +32,7 @@ from mazeplan.core.logs.run_log_reader import warn_if_cut
 from mazeplan.core.records import Array
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz
+LONGEST_STEP = 1.5  # times the usual step; after a longer one, samples are missing
 MISSING = ("", "na", "n/a", "#n/a", "<na>", "nan", "null", "none")  # cells without a value, in small letters
 
 
@@ -161,11 +162,11 @@ def join(tables: Sequence[Table]) -> Table:
     return Table(columns, {"file": files}, ", ".join(table.place or "a table" for table in tables))
 
 
-def stretches(table: Table, longest_step: float = 1.5) -> list[slice]:
-    """Rows without interruption, in order: one segment, and no step in t longer than `longest_step` times `dt`."""
+def stretches(table: Table) -> list[slice]:
+    """Rows without interruption, in order: one segment, and no step in t longer than LONGEST_STEP times `dt`."""
     if len(table) == 0:
         return []
-    broken = (np.diff(table.segment) != 0.0) | (np.diff(table["t"]) > longest_step * table.dt)
+    broken = (np.diff(table.segment) != 0.0) | (np.diff(table["t"]) > LONGEST_STEP * table.dt)
     edges = [0, *(np.flatnonzero(broken) + 1).tolist(), len(table)]
     return [slice(start, stop) for start, stop in pairwise(edges)]
 

@@ -60,7 +60,7 @@ class TiltSensor(Section):
     scale_v: tuple[Positive, Positive]
     beta_deg: Terms  # coefficients by the name of their term
     gamma_deg: Terms
-    error_deg: float = Field(default=0.0, ge=0.0)  # of the calibration
+    error_deg: float = Field(default=0.0, ge=0.0)  # rms of the worse axis at a left-out reading, with the clinometer's
     readings: int = Field(default=0, ge=0)
     date: str = ""
 

@@ -102,11 +102,6 @@ class TiltFit:
     outliers: tuple[Outlier, ...]
     servos: dict[str, dict[str, float]]
 
-    @property
-    def error_deg(self) -> float:
-        """rms error of the worse axis at a left-out reading, deg. It includes the error of the clinometer."""
-        return max(self.beta.left_out_deg, self.gamma.left_out_deg)
-
 
 def read_readings(path: Path) -> list[Reading]:
     """Readings of a CSV file with the columns `COLUMNS` and, optionally, `PULSES`. Raises TableError with the line."""

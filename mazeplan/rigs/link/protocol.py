@@ -10,7 +10,7 @@ clock.
 
 from __future__ import annotations
 
-import binascii
+from binascii import crc_hqx
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -19,6 +19,7 @@ AXES = ("beta", "gamma")
 HARD_US, HARD_SLEW = (800.0, 2200.0), 20000.0  # us, us/s: limits of the firmware (tools/firmware/control.h)
 SUPPLY_V, FULL = 5.0, 1023.0  # voltage and count at the upper end of the board's converter
 MOST_BODY = 64  # characters
+CRC_START = 0xFFFF  # of the CRC-16 with polynomial 0x1021
 U16, U32 = 1 << 16, 1 << 32
 BEGIN, SUM, END, HEX = b"$"[0], b"*"[0], b"\n"[0], b"0123456789ABCDEF"
 
@@ -39,17 +40,12 @@ class Frame:
         return tuple(int(field) for field in fields)
 
 
-def crc16(body: bytes | bytearray) -> int:
-    """CRC-16 with polynomial 0x1021, initial value 0xFFFF."""
-    return binascii.crc_hqx(body, 0xFFFF)
-
-
 def encode(kind: str, *fields: int | str) -> bytes:
     """A frame as bytes. Raises ValueError for fields that no frame can hold."""
     body = ",".join((kind, *map(str, fields)))
     if len(body) > MOST_BODY or not body.isascii() or not body.isprintable() or {"$", "*"} & set(body):
         raise ValueError(f"got {body!r}, expected up to {MOST_BODY} printable characters, without $ and *")
-    return b"$%s*%04X\n" % (body.encode(), crc16(body.encode()))
+    return b"$%s*%04X\n" % (body.encode(), crc_hqx(body.encode(), CRC_START))
 
 
 class FrameReader:
@@ -98,7 +94,7 @@ def _look(data: bytearray) -> tuple[int, bool]:
             elif not 32 <= byte <= 126 or at > MOST_BODY:
                 return at + 1, False
         elif at == star + 5:
-            return at + 1, byte == END and int(data[star + 1 : at], 16) == crc16(data[1:star])
+            return at + 1, byte == END and int(data[star + 1 : at], 16) == crc_hqx(data[1:star], CRC_START)
         elif byte not in HEX:
             return at + 1, False
     return 0, False

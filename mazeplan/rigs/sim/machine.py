@@ -1,8 +1,8 @@
 """The machine of the simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins.
 
-The machine gives the true state. Sensors are elsewhere: `simulated` has them. The machine shares no equation
-with the planner's models. Time advances in chunks, `CHUNKS` per sample. So slew limit, command delay and faults act on
-a finer time grid than the samples.
+The machine gives the true state; `simulated` has the sensors. It shares no equation with the planner's models. Time
+advances in chunks, `CHUNKS` per sample. So slew limit, command delay and faults act on a finer time grid than the
+samples.
 """
 
 from __future__ import annotations

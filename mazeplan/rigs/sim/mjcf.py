@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from mazeplan.core.constants import GRAVITY
+from mazeplan.core.constants import GRAVITY, SOLID
 from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 from mazeplan.rigs.sim.settings import SimulatedSettings
@@ -30,7 +30,6 @@ SHOULDER = 2e-4  # m, arc of each box beside an opening; the cheek covers the ga
 PLUG_ON, PLUG_OFF = 1, 2
 FLOOR = 0.005  # m, half thickness of the floor
 TORSIONAL = 2e-5  # m, friction against a spin of the ball about the normal of a contact
-SOLID = 0.4  # inertia of a solid sphere over m r^2
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
 TIME_CONSTANT = 0.004  # s, time constant of contacts
 
