@@ -18,7 +18,7 @@ from grown_maps import map_text
 import mazeplan as package
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.graph import RouteGraph

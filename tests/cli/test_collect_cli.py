@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.logs.table import read_table
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.collect import EXCITE

@@ -17,7 +17,7 @@ from commands import start
 from mazeplan.apps.cli import emergency
 from mazeplan.apps.cli.emergency import stop_key
 from mazeplan.core.errors import RigError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 
 RIG = """
 import pathlib, time

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.learning.modelfile import load_model
 
 BROKEN = """

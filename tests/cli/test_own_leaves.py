@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">\n'
 IMPORT = "from mazeplan import MazeLeaf, Port, Status\n"

@@ -10,7 +10,7 @@ import time
 import pytest
 from commands import start
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.rigs import watchdog
 
 RIG = """

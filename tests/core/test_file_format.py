@@ -14,7 +14,7 @@ from mazeplan.apps.report.inputs import read_input
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.faults.schedule import load_schedule
 from mazeplan.rigs.files import read_rig_file

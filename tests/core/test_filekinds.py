@@ -8,7 +8,7 @@ from mazeplan.apps.report.inputs import read_document, read_input
 from mazeplan.behavior.trees import read_tree
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import LOG, got, refused
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.logs.table import read_table
 from mazeplan.diagnosis.engine.emps import read_drive
 from mazeplan.learning.modelfile import load_model

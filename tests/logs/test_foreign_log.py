@@ -8,7 +8,7 @@ import pytest
 from mcap.writer import Writer
 
 from mazeplan.core.errors import LogError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 
 
 def foreign(path, *, header: object = None, chunked: bool = False, tick: object = None, tree: object = None) -> None:

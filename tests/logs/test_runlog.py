@@ -16,7 +16,8 @@ from mcap.stream_reader import breakup_chunk
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RingEntered, TimedEvent
 from mazeplan.core.logs import run_log as runlog
-from mazeplan.core.logs.run_log import RunLogWriter, read_log
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import Command, Observation, Plan, State, StopReason, TreeOutline
 
 DT = 1.0 / 30.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from talking import FIRST, MAZE, go, said
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.run.goals import Goals
 
 # -- another goal ------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import math
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import FailureKind
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.execution import navigate, run_job

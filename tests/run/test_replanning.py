@@ -10,7 +10,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.core import resources
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.maths.angles import difference
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.execution import run_job

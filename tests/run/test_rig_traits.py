@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.records import FailureKind, Latency
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map

@@ -9,7 +9,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.core.errors import RigError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.execution import run_job
 from mazeplan.run.replay import replay

@@ -14,7 +14,7 @@ import mazeplan
 from mazeplan.apps.report.run import run_section, second_trail
 from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import BallShown, Moment, moments
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.palette import COLOURS, rgb
 from mazeplan.maze.mapfile import load_map
 

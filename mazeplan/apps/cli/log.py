@@ -14,7 +14,7 @@ from mazeplan.apps.cli.output import print_json, say
 from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
-    from mazeplan.core.logs.run_log import RunLog
+    from mazeplan.core.logs.run_log_reader import RunLog
 
 app = typer.Typer(help="Summarise, export and replay logs.", no_args_is_help=True)
 
@@ -28,7 +28,7 @@ HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "se
 @app.command("info")
 def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
     """Summarise a run log, also an incomplete one."""
-    from mazeplan.core.logs.run_log import read_log
+    from mazeplan.core.logs.run_log_reader import read_log
 
     document, lines = _summary(read_log(log))
     if as_json:
@@ -40,8 +40,7 @@ def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
 @app.command("export")
 def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> None:
     """Write the ticks of a run log as CSV, in SI units and radians."""
-    from mazeplan.core.logs.run_log import read_log
-    from mazeplan.core.logs.run_log_reader import warn_if_cut
+    from mazeplan.core.logs.run_log_reader import read_log, warn_if_cut
 
     read = read_log(log)
     warn_if_cut(read)

@@ -14,7 +14,7 @@ from mazeplan.apps.report.page import PagePicture, PageSection, PageTable, failu
 from mazeplan.apps.report.words import DEG, MISSING, setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
-from mazeplan.core.logs.run_log import RunLog
+from mazeplan.core.logs.run_log_reader import RunLog
 from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.maze.drawing import draw_maze, draw_second

@@ -13,7 +13,7 @@ from mazeplan.apps.report.models import model_section, models_section, record_se
 from mazeplan.apps.report.page import PagePicture, PageSection, write_page
 from mazeplan.apps.report.run import run_section
 from mazeplan.core.errors import InputError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.progress import no_words
 from mazeplan.core.results import Result
 

@@ -41,12 +41,10 @@ from mcap.writer import CompressionType, Writer
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
-from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
+from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
 from mazeplan.core.results import finite
 from mazeplan.core.whole_file import lock, save_at_hard_end
-
-__all__ = ["RunLog", "RunLogWriter", "read_log"]
 
 STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
 CHUNK_S = 0.25  # s of the rig's time in a chunk: a killed process loses no more

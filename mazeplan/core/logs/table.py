@@ -27,8 +27,7 @@ import numpy as np
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.columns import KNOWN, SI_UNITS, ColumnSource, Rows, checked, select_columns
-from mazeplan.core.logs.run_log import read_log
-from mazeplan.core.logs.run_log_reader import warn_if_cut
+from mazeplan.core.logs.run_log_reader import read_log, warn_if_cut
 from mazeplan.core.records import Array
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz

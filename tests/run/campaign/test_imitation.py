@@ -10,7 +10,7 @@ from policies import LIMIT, hand_made
 
 from mazeplan.control.policy import INPUTS, load_policy, save_policy
 from mazeplan.core.errors import LogError
-from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.run.campaign.imitation import MOST_RUNS, SEEDS, Options, Teacher, demonstrate, train
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.commands.evaluate import results_of
