@@ -14,7 +14,7 @@ from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.stage.navigation import (
     gain_in_navigation,
     hidden_gain,
-    nearer_by_coupling,
+    nearer_tilt,
     servos_look_changed,
 )
 from mazeplan.learning.modelfile import RigModel
@@ -92,5 +92,5 @@ def test_held_out_tilt_shows_a_coupling():
         u=u, dt=dt, beta=late[:, 0] + 0.1 * late[:, 1] + noise[:, 0], gamma=late[:, 1] + noise[:, 1]
     )
     record = type("Record", (SimpleNamespace,), {"__len__": lambda self: len(self.u)})(**vars(record))
-    assert nearer_by_coupling(record, seen(), (0.0, 0.0)) > 5.0
-    assert nearer_by_coupling(record, seen(), (0.1, 0.0)) < 2.0
+    assert nearer_tilt(record, seen(), (0.0, 0.0), True) > 5.0
+    assert nearer_tilt(record, seen(), (0.1, 0.0), True) < 2.0

@@ -193,13 +193,17 @@ def _check_numbers(columns: dict[str, Array], rows: Rows) -> None:
 
 def _check_time(columns: dict[str, Array], rows: Rows) -> None:
     t, segment = columns["t"], columns.get("segment", np.zeros(len(columns["t"])))
-    row = 1 + _first((np.diff(t) <= 0.0) & (np.diff(segment) == 0.0))
+    check_steps(t, (np.diff(t) <= 0.0) & (np.diff(segment) == 0.0), _usual_step(t, segment), SLOWEST, rows)
+
+
+def check_steps(t: Array, wrong: np.ndarray, usual: float, slowest: float, rows: Rows) -> None:
+    """Raise TableError for times (N,) with a step that is wrong (N - 1,), or whose usual step is above `slowest`, s."""
+    row = 1 + _first(wrong)
     if row > 0:
         rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
-    step = _usual_step(t, segment)
-    if step > SLOWEST:
+    if usual > slowest:
         hint = f"for another unit: --columns t={rows.named.get('t', 't')}:ms"
-        rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample; {hint}", f"steps of {step:g} (median)")
+        rows.refuse("t", 1, f"at most {slowest:g} s from sample to sample; {hint}", f"steps of {usual:g} (median)")
 
 
 def _check_units(columns: dict[str, Array], rows: Rows) -> None:

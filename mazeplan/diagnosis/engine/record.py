@@ -16,7 +16,7 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
-from mazeplan.core.logs.columns import ColumnSource, Rows, select_columns
+from mazeplan.core.logs.columns import ColumnSource, Rows, check_steps, select_columns
 from mazeplan.core.logs.table import OTHERS, content_of, given_columns, read_csv
 from mazeplan.core.records import Array
 
@@ -102,11 +102,13 @@ def record_of(
     t: Array, y: Array, u: Array, units: Sequence[str], rows: Rows, names: Sequence[str] = ("position",)
 ) -> Record:
     """A record of checked columns. Raises TableError with the row."""
-    _check_time(t, rows)
-    notes = []
-    same = np.flatnonzero(np.diff(t) == 0.0) + 1
-    if len(same):
-        notes.append(f"{len(same)} rows have the time of the row before and were merged with it")
+    if len(t) < FEWEST:
+        raise TableError(f"got {len(t)} samples, expected at least {FEWEST}", file=rows.file, key="t")
+    notes, steps = [], np.diff(t)
+    same = steps == 0.0
+    check_steps(t, (steps < 0.0) | (same & (same.mean() > DOUBLED)), float(np.median(steps)), SLOWEST, rows)
+    if same.any():
+        notes.append(f"{same.sum()} rows have the time of the row before and were merged with it")
         group = np.cumsum(np.diff(t, prepend=-np.inf) > 0.0) - 1
         t = t[np.diff(t, prepend=-np.inf) > 0.0]
         y, u = (_means(x, group) for x in (y, u))
@@ -122,24 +124,6 @@ def record_of(
     if gaps := len(record.stretches) - 1:
         notes.append(f"{gaps} gap{'s' * (gaps > 1)} in time: no simulation crosses them")
     return replace(record, notes=tuple(notes))
-
-
-def _check_time(t: Array, rows: Rows) -> None:
-    if len(t) < FEWEST:
-        raise TableError(f"got {len(t)} samples, expected at least {FEWEST}", file=rows.file, key="t")
-    steps = np.diff(t)
-    if (steps < 0.0).any():
-        row = int(np.argmax(steps < 0.0)) + 1
-        rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
-    if (share := np.mean(steps == 0.0)) > DOUBLED:
-        row = int(np.argmax(steps == 0.0)) + 1
-        rows.refuse("t", row, "it to grow", f"{float(t[row])!r} twice, and so in {share:.0%} of the rows")
-    usual = float(np.median(steps))
-    if usual > SLOWEST:
-        which = "milli" if usual < 5e3 else "micro" if usual < 5e5 else "nano"
-        unit = {"milli": "ms", "micro": "us", "nano": "ns"}[which]
-        hint = f"seconds; are these {which}seconds? then --columns t={rows.named.get('t', 't')}:{unit}"
-        rows.refuse("t", 1, hint, f"steps of {usual:g} (median)")
 
 
 def _means(x: Array, group: np.ndarray) -> Array:

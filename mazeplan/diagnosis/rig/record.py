@@ -100,7 +100,7 @@ def filter_on_stage(
     like: a filter of the same pictures, which saves time
     record: of the table; None: `whole_record`"""
     record = whole_record(table) if record is None else record
-    by_commands = None if stage is None else commanded(record, stage)
+    by_commands = None if stage is None or record.u is None else commanded(record.t, record.u, stage)
     tilt = by_commands or from_sensor(record)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
     if stage is not None and by_commands is not None:

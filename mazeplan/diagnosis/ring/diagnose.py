@@ -118,7 +118,9 @@ def _gain_effect(
 def _model_motion(record: RingRecord, stage: Stage | None, known: Known) -> Tilt | None:
     """The plate's motion by the model's stage, with the offsets of the record's tilt sensor; None if unknown."""
     axes = known.axes()
-    return None if axes is None or stage is None else commanded(record, stage.offsets_on(axes))
+    if axes is None or stage is None or record.u is None:
+        return None
+    return commanded(record.t, record.u, stage.offsets_on(axes))
 
 
 def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:

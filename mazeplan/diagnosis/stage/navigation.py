@@ -60,7 +60,7 @@ def coupling_in_navigation(record: RingRecord, stage: Stage, known: Known) -> li
     entry, had = _less_certain(entry, COUPLING_ERROR), entry["known_before"]
     sure = any(abs(p["value"] - had[key]) > SURE * p["stderr"] for key, p in entry["parameters"].items())
     was = (had[COUPLINGS[AXES[0]]], had[COUPLINGS[AXES[1]]])
-    return [entry] if sure and nearer_by_coupling(record, stage, was) > BETTER else []
+    return [entry] if sure and nearer_tilt(record, stage, was, True) > BETTER else []
 
 
 def servos_look_changed(stage: Stage, known: Known) -> list[str]:
@@ -90,44 +90,26 @@ def _less_certain(entry: Entry, error: float) -> Entry:
     return entry | {"parameters": numbers}
 
 
-def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
+def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float], coupling: bool = False) -> float:
     """Standard errors by which the record's gains predict blocks of measured tilt better than the old gains `was`.
 
+    coupling: compare couplings, the share of the other axis' command that an axis follows, instead of gains
+
     Both predictions use the lag of the fitted stage, each with its own offsets. Offsets and new gains for one half of
-    the record come from the other half. Raises ValueError without commands."""
+    the record come from the other half. For couplings, that is also where the gains of both predictions come from."""
+    assert record.u is not None, "without commands there is no stage"
     second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))
-    for axis, u, angle, old in zip(stage.axes, _commands(record).T, (record.beta, record.gamma), was, strict=True):
-        follows = _follows(axis, u, record.dt)
-        for rows in (second, ~second):
-            known = angle - old * follows
-            errors = known[rows] - np.mean(known[~rows]), _left(angle, [follows], rows)
-            gain[rows] += errors[0] ** 2 - errors[1] ** 2
-    return _standard_errors(gain, record.dt)
-
-
-def nearer_by_coupling(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
-    """As `nearer_tilt`, for couplings: the share of the other axis' command that an axis follows.
-
-    Gains come from the other half of the record in both predictions."""
-    second, gain = np.arange(len(record)) >= len(record) // 2, np.zeros(len(record))
-    u, angles = _commands(record).T, (record.beta, record.gamma)
+    u, angles = record.u.T, (record.beta, record.gamma)
     for axis, own, other, angle, old in zip(stage.axes, u, u[::-1], angles, was, strict=True):
-        follows = [_follows(axis, command, record.dt) for command in (own, other)]
+        follows, beside = (_follows(axis, command, record.dt) for command in (own, other))
         for rows in (second, ~second):
-            before = _left(angle, [follows[0] + old * follows[1]], rows)
-            gain[rows] += before**2 - _left(angle, follows, rows) ** 2
-    return _standard_errors(gain, record.dt)
-
-
-def _commands(record: RingRecord) -> Array:
-    if record.u is None:
-        raise ValueError("got a record without commands u_beta, u_gamma")
-    return record.u
-
-
-def _standard_errors(gain: Array, dt: float) -> float:
-    """Mean of gains (N,) over blocks of BLOCK_S s, in standard errors of this mean."""
-    blocks = np.arange(len(gain)) // max(round(BLOCK_S / dt), 1)
+            if coupling:
+                before, after = _left(angle, [follows + old * beside], rows), _left(angle, [follows, beside], rows)
+            else:
+                known = angle - old * follows
+                before, after = known[rows] - np.mean(known[~rows]), _left(angle, [follows], rows)
+            gain[rows] += before**2 - after**2
+    blocks = np.arange(len(gain)) // max(round(BLOCK_S / record.dt), 1)
     by_block = np.bincount(blocks, weights=gain)
     return float(by_block.mean()) / max(float(by_block.std(ddof=1)) / math.sqrt(len(by_block)), 1e-12)
 

@@ -167,27 +167,26 @@ def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
     """Motion of the plate in a record. A stage gives it with derivatives; without a stage, the tilt sensor gives it."""
     if record.u is None or stage is None:
         return from_sensor(record)
-    axes = stage.axes
-    u = mixed(record.u, StageModel(*axes))
-    base, by_stage = from_commands(record.t, *u, *axes), {}
+    base, by_stage = commanded(record.t, record.u, StageModel(*stage.axes)), {}
     for name, (i, change) in stage.directions.items():
-        moved, sign = _changed(axes[i], change)
-        there = from_commands(record.t, *u, *((moved, axes[1]) if i == 0 else (axes[0], moved)))
-        by_stage[name] = sign * (there.motion - base.motion)
+        axes = list(stage.axes)
+        axes[i], sign = _changed(axes[i], change)
+        by_stage[name] = sign * (commanded(record.t, record.u, StageModel(*axes)).motion - base.motion)
     return replace(base, by_stage=by_stage)
 
 
-def mixed(u: Array, stage: StageModel) -> tuple[Array, Array]:
-    """The commands (N,) that reach each axis, after play, dead band and coupling. u: commands (N, 2)"""
+def commanded(t: Array, u: Array, stage: StageModel) -> Tilt:
+    """Motion of the plate by commands u (N, 2) at times t (N,).
+
+    Commands act after play and dead band, each also on the other axis (coupling), and after the dead time of an axis"""
+    dt = float(np.median(np.diff(t)))
     beta, gamma = actuator_output(u[:, 0], stage.beta), actuator_output(u[:, 1], stage.gamma)
-    return beta + stage.beta.coupling * gamma, gamma + stage.gamma.coupling * beta
-
-
-def commanded(record: RingRecord, stage: StageModel) -> Tilt | None:
-    """Motion of the plate by the commands of a record and a stage; None without commands."""
-    if record.u is None:
-        return None
-    return from_commands(record.t, *mixed(record.u, stage), stage.beta, stage.gamma)
+    parts = [
+        _shifted(beta + stage.beta.coupling * gamma, stage.beta, dt),
+        _shifted(gamma + stage.gamma.coupling * beta, stage.gamma, dt),
+    ]
+    grid = t[0] + dt / FINE * np.arange(len(t) * FINE)
+    return Tilt(grid, np.hstack(parts), "commands, through the fitted stage")
 
 
 def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
@@ -197,14 +196,6 @@ def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
     motion = fine_motion(replace(axis, dead_time=0.0), u, dt, FINE)
     grid = dt / FINE * np.arange(len(motion))
     return np.column_stack([np.interp(grid - axis.dead_time, grid, column) for column in motion.T])
-
-
-def from_commands(t: Array, u_beta: Array, u_gamma: Array, beta: StageAxis, gamma: StageAxis) -> Tilt:
-    """Motion by the commands (N,) that reach each axis. The dead time of an axis delays its motion."""
-    dt = float(np.median(np.diff(t)))
-    grid = t[0] + dt / FINE * np.arange(len(t) * FINE)
-    parts = [_shifted(u, axis, dt) for u, axis in ((u_beta, beta), (u_gamma, gamma))]
-    return Tilt(grid, np.hstack(parts), "commands, through the fitted stage")
 
 
 def from_sensor(record: RingRecord) -> Tilt:
