@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.diagnosis.effect_entry import effect_entry
+from mazeplan.diagnosis.document import effect_entry
 from mazeplan.diagnosis.rig import findings, verdict
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
 from mazeplan.diagnosis.rig.words import advice

@@ -23,7 +23,7 @@ from mazeplan.diagnosis.rig.findings import registry_entry
 from mazeplan.diagnosis.rig.fitting import Reference, surely_differs
 from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.search import search_rig
-from mazeplan.diagnosis.rig.update import moved_model
+from mazeplan.diagnosis.update import moved_model
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.plate import PlateMotion

@@ -13,8 +13,8 @@ from mazeplan.control.estimation.rigid_body_fit import bead_values, with_body, w
 from mazeplan.core.constants import FREE_ROLLING
 from mazeplan.diagnosis.rig.imbalance import BALANCED, Imbalance
 from mazeplan.diagnosis.rig.reference import reference_by_model
-from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
 from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.diagnosis.update import kept_in_model, moved_model, reference_after
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rig_model import part_stderr, part_values
 from mazeplan.maze.mapfile import load_map

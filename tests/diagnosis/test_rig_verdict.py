@@ -26,10 +26,10 @@ from mazeplan.diagnosis.rig.record import filter_on_stage
 from mazeplan.diagnosis.rig.reference import known_reference, reference_of, textbook
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import THE_SAME
-from mazeplan.diagnosis.rig.update import reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.stage import navigation
+from mazeplan.diagnosis.update import reference_after
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import DRAG, Effect, Parameter

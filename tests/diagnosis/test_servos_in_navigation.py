@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.diagnosis.effect_entry import values_of
+from mazeplan.diagnosis.document import values_of
 from mazeplan.diagnosis.stage import navigation
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.stage.navigation import (

@@ -12,8 +12,8 @@ from contactrig import Rig, record
 
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.reference import reference_of
-from mazeplan.diagnosis.rig.update import moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.update import moved_model, reference_after
 from mazeplan.learning.identification import fit_rig
 from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map

@@ -11,14 +11,13 @@ import numpy as np
 
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, lacking
+from mazeplan.diagnosis.document import Entry, Values, effect_entry, lacking, residual_means, rounded, size_words
 from mazeplan.diagnosis.engine.judge import LOST, WITHIN_A_SAMPLE, Trial, least_left
 from mazeplan.diagnosis.engine.model import Model, divide, scales, thinned
 from mazeplan.diagnosis.engine.record import Record, least_noise, noise_of
 from mazeplan.diagnosis.engine.search import Finding, Search
 from mazeplan.diagnosis.engine.system import System
 from mazeplan.diagnosis.engine.windows import Fit, Windows
-from mazeplan.diagnosis.evidence import Evidence, both_documents, rounded
 
 MOST_ROWS = 9000  # of a record that are simulated; of a cart at 1 kHz, half as many gave 15 % more friction
 NOISE_LEFT = 1.5  # times the noise: more than this remains to be explained
@@ -88,16 +87,11 @@ class MotionDiagnosis:
     remaining: float
     unknown: dict[str, Any] | None
     notes: tuple[str, ...]
-    evidence: tuple[Evidence, Evidence]
+    evidence: tuple[dict[str, Any], dict[str, Any]]
     noise_floor: float
     fits: tuple[Fit, Fit]
     without: dict[str, Fit]
     test: tuple[MotionScore, MotionScore] | None = None
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What a reader of the numbers should know."""
-        return self.notes
 
     def document(self) -> dict[str, Any]:
         """The JSON document."""
@@ -107,22 +101,23 @@ class MotionDiagnosis:
             "unknown": self.unknown, "before": self.before.document(), "after": self.after.document(),
             "noise_floor": rounded(self.noise_floor, 6), "held_out": 0.5, "remaining": rounded(self.remaining, 3),
             "fits": {"reference": None, "record": rounded(self.remaining, 3)},
-            "tried": [{"name": t.name, "gain": rounded(t.gain, 2), "why_not": t.why_not} for t in self.finding.tried],
+            "tried": [{"name": n, "gain": rounded(g, 2), "why_not": why} for n, (g, why) in self.finding.tried.items()],
             "notes": list(self.notes),
         }  # fmt: skip
         if self.test is not None:
-            out["test"] = both_documents(self.test)
+            before, after = self.test
+            out["test"] = {"before": before.document(), "after": after.document()}
         return out
 
-    def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
-        """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
+    def evidence_document(self, title: str, notes: Sequence[str]) -> dict[str, Any]:
+        """What a report draws beside the document (`evidence.json`). notes: those of the document"""
         found = [{"name": e["name"], "gain": e["evidence"]} for e in self.effects]
-        tried = [{"name": t.name, "gain": round(t.gain, 2)} for t in self.finding.tried]
+        tried = [{"name": name, "gain": round(gain, 2)} for name, (gain, _) in self.finding.tried.items()]
         unit = self.after.unit
         return {
-            "title": title, "notes": [*self.notes, *notes], "labels": self.after.labels(),
+            "title": title, "notes": list(notes), "labels": self.after.labels(),
             "axes": [f"position, {unit}", f"speed, {unit}/s"], "candidates": [*found, *tried],
-            **both_documents(self.evidence),
+            "before": self.evidence[0], "after": self.evidence[1],
         }  # fmt: skip
 
     def sentence(self) -> str:
@@ -138,13 +133,11 @@ class MotionDiagnosis:
 
 def _words(effect: Entry) -> str:
     """An effect with its sizes, in words."""
-    numbers = []
+    sizes = []
     for name, p in effect["parameters"].items():
-        unit = f" {p['unit']}" if p["unit"] not in ("", "1") else ""
-        sure = f"{p['value']:.4g} +- {p['stderr']:.2g}{unit}" if p.get("determined", True) else "not determined"
-        numbers.append(f"{name} {sure}")
+        sizes.append(f"{name} {size_words(p) if p.get('determined', True) else 'not determined'}")
     where = f" of {effect['on']}" if "on" in effect else ""
-    return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(numbers)})"
+    return f"{effect['name'].replace('_', ' ')}{where} ({', '.join(sizes)})"
 
 
 def diagnose_motion(
@@ -294,19 +287,22 @@ def _notes(search: Search, finding: Finding, final: Fit, remaining: float, loose
     if len(finding.valid) < len(finding.levels):
         lost = [level.seconds for i, level in enumerate(finding.levels) if i not in finding.valid]
         out.append(f"in windows of {', '.join(f'{s:.2g}' for s in lost)} s the simulation leaves the record")
-    if any(t.why_not == WITHIN_A_SAMPLE and t.gain > HELD_GAIN for t in finding.tried) and remaining > NOISE_LEFT:
+    if (
+        any(why == WITHIN_A_SAMPLE and gain > HELD_GAIN for gain, why in finding.tried.values())
+        and remaining > NOISE_LEFT
+    ):
         names = ", ".join(f'"{name}"' for name in search.model.system.inputs)
         later = "the inputs act later by a part of a sample: if each keeps its value until the next sample"
         out.append(f"{later}, say so in the class, as held = ({names},)")
     return tuple(out)
 
 
-def _evidence(model: Model, fit: Fit) -> Evidence:
+def _evidence(model: Model, fit: Fit) -> dict[str, Any]:
     """The residual of a fit, with position, speed and time."""
     y = model.record.y[:, 0]
     seen = np.flatnonzero(np.isfinite(y))
     filled: Array = np.interp(np.arange(len(y)), seen, y[seen])
-    return Evidence(fit.residual[:, 0], filled, np.gradient(filled, model.record.t), model.record.t)
+    return residual_means(fit.residual[:, 0], filled, np.gradient(filled, model.record.t), model.record.t)
 
 
 def _tested(search: Search, fits: tuple[Fit, Fit], test: Record) -> tuple[MotionScore, MotionScore]:

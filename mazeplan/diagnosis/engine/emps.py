@@ -24,7 +24,7 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.document import Values
 from mazeplan.diagnosis.engine.diagnosis import MotionDiagnosis, diagnose_motion
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.system import System, system_of

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.document import Values
 from mazeplan.diagnosis.engine.record import Record
 from mazeplan.diagnosis.engine.simulation import LEFT, Problem, decayed, simulate
 from mazeplan.diagnosis.engine.system import System

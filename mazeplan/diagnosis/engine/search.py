@@ -22,7 +22,7 @@ from itertools import combinations
 import numpy as np
 
 from mazeplan.core.progress import Words
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.document import Values
 from mazeplan.diagnosis.engine.judge import DRIVES, EXPLAINS, LEAVES_MOST, Judge, Level, Trial, gain_of, track_of
 from mazeplan.diagnosis.engine.model import Free, Model
 from mazeplan.diagnosis.engine.windows import Point
@@ -34,15 +34,7 @@ FEWER = 0.5  # of the gain of a candidate that is accepted; one that gains less 
 MOST = 5  # effects
 LIKELY = 5  # effects that are tried in pairs
 FIRST = 0.003  # of its scale: where the fit of a candidate starts
-
-
-@dataclass(frozen=True)
-class Tried:
-    """A candidate that was not taken, with its gain and the reason."""
-
-    name: str
-    gain: float
-    why_not: str
+Tried = dict[str, tuple[float, str]]  # candidates that were not taken: gain, and why not
 
 
 @dataclass(frozen=True)
@@ -50,13 +42,14 @@ class Finding:
     """The result of a search.
 
     base, final: trials without and with what was found; found: names of effects in the order in which they were found
-    alike: groups of names that the record cannot tell apart; valid: levels that could be judged"""
+    alike: groups of names that the record cannot tell apart; valid: levels that could be judged
+    tried: gain and reason of each candidate that was not taken"""
 
     base: Trial
     final: Trial
     found: tuple[str, ...]
     alike: tuple[tuple[str, ...], ...]
-    tried: tuple[Tried, ...]
+    tried: Tried
     gains: dict[str, float]
     valid: tuple[int, ...]
     levels: tuple[Level, ...]
@@ -141,11 +134,11 @@ class Search:
         """Add effects until none is accepted, then check each of them again."""
         self.tell("fits of the known motion")
         base = current = self.trial(())
-        tried: dict[str, Tried] = {}
+        tried = Tried()
         library = [e.name for e in self.model.system.effects if e.name not in self.always]
         for name in [name for name in library if self.redundant(base, name)]:
             library.remove(name)
-            tried[name] = Tried(name, 0.0, "the fitted numbers of the motion can do the same")
+            tried[name] = (0.0, "the fitted numbers of the motion can do the same")
         gains: dict[str, float] = {}
         found: list[str] = []
         while len(found) < most:
@@ -160,13 +153,13 @@ class Search:
         current, found = self._backward(base, current, found, tried, gains)
         current, found = self._otherwise(base, current, found, library, gains)
         if found and self.judge.leaves_most(base, current):
-            tried |= {name: Tried(name, gains.pop(name, 0.0), LEAVES_MOST) for name in found}
+            tried |= {name: (gains.pop(name, 0.0), LEAVES_MOST) for name in found}
             current, found = base, []
         valid = tuple(self.judge.valid(base, current))
         alike = self._alike(current, found, library)
         for name in found:
             tried.pop(name, None)
-        return Finding(base, current, tuple(found), alike, tuple(tried.values()), gains, valid, self.levels)
+        return Finding(base, current, tuple(found), alike, tried, gains, valid, self.levels)
 
     def redundant(self, base: Trial, name: str) -> bool:
         """Whether the fitted numbers of the motion can copy an effect, at every level."""
@@ -181,7 +174,7 @@ class Search:
                 return False
         return True
 
-    def _round(self, current: Trial, candidates: Sequence[str], tried: dict[str, Tried]) -> list[tuple[Trial, float]]:
+    def _round(self, current: Trial, candidates: Sequence[str], tried: Tried) -> list[tuple[Trial, float]]:
         """Trials of the candidates that are accepted, the best first."""
         scored = []
         which = sorted({0, len(self.levels) // 2})
@@ -200,13 +193,13 @@ class Search:
         judged = 0  # by windows of a length at least; a simulation with others leaves the record
         for score, name in scored:
             if judged == KEPT or (accepted and score < FEWER * scored[0][0]):
-                tried[name] = Tried(name, float(score), "others explain more")
+                tried[name] = (float(score), "others explain more")
                 continue
             trial = self.trial((*current.names, name), current)
             gain, why_not = self.judge.why_not(current, trial, name)
             judged += bool(self.judge.valid(current, trial)) and why_not != DRIVES
             if why_not:
-                tried[name] = Tried(name, gain, why_not)
+                tried[name] = (gain, why_not)
             else:
                 accepted.append((trial, gain))
         order = {name: i for i, name in enumerate(candidates)}
@@ -216,7 +209,7 @@ class Search:
         if accepted:
             self.rivals[accepted[0][0].names[-1]] = near
         for trial, gain in accepted[1:]:
-            tried[trial.names[-1]] = Tried(trial.names[-1], gain, f"{accepted[0][0].names[-1]} explains more")
+            tried[trial.names[-1]] = (gain, f"{accepted[0][0].names[-1]} explains more")
         return accepted
 
     def _otherwise(
@@ -249,7 +242,7 @@ class Search:
         return current, found
 
     def _backward(
-        self, base: Trial, current: Trial, found: list[str], tried: dict[str, Tried], gains: dict[str, float]
+        self, base: Trial, current: Trial, found: list[str], tried: Tried, gains: dict[str, float]
     ) -> tuple[Trial, list[str]]:
         """Drop effects that are no longer needed beside later ones."""
         again = len(found) > 1
@@ -260,7 +253,7 @@ class Search:
                 without = self.trial(rest, current)
                 gain, why_not = self.judge.why_not(without, current, name)
                 if why_not:
-                    tried[name] = Tried(name, gain, f"beside {', '.join(rest)}: {why_not}")
+                    tried[name] = (gain, f"beside {', '.join(rest)}: {why_not}")
                     current, found, again = without, list(rest), True
                     gains.pop(name, None)
                     break

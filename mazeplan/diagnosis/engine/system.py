@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import InputError, reason
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.document import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
 from mazeplan.physics.formulas.compiled import term_functions

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values, changed
+from mazeplan.diagnosis.document import Values, changed
 from mazeplan.diagnosis.engine.model import START, Free, Model, first_states, with_numbers
 from mazeplan.diagnosis.engine.record import Record
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import FRICTION, BodyFit, fit_body, number_of, value_of, with_values
 from mazeplan.core.constants import GRAVITY
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of, with_plan
+from mazeplan.diagnosis.document import Entry, effect_entry, values_of, with_plan
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
 from mazeplan.diagnosis.rig.fitting import (
     ENOUGH,

@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry
+from mazeplan.diagnosis.document import Entry, effect_entry
 from mazeplan.physics.effects.ball import ball_imbalance
 
 SLOW = 0.02  # m/s; friction holds a slower ball

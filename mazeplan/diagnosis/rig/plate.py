@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
+from mazeplan.diagnosis.document import Entry, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.fitting import ENOUGH, NEEDED, NOISE, STDERR_SCALE, STEPS, Reference, without_finding
 from mazeplan.diagnosis.rig.record import filter_on_stage, whole_record

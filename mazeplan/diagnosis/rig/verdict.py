@@ -18,7 +18,7 @@ import numpy as np
 from mazeplan.control.estimation.rigid_body_filter import BodyModel, Filtered
 from mazeplan.control.estimation.rigid_body_fit import value_of
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.effect_entry import Entry, with_plan
+from mazeplan.diagnosis.document import Entry, with_plan
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.rig.candidates import CONTACT, Candidate
 from mazeplan.diagnosis.rig.findings import by_zero, of_open_numbers, of_the_ball, of_the_stage, small, with_asymmetry

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.diagnosis.effect_entry import Entry, untold
+from mazeplan.diagnosis.document import Entry, untold
 from mazeplan.diagnosis.rig.plate import MovedPlate
 from mazeplan.diagnosis.rig.reference import TEXTBOOK_BALL, RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut

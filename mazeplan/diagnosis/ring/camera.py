@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, effect_entry
+from mazeplan.diagnosis.document import Entry, effect_entry
 from mazeplan.physics.effects.rig import camera_offset
 from mazeplan.physics.rig.sensors import Camera
 

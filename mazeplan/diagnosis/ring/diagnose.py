@@ -7,17 +7,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from mazeplan.core.maths.angles import wrap
 from mazeplan.core.progress import Words, no_words
-from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
+from mazeplan.diagnosis.document import (
+    Entry,
+    Values,
+    effect_entry,
+    lacking,
+    residual_means,
+    rounded,
+    size_words,
+    values_of,
+    with_plan,
+)
 from mazeplan.diagnosis.record import RingRecord, runs
 from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without
-from mazeplan.diagnosis.ring.result import RingDiagnosis, evidence_of, verdict_of
-from mazeplan.diagnosis.ring.scores import RingScore, matched_target, score, seen_and_held
+from mazeplan.diagnosis.ring.scores import LABELS, RingScore, matched_target, score, seen_and_held
 from mazeplan.diagnosis.ring.search import Finding, Search, confounded_effects
 from mazeplan.diagnosis.ring.system import STAGE_ERRORS, RingSystem, ring_library, stage_errors
 from mazeplan.diagnosis.ring.windows import by_windows
@@ -32,6 +43,86 @@ from mazeplan.physics.rig.sensors import Camera
 
 OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
 GAP = 30  # samples; the filter starts again if the ball was not seen for longer
+LISTED = 6  # maximum number of amplitudes that a sentence lists one by one
+
+
+@dataclass(frozen=True, kw_only=True)
+class RingDiagnosis:
+    """What was found in one ring.
+
+    verdict: nothing_missing, effect_found, ambiguous or unknown_effect
+    effects: entries of the document
+    before, after: scores on the held-out rows, without and with what was found
+    share: held-out share of the record
+    held: which rows are held out, in words
+    evidence: residuals before and after (`residual_means`)
+    notes: anything odd about the record and the fits
+    stage: fits of both axes, None without commands
+    tilt_source: where the plate's motion comes from, in words
+    test: scores before and after on a further record"""
+
+    verdict: str
+    effects: tuple[Entry, ...]
+    finding: Finding
+    before: RingScore
+    after: RingScore
+    share: float
+    held: str
+    evidence: tuple[dict[str, Any], dict[str, Any]]
+    notes: tuple[str, ...]
+    stage: Stage | None
+    tilt_source: str
+    test: tuple[RingScore, RingScore] | None = None
+
+    def document(self) -> dict[str, Any]:
+        """The JSON document."""
+        unknown = None
+        if self.finding.unknown is not None:
+            depends = list(self.finding.unknown.candidate.depends_on)
+            unknown = {"depends_on": depends, "description": self._description()}
+        out = {
+            "verdict": self.verdict, "sentence": self.sentence(), "effects": list(map(with_plan, self.effects)),
+            "ambiguous_with": [list(group) for group in self.finding.alike], "unknown": unknown,
+            "before": self.before.document(), "after": self.after.document(),
+            "noise_floor": rounded(self.after.floor, 5), "held_out": round(self.share, 3), "held_out_rows": self.held,
+            "tilt": self.tilt_source, "notes": list(self.notes),
+        }  # fmt: skip
+        if self.test is not None:
+            before, after = self.test
+            out["test"] = {"before": before.document(), "after": after.document()}
+        return out
+
+    def evidence_document(self, title: str, notes: Sequence[str]) -> dict[str, Any]:
+        """What a report draws beside the document (`evidence.json`). notes: those of the document"""
+        said = [f"Scores are of {self.held}, which search and fits did not see.", f"Tilt: {self.tilt_source}."]
+        return {
+            "title": title, "notes": [*said, *notes], "labels": LABELS,
+            "axes": ["theta, rad", "theta_dot, rad/s"],
+            "candidates": [
+                {"name": t.candidate.name, "gain": round(t.gain, 2), "named": t.candidate.named,
+                 "placebo": t.candidate.placebo}
+                for t in self.finding.ranked if math.isfinite(t.gain)
+            ],
+            "before": self.evidence[0], "after": self.evidence[1],
+        }  # fmt: skip
+
+    def sentence(self) -> str:
+        """The finding in one sentence."""
+        if self.verdict == "nothing_missing":
+            return self.before.nothing_found()
+        names, change = ", ".join(map(_words, self.effects)), self.before.both(self.after)
+        return lacking(self.verdict, names, self._description(), self.finding.alike, change)
+
+    def _description(self) -> str:
+        """What the term without a name looks like, in words; empty if none was found."""
+        trial = self.finding.unknown
+        if trial is None:
+            return ""
+        if trial.candidate.name == "oscillation":
+            values = trial.fit.values["oscillation"]
+            size = math.hypot(values["cos"], values["sin"])
+            return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} rad/s^2"
+        return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
 
 
 def diagnose(
@@ -85,9 +176,9 @@ def diagnose(
     own = _model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
     plain, base, scored = _as_it_was(whole, own or tilt, radius, declared, everything, own is None)
     done = RingDiagnosis(
-        verdict=verdict_of(finding, effects, everything), effects=tuple(effects), finding=finding,
+        verdict=_verdict(finding, effects, everything), effects=tuple(effects), finding=finding,
         before=scored, after=score(straight, final, held), share=share, held=which, notes=record.notes,
-        evidence=(evidence_of(plain, base), evidence_of(straight, final)), stage=stage, tilt_source=tilt.source,
+        evidence=(_evidence(plain, base), _evidence(straight, final)), stage=stage, tilt_source=tilt.source,
     )  # fmt: skip
     if test is None:
         return done
@@ -192,3 +283,37 @@ def _on_test(test: RingRecord, tilt: Tilt, like: Likelihood, found: Fit, circle:
     record, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
     record, system = _straight(record, circle), like.system
     return score(_likelihood(record, tilt, system.radius, system.declared, like.library, every), found, every)
+
+
+def _words(effect: Entry) -> str:
+    """An effect with its sizes, in words. Many amplitudes appear as their root mean square."""
+    parameters = effect["parameters"]
+    waves = [p for name, p in parameters.items() if name.startswith(("cos", "sin"))]
+    if len(waves) > LISTED:
+        rms = math.sqrt(0.5 * sum(p["value"] ** 2 for p in waves))
+        numbers = f"{len(waves)} amplitudes, {rms:.2g} {waves[0]['unit']} root mean square"
+    else:
+        numbers = ", ".join(f"{name} {size_words(p)}" for name, p in parameters.items())
+    why = with_plan(effect).get("why_not")
+    return f"{effect['name'].replace('_', ' ')} ({numbers}" + (f"; no plan can use it: {why})" if why else ")")
+
+
+def _verdict(finding: Finding, effects: Sequence[Entry], library: Sequence[Effect]) -> str:
+    """The verdict in one word.
+
+    The search prefers the effect with fewer parameters. The verdict is ambiguous if another effect explains the record
+    as well without more parameters."""
+    if finding.unknown is not None:
+        return "unknown_effect"
+    counts = {c.name: len(c.parameters) for c in (*EFFECTS.values(), *library)}
+    for chosen, *others in finding.alike:
+        if any(counts[name] <= counts[chosen] for name in others):
+            return "ambiguous"
+    return "effect_found" if effects else "nothing_missing"
+
+
+def _evidence(likelihood: Likelihood, found: Fit) -> dict[str, Any]:
+    """The residual of a fit on all rows of its record, the held-out rows included."""
+    residual, states = likelihood.everywhere(found.values, found.q)
+    time = np.asarray(likelihood.system.dt * np.arange(len(states)), dtype=np.float64)
+    return residual_means(np.asarray(residual / max(found.noise, 1e-300)), wrap(states[:, 0]), states[:, 1], time)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values, changed
+from mazeplan.diagnosis.document import Values, changed
 from mazeplan.diagnosis.ring.kalman import Moves, innovations
 from mazeplan.diagnosis.ring.system import RingSystem, remembered
 from mazeplan.physics.effect import Effect, Parameter

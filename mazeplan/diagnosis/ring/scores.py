@@ -25,7 +25,7 @@ import numpy as np
 
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.evidence import rounded
+from mazeplan.diagnosis.document import rounded
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood
 from mazeplan.diagnosis.ring.kalman import accelerations, roll_out

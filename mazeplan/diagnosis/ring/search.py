@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mazeplan.core.progress import Words
-from mazeplan.diagnosis.effect_entry import Values
+from mazeplan.diagnosis.document import Values
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, fit, fit_without, forecast, start_of
 from mazeplan.diagnosis.ring.kalman import accelerations
 from mazeplan.physics.effect import OPENING, Effect, Parameter

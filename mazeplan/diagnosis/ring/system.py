@@ -24,7 +24,7 @@ from numba import njit
 
 from mazeplan.core.maths.compiled import KERNEL, pointer_to, shifted
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Values, changed
+from mazeplan.diagnosis.document import Values, changed
 from mazeplan.diagnosis.ring.camera import seen_angle, true_angle, true_angle_slope
 from mazeplan.diagnosis.ring.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.stage.plate_motion import Tilt

@@ -32,7 +32,7 @@ import numpy as np
 
 from mazeplan.core.progress import Words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.diagnosis.effect_entry import Values, changed
+from mazeplan.diagnosis.document import Values, changed
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without, start_of
 from mazeplan.diagnosis.ring.kalman import accelerations, midpoint_roll_outs
 from mazeplan.diagnosis.ring.scores import KNOWN, MATCHED, begun_at, matched_target

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from mazeplan.core.logs.table import Table
-from mazeplan.diagnosis.effect_entry import Entry, Values, effect_entry, values_of
+from mazeplan.diagnosis.document import Entry, Values, effect_entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.learning.axis_record import fastest_turn, free_numbers

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.core.records import Array
-from mazeplan.diagnosis.effect_entry import Entry, values_of
+from mazeplan.diagnosis.document import Entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.comparison import AXES, COUPLINGS, SURE, Known, changed, changed_gain
 from mazeplan.diagnosis.stage.plate_motion import Stage

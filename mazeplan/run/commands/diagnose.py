@@ -13,9 +13,9 @@ from mazeplan.core.logs.table import Table, as_table, join, name_of, several
 from mazeplan.core.progress import Words, no_words
 from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.diagnosis.rig.reference import known_reference, reference_of, save_reference
-from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.rig.words import advice, errors_in_words
+from mazeplan.diagnosis.update import kept_in_model, moved_model, reference_after
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.registry import own_effects

@@ -26,7 +26,6 @@ from mazeplan.diagnosis.engine.record import read_record
 from mazeplan.diagnosis.engine.system import System, system_of
 from mazeplan.diagnosis.record import centred, record_of, turned_round
 from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
-from mazeplan.diagnosis.ring.result import RingDiagnosis
 from mazeplan.diagnosis.ring.system import ring_library
 from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.diagnosis.update import base_model, updated
@@ -137,14 +136,13 @@ def finish(
 
 
 def finish_mechanism(
-    done: RingDiagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
+    done: ring_diagnosis.RingDiagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
 ) -> DiagnosisResult:
     """The result of a diagnosis of one mechanism; see `finish`."""
-    further = [note for note in document["notes"] if note not in done.remarks]
     on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
     ring, sentence = document.get("ring"), done.sentence()
     sentence = f"Ring {ring}: {sentence}" if ring else sentence
-    return finish(document, done.evidence_document(title, further), request, sentence, on_test)
+    return finish(document, done.evidence_document(title, document["notes"]), request, sentence, on_test)
 
 
 def diagnose_ring(log: Any, request: DiagnosisRequest, why: str = "") -> DiagnosisResult:

@@ -24,9 +24,9 @@ from mazeplan.core.results import DocumentResult
 from mazeplan.core.whole_file import whole_file, whole_folder
 from mazeplan.diagnosis.rig.record import FEWEST
 from mazeplan.diagnosis.rig.reference import RigReference, known_reference, reference_of, save_reference
-from mazeplan.diagnosis.rig.update import kept_in_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.diagnosis.rig.words import advice
+from mazeplan.diagnosis.update import kept_in_model, moved_model, reference_after
 from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.registry import own_effects
