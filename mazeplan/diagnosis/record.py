@@ -31,7 +31,6 @@ class RingRecord:
     begins: True where a stretch begins
     beta, gamma: measured tilt, rad
     u: commands (N, 2), rad, None if unknown
-    segment: number of the stretch
     notes: anything odd
     theta_ddot: accelerations in the record's own column, rad/s^2"""
 
@@ -43,7 +42,6 @@ class RingRecord:
     beta: Array
     gamma: Array
     u: Array | None
-    segment: Array
     notes: tuple[str, ...] = ()
     theta_ddot: Array | None = None
 
@@ -52,7 +50,7 @@ class RingRecord:
 
     def part(self, rows: np.ndarray) -> RingRecord:
         """The record of some rows (N,) alone. They keep their times."""
-        columns = ("t", "theta", "r", "begins", "beta", "gamma", "u", "segment", "theta_ddot")
+        columns = ("t", "theta", "r", "begins", "beta", "gamma", "u", "theta_ddot")
         known = {name: column for name in columns if (column := getattr(self, name)) is not None}
         return replace(self, **{name: column[rows] for name, column in known.items()})
 
@@ -129,7 +127,7 @@ def record_of(
     own = np.where(rows, table["theta_ddot"], np.nan) if "theta_ddot" in table else None
     return RingRecord(
         t=np.asarray(dt * np.arange(len(table)), dtype=np.float64), dt=dt, theta=_unwrapped(theta, starts), r=r,
-        begins=starts, beta=table["beta"], gamma=table["gamma"], u=u, segment=np.cumsum(starts), notes=tuple(notes),
+        begins=starts, beta=table["beta"], gamma=table["gamma"], u=u, notes=tuple(notes),
         theta_ddot=own,
     )  # fmt: skip
 

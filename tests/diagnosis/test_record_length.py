@@ -22,9 +22,7 @@ MAZE = load_map("cme")
 def test_the_length_of_a_record_counts_pictures_where_logs_overlap(at, seconds):
     dt = 0.5
     columns = {name: np.linspace(0.0, 0.01, 4) for name in ("x", "y", "beta", "gamma", "u_beta", "u_gamma")}
-    record = SimpleNamespace(
-        t=dt * np.arange(4), dt=dt, begins=np.array([True, False, True, False]), u=None, **columns, segment=np.ones(4)
-    )
+    record = SimpleNamespace(t=dt * np.arange(4), dt=dt, begins=np.array([True, False, True, False]), u=None, **columns)
     body = filter_on_stage({"t": np.array(at), **columns}, MAZE, None, record=record)
     assert seconds_of(body) == seconds
 

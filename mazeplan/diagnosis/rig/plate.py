@@ -10,14 +10,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.control.estimation.rigid_body_fit import fit_body, value_of
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.document import Entry, effect_entry, values_of
@@ -34,7 +34,7 @@ from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, w
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.effects import rig
-from mazeplan.physics.rig.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage import StageModel
 
 PLAY = (rig.backlash, (math.radians(0.05), math.radians(2.0)))  # its smallest and largest size that is tried, rad
 RATE = (rig.rate_limit, (0.05, 2.0))  # rad/s
@@ -69,12 +69,6 @@ class MovedPlate:
     def overtaxed(self) -> bool:
         """Whether commands overtax the servos, so that the measured tilt moves the plate."""
         return self.stage is not None and self.stage.servos_overtaxed
-
-    def as_it_was(self, maze: Maze, was: RigReference) -> BodyFilter:
-        """The filter as the old model believes: it does not know of another scale of the sensor or of unseen play."""
-        if self.sensor is not None or self.unseen is not None:
-            return self.measured
-        return as_it_was(self.table, maze, was, self.stage, self.body)
 
 
 def moved_plate(table: Table, maze: Maze, was: RigReference) -> tuple[MovedPlate, RigReference]:
@@ -125,39 +119,36 @@ def felt(body: BodyFilter, sensor: Entry) -> BodyFilter:
 def with_unseen_change(plate: MovedPlate, searched: SearchResult, was: Reference, maze: Maze) -> MovedPlate | None:
     """The record on a changed stage that explains it better than a later camera by `NEEDED`, or None."""
     later = next((c for c in searched.candidates if c.effect == "sensor_delay"), None)
-    if plate.moves is None or later is None or searched.fit.value("delay") <= value_of(was.model, "delay"):
+    moves = plate.moves
+    if moves is None or later is None or searched.fit.value("delay") <= value_of(was.model, "delay"):
         return None
     model = without_finding(searched.fit.model, was, later)
     beside = tuple(name for c in searched.candidates if c is not later for name in c.fitted)
     most, best = NEEDED, None
     for effect, within in (PLAY, RATE) if plate.blind else (PLAY,):
-        sizes, stderr = _likeliest(partial(_minus2, plate, maze, model, effect), within)
-        moves = _changed(plate.moves, effect, sizes)
-        body = filter_on_stage(plate.table, maze, moves, plate.body, plate.record)
+        on_stage = partial(_on_changed_stage, plate, maze, moves, effect)
+        sizes, stderr = _likeliest(lambda sizes, on=on_stage: on(sizes)[1].innovations(model).minus2, within)
+        new, body = on_stage(sizes)
         gained = searched.fit.minus2 - fit_body(body, model, (*NOISE, *beside), STEPS, ENOUGH).minus2
         if gained > most:
             error = {axis: STDERR_SCALE * was.misfit * s for axis, s in zip(AXES, stderr, strict=True)}
-            entry = effect_entry(effect, _sizes(moves, effect), error, _sizes(plate.moves, effect))
-            most, best = gained, replace(plate, body=body, moves=moves, unseen=entry)
+            entry = effect_entry(effect, _sizes(new, effect), error, _sizes(moves, effect))
+            most, best = gained, replace(plate, body=body, moves=new, unseen=entry)
     return best
 
 
-def _minus2(plate: MovedPlate, maze: Maze, model: BodyModel, effect: Effect, sizes: list[float]) -> float:
-    """-2 log L of a record on a stage with an effect of these sizes."""
-    assert plate.moves is not None
-    moves = _changed(plate.moves, effect, sizes)
-    return filter_on_stage(plate.table, maze, moves, plate.body, plate.record).innovations(model).minus2
-
-
-def _changed(moves: StageModel, effect: Effect, sizes: list[float]) -> StageModel:
-    """The stage with more play behind it, or with limited rates."""
-
-    def with_size(axis: StageAxis, size: float) -> StageAxis:
+def _on_changed_stage(
+    plate: MovedPlate, maze: Maze, moves: StageModel, effect: Effect, sizes: Sequence[float]
+) -> tuple[StageModel, BodyFilter]:
+    """The stage with more play behind it, or with limited rates, and the filter of the ball on it."""
+    axes = []
+    for axis, size in zip((moves.beta, moves.gamma), sizes, strict=True):
         if effect is rig.backlash:
-            return replace(axis, backlash=axis.backlash + size, behind=True)
-        return replace(axis, rate_limit=min(size, axis.rate_limit))
-
-    return StageModel(with_size(moves.beta, sizes[0]), with_size(moves.gamma, sizes[1]))
+            axes.append(replace(axis, backlash=axis.backlash + size, behind=True))
+        else:
+            axes.append(replace(axis, rate_limit=min(size, axis.rate_limit)))
+    new = StageModel(*axes)
+    return new, filter_on_stage(plate.table, maze, new, plate.body, plate.record)
 
 
 def _sizes(stage: StageModel, effect: Effect) -> dict[str, float]:

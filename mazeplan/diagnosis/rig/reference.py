@@ -150,7 +150,7 @@ def reference_by_filter(
     fit = fit_reference(body, with_values(guess or first_guess(model, maze), {"inertia": inertia}))
     starts = starts_of(body, fit.filtered, maze)
     found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
-    errors = {ring: error.mean for ring, error in found.items()}
+    errors = {ring: mean for ring, (mean, _) in found.items()}
     return RigReference(
         Reference(fit.model, fit.stderr), known, *residual_summary(body, fit), errors=errors,
         imbalance=unbalanced(body, fit),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,13 +27,6 @@ PARTS = 20  # of a record, whose roll-outs give the scatter of a difference
 LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further loss means nothing
 
 
-class RingError(NamedTuple):
-    """Mean error of the roll-outs in a ring, and its standard error by the scatter of blocks of time, rad."""
-
-    mean: float
-    stderr: float
-
-
 @dataclass(frozen=True)
 class HeldOut:
     """Predictions of held-out pictures.
@@ -42,14 +35,14 @@ class HeldOut:
     before, after: errors (AHEAD, W) of the angle 1 to AHEAD samples ahead, rad, without and with what was found
     gain: gain (B,) of -2 log L in blocks of BLOCK_S s
     plain: errors (AHEAD, W) with the new stage alone, rad
-    by_ring: mean of the errors AHEAD samples ahead with what was found, by ring"""
+    by_ring: mean of the errors AHEAD samples ahead with what was found, and its standard error, rad, by ring"""
 
     starts: IntArray
     before: Array
     after: Array
     gain: Array
     plain: Array
-    by_ring: dict[int, RingError] = field(default_factory=dict)
+    by_ring: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def ahead(self) -> int:
@@ -175,8 +168,8 @@ def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
 
 def errors_by_ring(
     body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
-) -> dict[int, RingError]:
-    """Mean of the last of the errors (AHEAD, W), by ring, for rings with FEWEST roll-outs or more.
+) -> dict[int, tuple[float, float]]:
+    """Mean of the last of the errors (AHEAD, W), and its standard error, by ring, for rings with FEWEST roll-outs.
 
     A ball that has left its ring by then does not count: whether it passes an opening depends on tenths of a mm."""
     r, then = (np.hypot(*filtered.state[rows, :2].T) for rows in (starts, starts + AHEAD))
@@ -188,7 +181,7 @@ def errors_by_ring(
     return {number: _ring_error(last[rows], block[rows]) for number, rows in here.items() if rows.sum() >= FEWEST}
 
 
-def _ring_error(errors: Array, block: IntArray) -> RingError:
+def _ring_error(errors: Array, block: IntArray) -> tuple[float, float]:
     """Mean and standard error of errors (M,). block: number (M,) of their blocks
 
     Errors of one block are not independent."""
@@ -196,8 +189,8 @@ def _ring_error(errors: Array, block: IntArray) -> RingError:
     sums = np.bincount(block, errors - mean)
     there = len(np.unique(block))
     if there < 2:
-        return RingError(mean, math.inf)
-    return RingError(mean, math.sqrt(float(np.sum(sums**2)) * there / (there - 1.0)) / len(errors))
+        return mean, math.inf
+    return mean, math.sqrt(float(np.sum(sums**2)) * there / (there - 1.0)) / len(errors)
 
 
 def minus2_by_picture(filtered: Filtered) -> Array:

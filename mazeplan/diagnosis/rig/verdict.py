@@ -191,7 +191,10 @@ def verdict_on(
     plate, known, searched = _searched(plate, was, maze, tell, own)
     was = replace(was, body=replace(known, start=was.body.start))
     tell("held-out part")
-    held = held_out(plate.body, plate.as_it_was(maze, was), was.body.start or was.body.model, searched, maze)
+    old = plate.measured  # the old model does not know of another scale of the sensor or of unseen play
+    if plate.sensor is None and plate.unseen is None:
+        old = as_it_was(table, maze, was, plate.stage, plate.body)
+    held = held_out(plate.body, old, was.body.start or was.body.model, searched, maze)
     found = _predicting(searched, held)
     radii = _radii(maze, searched.fit.filtered)
     staged = of_the_stage(plate, was, radii, found)

@@ -11,8 +11,6 @@ track radius R. The camera sees the ball at the angle theta of (x_0 + R cos(phi)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mazeplan.core.records import Array
@@ -27,34 +25,14 @@ BLOCK = 30  # samples that count as one, because the ball stays at one wall of i
 Offset = tuple[float, float]  # x and y, m
 
 
-@dataclass(frozen=True)
-class Circle:
-    """A fitted circle.
+def fit_circle(theta: Array, r: Array, rows: np.ndarray, known: Camera) -> tuple[Offset, Entry] | None:
+    """The offset of the circle through measured (theta, r) of some rows, and the whole offset as an entry of the
+    document: gain of -2 log L with its penalty, standard deviation of r without and with the offset, m.
 
-    evidence: gain of -2 log L by the offset, with its penalty
-    before, after: standard deviation of r without and with the offset, m"""
+    known: camera by which the positions of the circle are corrected already (`record.centred`)
 
-    offset: Offset
-    stderr: Offset
-    evidence: float
-    before: float
-    after: float
-
-    def entry(self, known: Camera) -> Entry:
-        """The whole offset in the picture as an effect of the document.
-
-        known: camera by which the positions of the circle are corrected already (`record.centred`)"""
-        had = {"x": known.offset_x, "y": known.offset_y}
-        values = {axis: round(had[axis] + known.scale * v, 6) for axis, v in zip("xy", self.offset, strict=True)}
-        stderr = {axis: round(known.scale * v, 6) for axis, v in zip("xy", self.stderr, strict=True)}
-        more = {"evidence": round(self.evidence, 1), "before": round(self.before, 6), "after": round(self.after, 6)}
-        return effect_entry(camera_offset, values, stderr, had, **more)
-
-
-def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
-    """The circle through measured (theta, r) of some rows, if its offset is significant and large enough to report.
-
-    None also if the rows are few, show only an arc, or have no scatter."""
+    None if the offset is not significant or too small to report, if the rows are few, show only an arc, or have no
+    scatter."""
     keep = rows & np.isfinite(theta) & np.isfinite(r)
     if keep.sum() < FEWEST:
         return None
@@ -76,7 +54,11 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
     offset, stderr = (float(w[1]), float(w[2])), (float(sigma[1]), float(sigma[2]))
     if not (evidence > SURE and float(np.hypot(*offset)) > max(SMALLEST, 3.0 * max(stderr))):
         return None
-    return Circle(offset, stderr, evidence, before, after)
+    had = {"x": known.offset_x, "y": known.offset_y}
+    values = {axis: round(had[axis] + known.scale * v, 6) for axis, v in zip("xy", offset, strict=True)}
+    errors = {axis: round(known.scale * v, 6) for axis, v in zip("xy", stderr, strict=True)}
+    more = {"evidence": round(evidence, 1), "before": round(before, 6), "after": round(after, 6)}
+    return offset, effect_entry(camera_offset, values, errors, had, **more)
 
 
 def true_angle_at_radius(theta: Array, r: Array, offset: Offset) -> Array:

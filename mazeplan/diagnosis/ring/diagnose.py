@@ -26,7 +26,7 @@ from mazeplan.diagnosis.document import (
     with_plan,
 )
 from mazeplan.diagnosis.record import RingRecord, runs
-from mazeplan.diagnosis.ring.camera import Circle, fit_circle, true_angle_at_radius
+from mazeplan.diagnosis.ring.camera import Offset, fit_circle, true_angle_at_radius
 from mazeplan.diagnosis.ring.fit import Fit, Likelihood, best_q, fit, fit_without
 from mazeplan.diagnosis.ring.scores import LABELS, RingScore, matched_target, score, seen_and_held
 from mazeplan.diagnosis.ring.search import Finding, Search, confounded_effects
@@ -147,16 +147,16 @@ def diagnose(
     stage = fit_stage(record, rows, known.kind)
     tilt = plate_motion(record, stage)
     effects = stage_effects(stage, known)
-    circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
-    if circle is not None:
-        effects.append(circle.entry(corrected or Camera()))
+    circle = None if record.r is None else fit_circle(record.theta, record.r, rows, corrected or Camera())
+    offset, entry = circle or (None, None)
+    effects += [] if entry is None else [entry]
     nuisance = [] if stage is None else [stage_errors(stage.directions)]
     named = [c for c in ring_library() if record.r is None or c.name != "camera_offset"]  # r shows the offset
     library = [*(_from_declared(c, declared) for c in named), *wall_library(walls), *more, *NAMELESS, *PLACEBOS]
     closely = closer_library(walls)
     everything = [*library, *closely, *nuisance]
     record, (rows, held) = _with_ball(record, rows, held)
-    record = _straight(record, circle)
+    record = _straight(record, offset)
     straight = _likelihood(record, tilt, radius, declared, everything, rows)
     gain, either = _gain_effect(stage, known, straight)
     if gain is not None:
@@ -184,7 +184,7 @@ def diagnose(
         return done
     was, moved = None if own is None else _model_motion(test, stage, known), plate_motion(test, stage)
     before = _on_test(test, was or moved, plain, base)
-    return replace(done, test=(before, _on_test(test, moved, straight, final, circle)))
+    return replace(done, test=(before, _on_test(test, moved, straight, final, offset)))
 
 
 def _gain_effect(
@@ -214,11 +214,11 @@ def _model_motion(record: RingRecord, stage: Stage | None, known: Known) -> Tilt
     return commanded(record.t, record.u, stage.offsets_on(axes))
 
 
-def _straight(record: RingRecord, circle: Circle | None) -> RingRecord:
+def _straight(record: RingRecord, offset: Offset | None) -> RingRecord:
     """The record with angles about the ring's centre, if the camera is off."""
-    if circle is None or record.r is None:
+    if offset is None or record.r is None:
         return record
-    return replace(record, theta=true_angle_at_radius(record.theta, record.r, circle.offset))
+    return replace(record, theta=true_angle_at_radius(record.theta, record.r, offset))
 
 
 def _likelihood(
@@ -278,10 +278,10 @@ def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effec
     return out
 
 
-def _on_test(test: RingRecord, tilt: Tilt, like: Likelihood, found: Fit, circle: Circle | None = None) -> RingScore:
+def _on_test(test: RingRecord, tilt: Tilt, like: Likelihood, found: Fit, offset: Offset | None = None) -> RingScore:
     """Scores on a further record, of a fit to another likelihood."""
     record, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
-    record, system = _straight(record, circle), like.system
+    record, system = _straight(record, offset), like.system
     return score(_likelihood(record, tilt, system.radius, system.declared, like.library, every), found, every)
 
 

@@ -89,7 +89,7 @@ def seen_and_held(record: RingRecord) -> tuple[np.ndarray, np.ndarray, str]:
     many pieces has no such order, so blocks all over the record are held out."""
     lengths = np.diff(np.append(np.flatnonzero(record.begins), len(record)))
     if record.u is None and lengths.max() < LONGEST * len(record):
-        split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
+        split = block_split(np.cumsum(record.begins), record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
         return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"
     seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
     rows = seen <= SEEN * seen[-1]

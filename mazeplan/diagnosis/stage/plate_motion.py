@@ -202,7 +202,7 @@ def from_sensor(record: RingRecord) -> Tilt:
     """Motion by the measured tilt, smoothed."""
     dt, parts = float(np.median(np.diff(record.t))), []
     for angle in (record.beta, record.gamma):
-        smooth = derivatives(angle, dt, Smoothing("rts"), segment=record.segment)
+        smooth = derivatives(angle, dt, Smoothing("rts"), segment=np.cumsum(record.begins))
         parts += [smooth.value, smooth.rate, smooth.acceleration]
     motion = np.nan_to_num(np.column_stack(parts))
     grid = record.t[0] + dt / FINE * np.arange(len(record.t) * FINE)
