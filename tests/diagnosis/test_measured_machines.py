@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from bench_measured import diagnosed, is_right, measured_folder
 
-from mazeplan.diagnosis.engine.emps import emps_result, emps_system, read_drive
+from mazeplan.diagnosis.engine.emps import Axis, emps_result, read_drive
+from mazeplan.diagnosis.engine.system import system_of
 
 FOLDER = measured_folder()
 ANSWERS = json.loads((FOLDER / "answers.json").read_text()) if FOLDER else {}
@@ -31,7 +32,7 @@ def test_the_published_friction_is_found_on_the_measured_axis():
     if path is None:
         pytest.skip("the record of the benchmark EMPS is not here")
     record, _ = read_drive(path)
-    done = emps_result(emps_system(), record, {}, (), None)
+    done = emps_result(system_of(Axis), record, {}, (), None)
     found = {e["name"]: e["parameters"]["coefficient"]["stderr"] for e in done.effects}
     assert {"dry_friction", "viscous_friction", "viscous_asymmetry"} == set(found)
     assert found["viscous_friction"] > 0.5  # N s/m; where the axis stops, a derivative says .1

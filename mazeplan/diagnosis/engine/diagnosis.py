@@ -161,8 +161,11 @@ def diagnose_motion(
     base, final = (_whole(search, trial, level) for trial in (finding.base, finding.final))
     places = [system.positions.index(system.on[name]) for name in finding.found if name in system.on]
     shown = (*places, 0)[0]  # the coordinate of the free run
-    pairs = ((finding.base, base), (finding.final, final))
-    before, after = (_score(search, trial, fit, level, shown) for trial, fit in pairs)
+    seconds, unit = (search.levels[level].seconds, model.record.seconds), system.units[shown]
+    before, after = (
+        MotionScore(_relative(search, trial, level), free_run(model, fit.values, shown), *seconds, unit)
+        for trial, fit in ((finding.base, base), (finding.final, final))
+    )
     remaining = max([finding.final.rms(level), *(finding.final.usual(i) for i in finding.valid)])
     without = {
         name: search.trial(tuple(n for n in finding.found if n != name), finding.final) for name in finding.found
@@ -216,13 +219,6 @@ def _whole(search: Search, trial: Trial, level: int) -> Fit:
     order = np.argsort(rows[:, 0])
     windows = Windows(search.model, rows[order])
     return windows.fit(one.values, one.free, np.concatenate([one.states, two.states])[order])
-
-
-def _score(search: Search, trial: Trial, fit: Fit, level: int, shown: int) -> MotionScore:
-    nrmse, seconds = _relative(search, trial, level), search.model.record.seconds
-    run = free_run(search.model, fit.values, shown)
-    unit = search.model.system.units[shown]
-    return MotionScore(nrmse, run, search.levels[level].seconds, seconds, unit)
 
 
 def _relative(search: Search, trial: Trial, level: int) -> float:

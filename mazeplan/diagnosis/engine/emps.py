@@ -54,11 +54,6 @@ class Axis:
         return s.force / p.mass
 
 
-def emps_system() -> System:
-    """The axis as a system."""
-    return system_of(Axis)
-
-
 def read_drive(path: Path, gain: float | None = None) -> tuple[Record, float]:
     """The record in a .mat file (MATLAB 4 to 7.2), and the gain of its drive (N/V). The input is the force (N).
 
@@ -128,7 +123,7 @@ def force_error(record: Record, values: Values) -> float:
     one, from filtered derivatives, at a reduced rate."""
     from scipy.signal import butter, decimate, sosfiltfilt
 
-    system, rate = emps_system(), 1.0 / record.step
+    system, rate = system_of(Axis), 1.0 / record.step
     low = butter(4, min(CUTOFF, 0.4 * rate), fs=rate, output="sos")
     q = sosfiltfilt(low, record.y[:, 0])
     v = np.gradient(q, record.step)

@@ -38,27 +38,20 @@ class Model:
         self._shaped = lru_cache(maxsize=KEPT)(partial(_shaped, record, system))
         self._layout = cache(partial(_layout, system))
 
-    def problem(self, values: Values, windows: IntArray) -> tuple[Problem, Array]:
-        """The problem of the simulation and its parameters, with these effects."""
-        inverse, motion = 1.0 / self.system.inertia_of(values), self.system.motion.name
+    def simulate(self, values: Values, windows: IntArray, states: Array) -> Array:
+        """Simulated states (N, 2 C) with these effects, of windows (M, 2) that start in `states` (M, 2 C)."""
+        motion, inertia = self.system.motion.name, self.system.inertia
+        inverse = 1.0 / values[motion][inertia] if inertia else 1.0
         (terms, holds), p = self._layout(tuple(values)), []
         for name, given in values.items():
             effect = self.effects[name]
             for number, parameter in zip(effect.numbers(given), effect.parameters.values(), strict=True):
                 p.append(number * (inverse if parameter.unit.startswith("N") and name != motion else 1.0))
-        w = self.inputs(values)
-        return Problem(self.record.t, w, terms, holds, self.divide, windows, self.limit), np.array(p or [0.0])
-
-    def inputs(self, values: Values) -> Array:
-        """Inputs (N, 2, W) at begin and end of each step, after delay, lag and gain."""
         delay = values.get("input_delay", {}).get("delay", 0.0)
         lag = values.get("input_lag", {}).get("time_constant", 0.0)
-        return values.get("input_gain", {}).get("factor", 1.0) * self._shaped(delay, lag)
-
-    def simulate(self, values: Values, windows: IntArray, states: Array) -> Array:
-        """Simulated states (N, 2 C)."""
-        problem, p = self.problem(values, windows)
-        return simulate(problem, p, states)
+        w = values.get("input_gain", {}).get("factor", 1.0) * self._shaped(delay, lag)
+        problem = Problem(self.record.t, w, terms, holds, self.divide, windows, self.limit)
+        return simulate(problem, np.array(p or [0.0]), states)
 
 
 def _layout(system: System, names: tuple[str, ...]) -> tuple[IntArray, IntArray]:

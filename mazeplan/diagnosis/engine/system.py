@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import InputError, reason
-from mazeplan.diagnosis.document import Values
 from mazeplan.physics.effect import DRAG, DRY, FORCE, INPUT, Effect, Parameter
 from mazeplan.physics.effects.coordinate import FAMILY, INPUTS
 from mazeplan.physics.formulas.compiled import term_functions
@@ -76,10 +75,6 @@ class System:
     def library(self) -> list[Effect]:
         """All effects that the diagnosis can name, the motion first."""
         return [self.motion, *self.effects]
-
-    def inertia_of(self, values: Values) -> float:
-        """The inertia that divides forces; 1 if effects are accelerations."""
-        return values[self.motion.name][self.inertia] if self.inertia else 1.0
 
 
 def system_of(described: Any, more: Sequence[Effect] = ()) -> System:

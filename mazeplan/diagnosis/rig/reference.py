@@ -120,12 +120,12 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
         table = with_tilt_by_commands(table, moves)
         known = Known.of_model(RigModel(moves, {}, kind="pi"))
         body = filter_on_stage(table, maze, moves)
-        return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
-    body, stage = body_filter(table, maze, kind_of(table))
-    known = Known({}, {})
-    if stage is not None:
-        known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
-        known = replace(known, times_noise=max(stage.beta.times_noise, stage.gamma.times_noise)).seen_in(table)
+    else:
+        body, stage = body_filter(table, maze, kind_of(table))
+        known = Known({}, {})
+        if stage is not None:
+            known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+            known = replace(known, times_noise=max(stage.beta.times_noise, stage.gamma.times_noise)).seen_in(table)
     return replace(reference_by_filter(body, known, maze, model), table=table, then=body)
 
 

@@ -209,7 +209,10 @@ def search_rig(
     while len(chosen) < MOST_FOUND:
         tell(f"looking for difference {len(chosen) + 1}")
         found = [c.candidate for c in chosen]
-        free, left = _free(always, chosen), _remaining_candidates(candidates, found, refused)
+        free, taken = _free(always, chosen), {name for c in found for name in c.free}
+        left = [c for c in candidates if not (c in refused or c in found or taken & set(c.free))]
+        left = [c for c in left if not c.after or c.after in {c.effect for c in found}]
+        left = [c for c in left if not (found and CONTACT in c.depends_on)]
         base = _with_starts(body, best.model, maze, own)
         new, model = _best(part, base, best.minus2, was, free, left, places, least, tried)
         if new is None:
@@ -229,16 +232,6 @@ def search_rig(
     found = [c.candidate for c in chosen]
     tried = {c: one for c, one in tried.items() if c not in found}
     return SearchResult(tuple(chosen), best if chosen else first, first, tried)
-
-
-def _remaining_candidates(
-    candidates: Sequence[Candidate], found: Sequence[Candidate], refused: set[Candidate]
-) -> list[Candidate]:
-    """Candidates to look for next."""
-    taken, names = {name for c in found for name in c.free}, {c.effect for c in found}
-    left = [c for c in candidates if c not in refused and c not in found and not taken & set(c.free)]
-    left = [c for c in left if not (found and CONTACT in c.depends_on)]
-    return [c for c in left if not c.after or c.after in names]
 
 
 def _confirmed(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,6 @@ from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.stage.comparison import AXES
 from mazeplan.diagnosis.stage.navigation import hidden_gain
 from mazeplan.learning.stage_fit import LEAST_RANGE
-from mazeplan.physics.effect import Parameter
 from mazeplan.physics.registry import EFFECTS
 
 if TYPE_CHECKING:
@@ -168,7 +166,7 @@ def change(effect: Entry) -> str:
     for key, number in effect["parameters"].items():
         if key not in places and key not in changed and len(effect["parameters"]) > 1:
             continue
-        known = _parameters(effect).get(key)
+        known = EFFECTS[effect["name"]].parameters.get(key) if effect["name"] in EFFECTS else None
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
         if key in places:
             at = place_deg(number["value"], 1) if key in PLACES else factor * number["value"]
@@ -185,10 +183,6 @@ def change(effect: Entry) -> str:
             size = f"from {was if old else 0} to {now} ± {factor * error:.{digits}f} {unit}".rstrip()
         parts.append(f"{known.words if known is not None and known.words else plain(key)} {size}")
     return f"{plain(effect['name'])} ({', '.join(parts)})" if parts else plain(effect["name"])
-
-
-def _parameters(effect: Entry) -> Mapping[str, Parameter]:
-    return EFFECTS[effect["name"]].parameters if effect["name"] in EFFECTS else {}
 
 
 def _places(effect: Entry) -> tuple[str, ...]:

@@ -137,8 +137,7 @@ class RingSystem:
         self.declared, self.target = declared, target
         self.dt = float(np.median(np.diff(t)))
         self._beside = self._beside_the_plate()
-        self._motions: dict[float, Array] = {}
-        self._averages: dict[float, Array] = {}
+        self._motions: dict[float, tuple[Array, Array]] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
         self._gravity = tuple(e for e in EFFECTS.values() if e.acts == GRAVITY)
         self._base = base_functions(self._gravity)
@@ -163,24 +162,18 @@ class RingSystem:
             leaning[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
         return np.column_stack([*past, backwards, leaning])
 
-    def _motion(self, delay: float) -> Array:
-        """Motion of the plate, then its derivatives by the stage's S directions (1 + S, N, NODES, 6), from each sample
-        to the next, `delay` s earlier."""
+    def _motion(self, delay: float) -> tuple[Array, Array]:
+        """Motion of the plate `delay` s earlier, then its derivatives by the stage's S directions: from each sample to
+        the next (1 + S, N, NODES, 6), and averaged over each sample, as they act on speed and position (1 + S, N, 2, 6).
+        """
 
-        def make() -> Array:
+        def make() -> tuple[Array, Array]:
             grid = (self.t[:, None] + self.dt * np.arange(NODES) / (NODES - 1) - delay).ravel()
             parts = [self.tilt.at(grid, name) for name in (None, *self.tilt.by_stage)]
-            return np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
+            motion = np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
+            return motion, np.ascontiguousarray(np.einsum("snkc,wk->snwc", motion, AVERAGE))
 
         return remembered(self._motions, KEPT, round(delay, 9), make)
-
-    def _averaged(self, delay: float) -> Array:
-        """Motions (1 + S, N, 2, 6) as `_motion`, averaged over each sample: as they act on speed and on position."""
-
-        def make() -> Array:
-            return np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay), AVERAGE))
-
-        return remembered(self._averages, KEPT, round(delay, 9), make)
 
     def _parts(self, values: Values) -> tuple[float, Array, Array, Array]:
         """Delay of the camera (s), errors of the stage (standard errors), scales of the tilt sensor, parameters.
@@ -208,7 +201,7 @@ class RingSystem:
         key = (parts[0], *(number for part in parts[1:] for number in part))
 
         def make() -> Array:
-            return self._filled(self._motion(parts[0]), parts, np.empty((len(self.t), NODES, self._width)))
+            return self._filled(self._motion(parts[0])[0], parts, np.empty((len(self.t), NODES, self._width)))
 
         return remembered(self._inputs, KEPT, key, make)
 
@@ -254,7 +247,7 @@ class RingSystem:
         spans = [_span(known[effect], names) for effect, *_ in steps]
         outside = [known[effect].acts == GRAVITY or effect in MOTION for effect, *_ in steps]
         w = np.empty((1 + sum(outside), len(self.t), 2, self._width))
-        self._filled(self._averaged(delay), parts, w[0])
+        self._filled(self._motion(delay)[1], parts, w[0])
         p, which = [], []
         for (effect, name, step), out in zip(steps, outside, strict=True):
             moved = changed(values, effect, name, values[effect][name] + step)
@@ -262,10 +255,10 @@ class RingSystem:
             which.append(1 + sum(outside[: len(which)]) if out else -1)
             if not out:
                 continue
-            there, motions = self._parts(moved), self._averaged(delay)
+            there, motions = self._parts(moved), self._motion(delay)[1]
             if effect == "sensor_delay":  # the derivatives by the stage hardly depend on the delay
                 motions = motions.copy()
-                motions[0] += self._averaged(there[0])[0] - motions[0]
+                motions[0] += self._motion(there[0])[1][0] - motions[0]
             self._filled(motions, there, w[which[-1]])
         return Moves(
             np.array(p).reshape(len(steps), -1), w, np.array(which, dtype=np.int64),

@@ -198,11 +198,8 @@ def settled_on(stage: Stage | None, record: RingRecord, known: Known) -> Stage |
 
     names, fits = (), fitted(())
     pairs = list(zip(stage.axes, olds, strict=True))
-
-    def differ(key: str) -> bool:
-        return any(getattr(now, key) != getattr(old, key) for now, old in pairs)
-
-    ways = [name for name, keys in NUMBERS_OF.items() if any(map(differ, keys))]
+    differing = {key for now, old in pairs for key, value in vars(now).items() if value != getattr(old, key)}
+    ways = [name for name, keys in NUMBERS_OF.items() if differing & set(keys)]
     while unexplained(fits):
         tried = {name: fitted((*names, name)) for name in ways if name not in names}
         if not tried or len(names) == MOST_CHANGES:
