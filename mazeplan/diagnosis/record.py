@@ -23,27 +23,18 @@ STILL = 3e-3  # rad; a plate with a smaller range of tilts shows nothing about t
 
 @dataclass(frozen=True)
 class RingRecord:
-    """The ball in one ring, N samples.
+    """The ball in one ring, N samples."""
 
-    t: number of the sample times dt, s
-    theta: rad, unwrapped in each stretch, NaN if not seen
-    r: m, None if not measured
-    begins: True where a stretch begins
-    beta, gamma: measured tilt, rad
-    u: commands (N, 2), rad, None if unknown
-    notes: anything odd
-    theta_ddot: accelerations in the record's own column, rad/s^2"""
-
-    t: Array
+    t: Array  # number of the sample times dt, s
     dt: float
-    theta: Array
-    r: Array | None
-    begins: np.ndarray
-    beta: Array
+    theta: Array  # rad, unwrapped in each stretch, NaN if not seen
+    r: Array | None  # m, None if not measured
+    begins: np.ndarray  # True where a stretch begins
+    beta: Array  # measured tilt, rad
     gamma: Array
-    u: Array | None
-    notes: tuple[str, ...] = ()
-    theta_ddot: Array | None = None
+    u: Array | None  # commands (N, 2), rad, None if unknown
+    notes: tuple[str, ...] = ()  # anything odd
+    theta_ddot: Array | None = None  # accelerations in the record's own column, rad/s^2
 
     def __len__(self) -> int:
         return len(self.t)

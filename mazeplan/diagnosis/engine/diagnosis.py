@@ -30,18 +30,14 @@ OPEN = 0.5  # standard error over the size of a parameter that the record leaves
 
 @dataclass(frozen=True)
 class MotionScore:
-    """Errors of a model on a record.
+    """Errors of a model on a record."""
 
-    nrmse: error of the held-out windows over the movement in them; forces: a relative error of the force instead
-    free_run: rms error of one simulation from the first sample to the last one; NaN if it leaves the record
-    window: length of the windows, s; seconds: length of the record, s"""
-
-    nrmse: float
-    free_run: float
-    window: float
-    seconds: float
+    nrmse: float  # error of the held-out windows over the movement in them
+    free_run: float  # rms error of one simulation from the first sample to the last one; NaN if it leaves the record
+    window: float  # length of the windows, s
+    seconds: float  # length of the record, s
     unit: str
-    forces: bool = False
+    forces: bool = False  # whether `nrmse` is a relative error of the force instead
 
     def labels(self) -> dict[str, str]:
         """Words with the unit for each error."""
@@ -70,28 +66,22 @@ class MotionScore:
 
 @dataclass(frozen=True)
 class MotionDiagnosis:
-    """What was found in a record.
+    """What was found in a record."""
 
-    effects: entries of the document; fitted: entries of what is known to exist and was fitted
-    before, after: scores without and with what was found; test: the same on a further record
-    remaining: error that is left in the held-out windows, in times the noise
-    verdict: nothing_missing, effect_found, ambiguous or unknown_effect
-    unknown: what an effect without a name is like"""
-
-    verdict: str
-    effects: tuple[Entry, ...]
-    fitted: tuple[Entry, ...]
+    verdict: str  # nothing_missing, effect_found, ambiguous or unknown_effect
+    effects: tuple[Entry, ...]  # entries of the document
+    fitted: tuple[Entry, ...]  # entries of what is known to exist and was fitted
     finding: Finding
-    before: MotionScore
-    after: MotionScore
-    remaining: float
-    unknown: dict[str, Any] | None
+    before: MotionScore  # without what was found
+    after: MotionScore  # and with it
+    remaining: float  # error that is left in the held-out windows, in times the noise
+    unknown: dict[str, Any] | None  # what an effect without a name is like
     notes: tuple[str, ...]
-    evidence: tuple[dict[str, Any], dict[str, Any]]
+    evidence: tuple[dict[str, Any], dict[str, Any]]  # residuals before and after (`residual_means`)
     noise_floor: float
-    fits: tuple[Fit, Fit]
-    without: dict[str, Fit]
-    test: tuple[MotionScore, MotionScore] | None = None
+    fits: tuple[Fit, Fit]  # before and after
+    without: dict[str, Fit]  # fits without one of the effects
+    test: tuple[MotionScore, MotionScore] | None = None  # before and after on a further record
 
     def document(self) -> dict[str, Any]:
         """The JSON document."""

@@ -35,27 +35,22 @@ DRIVES = "friction would drive the motion in one direction"
 
 @dataclass(frozen=True)
 class Level:
-    """Windows of one length.
-
-    folds: odd and even windows; movement, bend: sum of squares of each window around its mean and around a straight
-    line, over the noise. Free initial states explain a line without any force."""
+    """Windows of one length. Free initial states explain a line without any force."""
 
     seconds: float
-    folds: tuple[Windows, Windows]
-    movement: Array
-    bend: Array
+    folds: tuple[Windows, Windows]  # odd and even windows
+    movement: Array  # sum of squares of each window around its mean, over the noise
+    bend: Array  # and around a straight line
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A model with some effects, fitted at each level.
-
-    fits: of both folds, by level; held: cost of each held-out window by level, folds one after the other"""
+    """A model with some effects, fitted at each level."""
 
     names: tuple[str, ...]
-    fits: tuple[tuple[Fit, Fit], ...]
-    held: tuple[Array, ...]
-    count: tuple[Array, ...]
+    fits: tuple[tuple[Fit, Fit], ...]  # of both folds, by level
+    held: tuple[Array, ...]  # cost of each held-out window by level, folds one after the other
+    count: tuple[Array, ...]  # measurements in these windows
 
     def rms(self, level: int) -> float:
         """Held-out error in times the noise."""

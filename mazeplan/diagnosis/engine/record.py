@@ -33,19 +33,13 @@ DEGREES = ((2, 0.916), (4, 0.833), (5, 0.674))
 
 @dataclass(frozen=True)
 class Record:
-    """The record of a motion.
+    """The record of a motion."""
 
-    t: times (N,), s, from 0 on
-    y: measured coordinates (N, C), NaN where not seen; angles have no jumps
-    u: inputs (N, W)
-    notes: what was merged or left out
-    means: the inputs of a row are means over the step that follows"""
-
-    t: Array
-    y: Array
-    u: Array
-    notes: tuple[str, ...] = field(default=())
-    means: bool = False
+    t: Array  # times (N,), s, from 0 on
+    y: Array  # measured coordinates (N, C), NaN where not seen; angles have no jumps
+    u: Array  # inputs (N, W)
+    notes: tuple[str, ...] = field(default=())  # what was merged or left out
+    means: bool = False  # whether the inputs of a row are means over the step that follows
 
     def __len__(self) -> int:
         return len(self.t)

@@ -39,19 +39,15 @@ Tried = dict[str, tuple[float, str]]  # candidates that were not taken: gain, an
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a search.
+    """The result of a search."""
 
-    base, final: trials without and with what was found; found: names of effects in the order in which they were found
-    alike: groups of names that the record cannot tell apart; valid: levels that could be judged
-    tried: gain and reason of each candidate that was not taken"""
-
-    base: Trial
-    final: Trial
-    found: tuple[str, ...]
-    alike: tuple[tuple[str, ...], ...]
+    base: Trial  # without what was found
+    final: Trial  # and with it
+    found: tuple[str, ...]  # names of effects in the order in which they were found
+    alike: tuple[tuple[str, ...], ...]  # groups of names that the record cannot tell apart
     tried: Tried
     gains: dict[str, float]
-    valid: tuple[int, ...]
+    valid: tuple[int, ...]  # levels that could be judged
     levels: tuple[Level, ...]
 
 

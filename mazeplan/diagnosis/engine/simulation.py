@@ -26,45 +26,33 @@ LEFT = 1e6  # a coordinate beyond this multiple of the record's range has left i
 
 
 class Problem(NamedTuple):
-    """What the simulation needs beside states and parameters.
+    """What the simulation needs beside states and parameters."""
 
-    t: times (N,)
-    w: inputs (N, 2, W) at the begin and at the end of the step that follows each sample
-    terms, holds: rows of address, coordinate, first parameter (J, 3)
-    divide: number of parts of each step (N,)
-    windows: first row and the row behind the last one (M, 2)
-    limit: size of a coordinate at which a simulation has left the record (C,)"""
-
-    t: Array
-    w: Array
-    terms: IntArray
-    holds: IntArray
-    divide: IntArray
-    windows: IntArray
-    limit: Array
+    t: Array  # times (N,)
+    w: Array  # inputs (N, 2, W) at the begin and at the end of the step that follows each sample
+    terms: IntArray  # rows of address, coordinate, first parameter (J, 3)
+    holds: IntArray  # the same of dry friction
+    divide: IntArray  # number of parts of each step (N,)
+    windows: IntArray  # first row and the row behind the last one (M, 2)
+    limit: Array  # size of a coordinate at which a simulation has left the record (C,)
 
 
 class Step(NamedTuple):
-    """Pointers to what a step works on: passing arrays on would cost more than the arithmetic.
+    """Pointers to what a step works on: passing arrays on would cost more than the arithmetic."""
 
-    terms, holds: as in `Problem`; p: parameters; w: inputs and coordinates at a moment
-    x, xs, new: state (2 C) at the begin, during, and at the end of a step; slope, total: of Runge-Kutta (2 C)
-    a, hold, direction, held: acceleration without dry friction, its size, direction of motion, and whether there is dry
-        friction (C)"""
-
-    terms: Any
+    terms: Any  # as in `Problem`
     holds: Any
-    p: Any
-    w: Any
-    x: Any
-    xs: Any
-    new: Any
-    slope: Any
+    p: Any  # parameters
+    w: Any  # inputs and coordinates at a moment
+    x: Any  # state (2 C) at the begin of a step
+    xs: Any  # during the step
+    new: Any  # at its end
+    slope: Any  # of Runge-Kutta (2 C)
     total: Any
-    a: Any
-    hold: Any
-    direction: Any
-    held: Any
+    a: Any  # acceleration without dry friction (C)
+    hold: Any  # size of dry friction (C)
+    direction: Any  # of the motion (C)
+    held: Any  # whether there is dry friction (C)
 
 
 @njit(inline="always", **CALLEE)

@@ -48,22 +48,16 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """The result of a fit.
+    """The result of a fit."""
 
-    values: of all effects, with those that were not fitted
-    free: fitted parameters; at_bound: those at a bound; windows: where they were fitted
-    states: initial state of each window (M, 2 C)
-    residual: (N, C) over the noise, NaN where there is none
-    cost: sum of squares of each window (M,); count: measurements in each window (M,)"""
-
-    values: Values
-    free: Free
-    states: Array
-    residual: Array
-    cost: Array
-    count: Array
-    at_bound: tuple[tuple[str, str], ...]
-    windows: Windows
+    values: Values  # of all effects, with those that were not fitted
+    free: Free  # fitted parameters
+    states: Array  # initial state of each window (M, 2 C)
+    residual: Array  # (N, C) over the noise, NaN where there is none
+    cost: Array  # sum of squares of each window (M,)
+    count: Array  # measurements in each window (M,)
+    at_bound: tuple[tuple[str, str], ...]  # fitted parameters at a bound
+    windows: Windows  # where they were fitted
 
     @cached_property
     def covariance(self) -> Array:

@@ -10,27 +10,21 @@ from mazeplan.physics.effect import Effect
 
 @dataclass(frozen=True)
 class Candidate:
-    """One thing that may differ.
+    """One thing that may differ."""
 
-    effect: name in the registry, "" if it has none; then `words` describe it, `look` says where to look
-    free: numbers that it changes; `fitted_first` before the others
-    far: changes of the first numbers at which fits may start: a large change leaves the parabola at the reference
-    along: numbers that change with it and are no findings: another ball meets walls in another way
-    simpler: effects that are tried as well before this candidate is accepted
-    after: effect that has to be found first
-    instead: effects that are not reported beside this candidate, because it is their cause"""
-
-    effect: str
-    free: tuple[str, ...]
-    fitted_first: tuple[str, ...] = ()
+    effect: str  # name in the registry, "" if it has none; then `words` describe it
+    free: tuple[str, ...]  # numbers that it changes
+    fitted_first: tuple[str, ...] = ()  # those that are fitted before the others
     words: str = ""
     depends_on: tuple[str, ...] = ()
+    # changes of the first numbers at which fits may start: a large change leaves the parabola at the reference
     far: tuple[tuple[float, ...], ...] = ()
+    # numbers that change with it and are no findings: another ball meets walls in another way
     along: tuple[str, ...] = ()
-    simpler: tuple[str, ...] = ()
-    after: str = ""
-    instead: tuple[str, ...] = ()
-    look: str = ""
+    simpler: tuple[str, ...] = ()  # effects that are tried as well before this candidate is accepted
+    after: str = ""  # effect that has to be found first
+    instead: tuple[str, ...] = ()  # effects that are not reported beside this candidate: it is their cause
+    look: str = ""  # where to look
 
     @property
     def fitted(self) -> tuple[str, ...]:

@@ -40,17 +40,13 @@ MOVES = tuple(range(1, 9))  # by which a place moves, in its steps
 
 @dataclass(frozen=True)
 class Reference:
-    """The ball as it was when the model was right, and standard errors of its numbers, if known.
-
-    open: unknown numbers, which are part of every fit
-    start: model at which fits start; None: `model`
-    misfit: rms of its innovations over the noise, at least 1; it widens all errors"""
+    """The ball as it was when the model was right."""
 
     model: BodyModel
-    stderr: dict[str, float] = field(default_factory=dict)
-    open: tuple[str, ...] = ()
-    start: BodyModel | None = None
-    misfit: float = 1.0
+    stderr: dict[str, float] = field(default_factory=dict)  # of its numbers, if known
+    open: tuple[str, ...] = ()  # unknown numbers, which are part of every fit
+    start: BodyModel | None = None  # at which fits start; None: `model`
+    misfit: float = 1.0  # rms of its innovations over the noise, at least 1; it widens all errors
 
 
 def known_value(model: BodyModel, name: str, of: BodyModel | None = None) -> float:

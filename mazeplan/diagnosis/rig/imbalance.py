@@ -48,39 +48,28 @@ FARTHEST = 0.05  # m; the ball does not move so far from one picture to the next
 
 
 class Imbalance(NamedTuple):
-    """An unbalanced ball.
+    """An unbalanced ball."""
 
-    size:      A, m/s^2
-    stderr:    its standard error, m/s^2
-    coherence: tau, s
-    gain:      of -2 log L"""
-
-    size: float
-    stderr: float
-    coherence: float
-    gain: float
+    size: float  # A, m/s^2
+    stderr: float  # of A, m/s^2
+    coherence: float  # tau, s
+    gain: float  # of -2 log L
 
 
 BALANCED = Imbalance(0.0, 0.0, 0.0, 0.0)
 
 
 class _Along(NamedTuple):
-    """What the second filter needs, of each picture.
+    """What the second filter needs, of each picture."""
 
-    nu, S:            innovation along the ring and its variance; NaN and 1 where nothing counts
-    to_place, to_speed: gains of the first filter
-    tx, ty:           direction along the ring; 0 where friction holds the ball
-    turn (N, 3):      rotation of the ball until the next picture, rad
-    begins:           whether a stretch begins"""
-
-    nu: Array
-    S: Array
-    to_place: Array
+    nu: Array  # innovation along the ring; NaN where nothing counts
+    S: Array  # its variance; 1 where nothing counts
+    to_place: Array  # gains of the first filter
     to_speed: Array
-    tx: Array
+    tx: Array  # direction along the ring; 0 where friction holds the ball
     ty: Array
-    turn: Array
-    begins: np.ndarray
+    turn: Array  # rotation of the ball until the next picture (N, 3), rad
+    begins: np.ndarray  # whether a stretch begins
 
 
 def unbalanced(body: BodyFilter, fit: BodyFit) -> Imbalance:

@@ -44,26 +44,18 @@ CURVED = 0.2  # relative change of a size that shows the curvature of the rough 
 
 @dataclass(frozen=True)
 class MovedPlate:
-    """A record with what moves its plate.
+    """A record with what moves its plate."""
 
-    table, record: with tilts by commands if none were measured
-    blind: whether nobody measures the tilt
-    stage: as this record shows it; None without commands or without a measured tilt
-    moves: the stage that moves the plate; None: the measured tilt moves it
-    measured, body: the filter of the ball on the tilt as measured, and on the tilt as the ball felt it
-    servo, sensor: a changed gain, as one of the servo or of the tilt sensor; the other is None
-    unseen: a change of the stage that no tilt sensor shows"""
-
-    table: Table
+    table: Table  # with tilts by commands if none were measured
     record: RingRecord
-    blind: bool
-    stage: Stage | None
-    moves: StageModel | None
-    measured: BodyFilter
-    body: BodyFilter
-    servo: Entry | None = None
-    sensor: Entry | None = None
-    unseen: Entry | None = None
+    blind: bool  # whether nobody measures the tilt
+    stage: Stage | None  # as this record shows it; None without commands or without a measured tilt
+    moves: StageModel | None  # the stage that moves the plate; None: the measured tilt moves it
+    measured: BodyFilter  # the filter of the ball on the tilt as measured
+    body: BodyFilter  # and on the tilt as the ball felt it
+    servo: Entry | None = None  # a changed gain, as one of the servo; None if it is one of the tilt sensor
+    sensor: Entry | None = None  # a changed gain, as one of the tilt sensor
+    unseen: Entry | None = None  # a change of the stage that no tilt sensor shows
 
     @property
     def overtaxed(self) -> bool:

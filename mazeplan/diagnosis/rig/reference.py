@@ -88,28 +88,20 @@ FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, 
 
 @dataclass(frozen=True)
 class RigReference:
-    """A rig when its model was right.
+    """A rig when its model was right."""
 
-    body: the ball
-    stage: stage of the model
-    memory, remaining: of the innovations (`record.residual_summary`), 0 if unknown
-    source: where the reference comes from, in words
-    friction: minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
-    errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)
-    imbalance: of the ball
-    table: record of that time, as a source of `then`; None if it was not kept
-    then: this record, ready to be filtered; None if it was not kept"""
-
-    body: Reference
-    stage: Known
+    body: Reference  # the ball
+    stage: Known  # stage of the model
+    # autocorrelation of the innovations, and their size over the noise (`record.residual_summary`); 0 if unknown
     memory: float = 0.0
     remaining: float = 0.0
-    source: str = "the reference"
+    source: str = "the reference"  # where it comes from, in words
+    # minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
     friction: tuple[float, float] | None = None
-    errors: dict[int, float] = field(default_factory=dict)
-    imbalance: Imbalance = BALANCED
-    table: Table | None = None
-    then: BodyFilter | None = None
+    errors: dict[int, float] = field(default_factory=dict)  # of roll-outs by ring, rad (`scores.errors_by_ring`)
+    imbalance: Imbalance = BALANCED  # of the ball
+    table: Table | None = None  # record of that time, as a source of `then`; None if it was not kept
+    then: BodyFilter | None = None  # this record, ready to be filtered; None if it was not kept
 
 
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:

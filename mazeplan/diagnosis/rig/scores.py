@@ -29,19 +29,14 @@ LOST = 0.5  # rad, mean error of roll-outs that have lost the ball: a further lo
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions of held-out pictures.
+    """Predictions of held-out pictures."""
 
-    starts: pictures (W,) from which roll-outs start
-    before, after: errors (AHEAD, W) of the angle 1 to AHEAD samples ahead, rad, without and with what was found
-    gain: gain (B,) of -2 log L in blocks of BLOCK_S s
-    plain: errors (AHEAD, W) with the new stage alone, rad
-    by_ring: mean of the errors AHEAD samples ahead with what was found, and its standard error, rad, by ring"""
-
-    starts: IntArray
-    before: Array
-    after: Array
-    gain: Array
-    plain: Array
+    starts: IntArray  # pictures (W,) from which roll-outs start
+    before: Array  # errors (AHEAD, W) of the angle 1 to AHEAD samples ahead, rad, without what was found
+    after: Array  # and with it
+    gain: Array  # gain (B,) of -2 log L in blocks of BLOCK_S s
+    plain: Array  # errors (AHEAD, W) with the new stage alone, rad
+    # mean of the errors AHEAD samples ahead with what was found, and its standard error, rad, by ring
     by_ring: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     @property

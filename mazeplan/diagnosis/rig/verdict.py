@@ -51,16 +51,13 @@ AS_BEFORE = 1.3  # residual over the residual when the model was right: up to th
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something without a name, or of unknown cause and size: its description, what it depends on, where to look.
-
-    servos: what servos do that did not do it before; the record does not show the cause or the size
-    cause: whether the description says what differs, although no model has a number for it"""
+    """Something without a name, or of unknown cause and size."""
 
     description: str = ""
     depends_on: tuple[str, ...] = ()
-    look: tuple[str, ...] = ()
-    servos: tuple[str, ...] = ()
-    cause: bool = False
+    look: tuple[str, ...] = ()  # where to look
+    servos: tuple[str, ...] = ()  # what servos do that they did not do; the record shows neither cause nor size
+    cause: bool = False  # whether the description says what differs, although no model has a number for it
 
     def document(self) -> dict[str, Any]:
         """As in the JSON document."""
@@ -71,30 +68,20 @@ class Unknown:
 
 @dataclass(frozen=True)
 class RigVerdict:
-    """What differs from the reference.
+    """What differs from the reference."""
 
-    effects: entries of the document
-    alike: groups of names that the record cannot tell apart
-    unknown: something without a name, None if there is nothing
-    held: predictions of the held-out halves
-    memory, remaining: of the innovations (`record.residual_summary`)
-    searched, plate, was: what the verdict follows from
-    notes: what could not be compared or was refused
-    test: predictions of a further record
-    imbalance: of the ball"""
-
-    effects: tuple[Entry, ...]
-    alike: tuple[tuple[str, ...], ...]
-    unknown: Unknown | None
-    held: HeldOut
-    memory: float
+    effects: tuple[Entry, ...]  # entries of the document
+    alike: tuple[tuple[str, ...], ...]  # groups of names that the record cannot tell apart
+    unknown: Unknown | None  # something without a name, None if there is nothing
+    held: HeldOut  # predictions of the held-out halves
+    memory: float  # autocorrelation of the innovations, and their size over the noise (`record.residual_summary`)
     remaining: float
-    searched: SearchResult
+    searched: SearchResult  # what differs in ball, table and camera
     plate: MovedPlate
     was: RigReference
-    notes: tuple[str, ...] = ()
-    test: HeldOut | None = None
-    imbalance: Imbalance = BALANCED
+    notes: tuple[str, ...] = ()  # what could not be compared or was refused
+    test: HeldOut | None = None  # predictions of a further record
+    imbalance: Imbalance = BALANCED  # of the ball
 
     @property
     def verdict(self) -> str:

@@ -48,31 +48,20 @@ LISTED = 6  # maximum number of amplitudes that a sentence lists one by one
 
 @dataclass(frozen=True, kw_only=True)
 class RingDiagnosis:
-    """What was found in one ring.
+    """What was found in one ring."""
 
-    verdict: nothing_missing, effect_found, ambiguous or unknown_effect
-    effects: entries of the document
-    before, after: scores on the held-out rows, without and with what was found
-    share: held-out share of the record
-    held: which rows are held out, in words
-    evidence: residuals before and after (`residual_means`)
-    notes: anything odd about the record and the fits
-    stage: fits of both axes, None without commands
-    tilt_source: where the plate's motion comes from, in words
-    test: scores before and after on a further record"""
-
-    verdict: str
-    effects: tuple[Entry, ...]
+    verdict: str  # nothing_missing, effect_found, ambiguous or unknown_effect
+    effects: tuple[Entry, ...]  # entries of the document
     finding: Finding
-    before: RingScore
-    after: RingScore
-    share: float
-    held: str
-    evidence: tuple[dict[str, Any], dict[str, Any]]
-    notes: tuple[str, ...]
-    stage: Stage | None
-    tilt_source: str
-    test: tuple[RingScore, RingScore] | None = None
+    before: RingScore  # on the held-out rows, without what was found
+    after: RingScore  # and with it
+    share: float  # held-out share of the record
+    held: str  # which rows are held out, in words
+    evidence: tuple[dict[str, Any], dict[str, Any]]  # residuals before and after (`residual_means`)
+    notes: tuple[str, ...]  # anything odd about the record and the fits
+    stage: Stage | None  # fits of both axes, None without commands
+    tilt_source: str  # where the plate's motion comes from, in words
+    test: tuple[RingScore, RingScore] | None = None  # scores before and after on a further record
 
     def document(self) -> dict[str, Any]:
         """The JSON document."""

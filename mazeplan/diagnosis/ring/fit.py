@@ -27,17 +27,13 @@ NONE = Moves(NOTHING, np.empty((0, 0, 0, 0)), NO_ROW, np.empty(0), NO_ROW.reshap
 
 @dataclass(frozen=True)
 class Fit:
-    """Effects with values and standard errors.
-
-    minus2: -2 log L of the rows of the fit
-    noise: standard deviation of one measurement, rad
-    q: process noise, 1/s^3"""
+    """Effects with values and standard errors."""
 
     candidates: tuple[Effect, ...]
     values: Values
-    minus2: float
-    noise: float
-    q: float
+    minus2: float  # -2 log L of the rows of the fit
+    noise: float  # standard deviation of one measurement, rad
+    q: float  # process noise, 1/s^3
     stderr: Values
 
 

@@ -37,48 +37,31 @@ TURN = 2.0 * math.pi  # rad
 
 
 class Moves(NamedTuple):
-    """What changes when each of J parameters moves by its step.
+    """What changes when each of J parameters moves by its step."""
 
-    p: parameters (J, P); in row j, parameter j is moved
-    w: inputs (1 + M, N, 2, W), averaged over each sample; first axis: 0 unmoved, m as parameter m moves them;
-        third axis: 0 as they act on the speed, 1 as they act on the position
-    which: row (J,) of w for each parameter; -1: the inputs do not change
-    step: steps (J,)
-    span: first of the terms that change, and one behind the last (J, 2)"""
-
-    p: Array
+    p: Array  # parameters (J, P); in row j, parameter j is moved
+    # inputs (1 + M, N, 2, W), averaged over each sample; first axis: 0 unmoved, m as parameter m moves them; third
+    # axis: 0 as they act on the speed, 1 as they act on the position
     w: Array
-    which: IntArray
-    step: Array
-    span: IntArray
+    which: IntArray  # row (J,) of w for each parameter; -1: the inputs do not change
+    step: Array  # steps (J,)
+    span: IntArray  # first of the terms that change, and one behind the last (J, 2)
 
 
 class Problem(NamedTuple):
-    """The record and the model that the filter uses.
+    """The record and the model that the filter uses."""
 
-    y: measured positions (N,)
-    seen: True (N,) where the position was measured
-    begins: True (N,) where a stretch begins
-    t: times (N,), s
-    dt: time between samples, s
-    w: inputs (N, NODES, W) from each sample to the next
-    terms: addresses (T,) of the terms
-    place: index (T,) in p at which the parameters of each term begin
-    holds: address and place (H, 2) of each dry friction
-    openings: address of the angle, address of the loss, and place (G, 3) of each opening
-    opening_offsets: angle (G,) that is added to that of each opening, rad"""
-
-    y: Array
-    seen: np.ndarray
-    begins: np.ndarray
-    t: Array
-    dt: float
-    w: Array
-    terms: IntArray
-    place: IntArray
-    holds: IntArray
-    openings: IntArray
-    opening_offsets: Array
+    y: Array  # measured positions (N,)
+    seen: np.ndarray  # True (N,) where the position was measured
+    begins: np.ndarray  # True (N,) where a stretch begins
+    t: Array  # times (N,), s
+    dt: float  # time between samples, s
+    w: Array  # inputs (N, NODES, W) from each sample to the next
+    terms: IntArray  # addresses (T,) of the terms
+    place: IntArray  # index (T,) in p at which the parameters of each term begin
+    holds: IntArray  # address and place (H, 2) of each dry friction
+    openings: IntArray  # address of the angle, address of the loss, and place (G, 3) of each opening
+    opening_offsets: Array  # angle (G,) that is added to that of each opening, rad
 
 
 class _Core(NamedTuple):

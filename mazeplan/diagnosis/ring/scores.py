@@ -49,16 +49,12 @@ LABELS = {"nrmse": "nRMSE of theta_dd", **{f"rollout{n}": f"theta error after {n
 
 @dataclass(frozen=True)
 class RingScore:
-    """Errors on some rows.
+    """Errors on some rows."""
 
-    nrmse: of theta_dd
-    rollout20, rollout40: mean absolute error of theta after 20 and 40 samples, rad
-    floor: noise floor of rollout40, rad; it includes the uncertainty of the start"""
-
-    nrmse: float
-    rollout20: float
-    rollout40: float
-    floor: float
+    nrmse: float  # of theta_dd
+    rollout20: float  # mean absolute error of theta after 20 samples, rad
+    rollout40: float  # and after 40 samples
+    floor: float  # noise floor of rollout40, rad; it includes the uncertainty of the start
 
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None if not finite."""

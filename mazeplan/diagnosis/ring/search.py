@@ -47,18 +47,13 @@ SHARE = 0.05  # minimum gain of a term without a name, over that of the named ef
 
 @dataclass(frozen=True)
 class CandidateTrial:
-    """A candidate, tried together with the accepted effects.
-
-    fit: of the candidate and the accepted effects
-    gain: fall of -2 log L minus the price of the candidate's parameters
-    raw: fall of -2 log L
-    strength: root mean square acceleration over WEAKEST, for a term without a smallest size"""
+    """A candidate, tried together with the accepted effects."""
 
     candidate: Effect
-    fit: Fit
-    gain: float
-    raw: float
-    strength: float = math.inf
+    fit: Fit  # of the candidate and the accepted effects
+    gain: float  # fall of -2 log L minus the price of the candidate's parameters
+    raw: float  # fall of -2 log L
+    strength: float = math.inf  # root mean square acceleration over WEAKEST, for a term without a smallest size
 
     def sure(self, declared: Values) -> bool:
         """Whether the candidate is accepted: by its gain, its standard errors and its size."""
@@ -73,19 +68,13 @@ class CandidateTrial:
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a search.
+    """The result of a search."""
 
-    final: the fit with the effects that were found
-    ranked: trials of the first round, the best first
-    alike: groups of names that the record cannot tell apart
-    unknown: the accepted term without a name
-    worth: gain of -2 log L by each effect, minus its price"""
-
-    final: Fit
-    ranked: tuple[CandidateTrial, ...]
-    alike: tuple[tuple[str, ...], ...]
-    unknown: CandidateTrial | None
-    worth: dict[str, float]
+    final: Fit  # with the effects that were found
+    ranked: tuple[CandidateTrial, ...]  # trials of the first round, the best first
+    alike: tuple[tuple[str, ...], ...]  # groups of names that the record cannot tell apart
+    unknown: CandidateTrial | None  # the accepted term without a name
+    worth: dict[str, float]  # gain of -2 log L by each effect, minus its price
 
 
 def still_alike(groups: Sequence[tuple[str, ...]], found: Container[str]) -> tuple[tuple[str, ...], ...]:

@@ -44,15 +44,13 @@ COMPARED_EFFECTS = (rig.servo_lag, rig.rate_limit, rig.axis_coupling, rig.comman
 
 @dataclass(frozen=True)
 class Known:
-    """The stage of the model: values of its effects, standard errors if known, and the kind of its axes.
-
-    times_noise: rms of its fit over the noise when the model was right; NaN if unknown
-    fastest: rate that each axis hardly exceeded in the record of that time, rad/s; NaN without one"""
+    """The stage of the model: values of its effects, standard errors if known, and the kind of its axes."""
 
     values: Values
     stderr: Values
     kind: StageModel = field(default_factory=StageModel)
-    times_noise: float = math.nan
+    times_noise: float = math.nan  # rms of its fit over the noise when the model was right; NaN if unknown
+    # rate that each axis hardly exceeded in the record of that time, rad/s; NaN without one
     fastest: tuple[float, float] = (math.nan, math.nan)
 
     @classmethod

@@ -30,17 +30,12 @@ FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # maximum of one standard error, so th
 
 @dataclass(frozen=True)
 class Tilt:
-    """Motion of the plate on a fine grid.
+    """Motion of the plate on a fine grid."""
 
-    t: times (M,), s
-    motion: angle, rate and acceleration of beta, then of gamma (M, 6)
-    source: where the motion comes from, in words
-    by_stage: derivative (M, 6) of the motion by each direction of the stage (`Stage.directions`)"""
-
-    t: Array
-    motion: Array
-    source: str
-    by_stage: dict[str, Array] = field(default_factory=dict)
+    t: Array  # times (M,), s
+    motion: Array  # angle, rate and acceleration of beta, then of gamma (M, 6)
+    source: str  # where the motion comes from, in words
+    by_stage: dict[str, Array] = field(default_factory=dict)  # derivatives (M, 6) by each of `Stage.directions`
 
     def at(self, times: Array, parameter: str | None = None) -> Array:
         """Motion (K, 6) at any times (K,), s, by cubic Hermite interpolation. It is constant beyond the ends.
