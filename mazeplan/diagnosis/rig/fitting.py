@@ -81,10 +81,10 @@ def surely_differs(model: BodyModel, stderr: dict[str, float], was: Reference, f
     return False
 
 
-def alternate(body: BodyFilter, most: int = PART) -> BodyFilter:
-    """Every other stretch of PART_S s of a record, or fewer: about `most` pictures. A short record stays whole."""
+def alternate(body: BodyFilter, most: int = PART, short: int = SHORT_RECORD) -> BodyFilter:
+    """Every other stretch of PART_S s of a record, or fewer: about `most` pictures. One below `short` stays whole."""
     n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
-    return body if n < SHORT_RECORD else body.part(np.arange(n) // rows % max(n // most, 2) == 0)
+    return body if n < short else body.part(np.arange(n) // rows % max(n // most, 2) == 0)
 
 
 def with_likeliest_noise(body: BodyFilter, model: BodyModel) -> BodyModel:

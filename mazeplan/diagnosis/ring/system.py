@@ -164,8 +164,7 @@ class RingSystem:
 
     def _motion(self, delay: float) -> tuple[Array, Array]:
         """Motion of the plate `delay` s earlier, then its derivatives by the stage's S directions: from each sample to
-        the next (1 + S, N, NODES, 6), and averaged over each sample, as they act on speed and position (1 + S, N, 2, 6).
-        """
+        the next (1 + S, N, NODES, 6), and its averages over each sample, for speed and position (1 + S, N, 2, 6)."""
 
         def make() -> tuple[Array, Array]:
             grid = (self.t[:, None] + self.dt * np.arange(NODES) / (NODES - 1) - delay).ravel()

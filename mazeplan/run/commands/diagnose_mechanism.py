@@ -136,7 +136,10 @@ def finish(
 
 
 def finish_mechanism(
-    done: ring_diagnosis.RingDiagnosis | MotionDiagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str
+    done: ring_diagnosis.RingDiagnosis | MotionDiagnosis,
+    document: dict[str, Any],
+    request: DiagnosisRequest,
+    title: str,
 ) -> DiagnosisResult:
     """The result of a diagnosis of one mechanism; see `finish`."""
     on_test = "" if done.test is None else done.test[0].both(done.test[1])  # pyright: ignore[reportArgumentType]
