@@ -17,7 +17,8 @@ def asked(monkeypatch):
     """Arguments of the rounds, which are stood in for."""
     asked = {}
     navigation = {"runs": 2, "success": 2, "time_s": {"mean": 3.0}, "failures": {}, "planner_ms": {}, "tick_ms": {}}
-    diagnosis = {"verdict": "effect_found", "sentence": "The model lacks x.", "effects": [], "model": "here/model"}
+    diagnosis = {"verdict": "effect_found", "sentence": "The model lacks x.", "effects": [], "advice": []}
+    diagnosis["model"] = "here/model"
 
     def stand_in(loop, model, references):
         asked["loop"] = loop

@@ -87,7 +87,7 @@ def test_each_output_is_new_or_in_the_list_of_those_that_are_renewed():
             key = name, min(param.opts, key=len)
             outputs |= {key} & {(name, option) for option in names}
             info = (typing.get_args(hints.get(param.name)) or (None, None))[1]
-            if getattr(info, "callback", None) in (opt.new_file, opt.new_folder):
+            if getattr(info, "callback", None) is opt.new_output:
                 new.add(key)
                 assert any("--force" in p.opts for p in command.params)
     assert new == {*NEW, *LONG}

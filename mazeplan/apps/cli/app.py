@@ -11,12 +11,11 @@ import typer
 from typer.core import TyperCommand
 
 from mazeplan import __version__
-from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, rig
+from mazeplan.apps.cli import behavior, calibrate, log, map, model, new, rig
 from mazeplan.apps.cli.doctor import doctor
-from mazeplan.apps.cli.evaluate import evaluate
 from mazeplan.apps.cli.learning import collect, diagnose, improve, learn, policy_app
-from mazeplan.apps.cli.navigate import navigate
-from mazeplan.apps.cli.option_checks import check_outputs
+from mazeplan.apps.cli.navigate import evaluate, navigate
+from mazeplan.apps.cli.options import check_outputs
 from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.report import report, view
 
@@ -79,8 +78,10 @@ for command in (navigate, evaluate, collect, learn, model.score, model.compare, 
     app.command()(command)
 for command in (report, view, doctor):
     app.command()(command)
-for group in (map, log, behavior, rig, model, effect, calibrate, data, new):
-    app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
-app.add_typer(policy_app, name="policy")
+for name, group in {
+    "map": map.app, "log": log.app, "behavior": behavior.app, "rig": rig.app, "model": model.app,
+    "effect": model.effect_app, "calibrate": calibrate.app, "data": log.data_app, "new": new.app, "policy": policy_app,
+}.items():  # fmt: skip
+    app.add_typer(group, name=name)
 for command in _commands(app):
     command.cls = Command

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_result, say
 from mazeplan.core.errors import TreeError
 from mazeplan.core.whole_file import write_text
 
@@ -53,13 +53,10 @@ def check(
             "file": source, "ok": not errors, "nodes": result.nodes, "error": errors[0] if errors else None,
             "errors": errors, "warnings": warnings,
         })  # fmt: skip
-    if as_json:
-        print_json(found)
     for tree in () if as_json else found:
         for line in (*tree["errors"], *(f"warning: {warning}" for warning in tree["warnings"])):
             say(f"mazeplan: {line}")
-        if tree["ok"]:
-            print(f"{tree['file']}: ok, {tree['nodes']} nodes")
+    print_result(as_json, found, *(f"{tree['file']}: ok, {tree['nodes']} nodes" for tree in found if tree["ok"]))
     if not all(tree["ok"] for tree in found):
         raise SystemExit(2)
 
@@ -85,23 +82,24 @@ def list_leaves(behavior_module: opt.BehaviorModule = None, as_json: opt.AsJson 
     nodes = {name: _document(node) for name, node in {**dict(sorted(registry.items())), **BUILTIN}.items()}
     leaves = {name: node for name, node in nodes.items() if name not in BUILTIN and node["category"] in LEAVES}
     after = [name for name in CONDITIONS if name not in DECISIONS]
-    if as_json:
-        print_json({
-            "leaves": leaves, "nodes": {name: node for name, node in nodes.items() if name not in leaves},
-            "control_nodes": [*(name for name, node in nodes.items() if node["category"] not in LEAVES), "SubTree"],
-            "preconditions": list(DECISIONS), "postconditions": after, "enums": dict(registry.enums),
-        })  # fmt: skip
-        return
+    document = {
+        "leaves": leaves, "nodes": {name: node for name, node in nodes.items() if name not in leaves},
+        "control_nodes": [*(name for name, node in nodes.items() if node["category"] not in LEAVES), "SubTree"],
+        "preconditions": list(DECISIONS), "postconditions": after, "enums": dict(registry.enums),
+    }  # fmt: skip
+    lines = list[str]()
     for kind, categories in KINDS.items():
-        print(f"{kind}:")
+        lines.append(f"{kind}:")
         for name, node in nodes.items():
-            if node["category"] in categories:
-                print("\n".join(_lines(name, node)))
-    print("SubTree: the tree of that ID; attributes are keys of its blackboard")
-    print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
-    print(f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"')
+            lines += _lines(name, node) if node["category"] in categories else []
+    lines += [
+        "SubTree: the tree of that ID; attributes are keys of its blackboard",
+        f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"",
+        f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"',
+    ]
     if registry.enums:
-        print("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
+        lines.append("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
+    print_result(as_json, document, *lines)
 
 
 def _document(node: type[TreeNode]) -> dict[str, Any]:

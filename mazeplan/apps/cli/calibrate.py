@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import number
 from mazeplan.apps.cli.output import free_name, say
+from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.rigs.camera.calibration import LensCalibration
     from mazeplan.rigs.hardware.settings import RigFile
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
@@ -48,7 +47,7 @@ Corners = Annotated[
     Any, opt.value("--corners", "NxN", "Inner corners of the chessboard, across x down.", parser=_corners)
 ]
 SquareMm = Annotated[
-    float, opt.value("--square-mm", "MM", "Side of a chessboard square in mm.", parser=number(0.1, 1e3))
+    float, opt.value("--square-mm", "MM", "Side of a chessboard square in mm.", parser=opt.number(0.1, 1e3))
 ]
 Readings = Annotated[
     Path | None, opt.value("--readings", "FILE", "CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board.")
@@ -68,7 +67,6 @@ def camera(
     """Calibrate the overhead camera: lens from a chessboard, place over the plate, background of the empty plate."""
     import numpy as np
 
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_plate
     from mazeplan.rigs.camera.pinhole import corner_markers

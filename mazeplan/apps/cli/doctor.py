@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, metadata, version
 from packaging.requirements import Requirement
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.output import print_result
 from mazeplan.core import resources
 
 CORE = "core"
@@ -42,15 +42,13 @@ def doctor(as_json: opt.AsJson = False) -> None:
             "get": resources.to_install("" if extra == CORE else extra) if missing or old else None, "packages": found,
         }  # fmt: skip
     this, python = installed("mazeplan"), platform.python_version()
-    if as_json:
-        print_json({"python": python, "mazeplan": this, "features": features})
-    else:
-        print(f"mazeplan {this} on Python {python}, {platform.platform()}")
-        for extra, feature in features.items():
-            problems = [f"{name} is missing" for name in feature["missing"]]
-            problems += [f"{name} is {feature['packages'][name]}, too old" for name in feature["too_old"]]
-            how = f"; to install it: {feature['get']}" if problems else ""
-            print(f"{extra:9s} {', '.join(problems) or 'ready'}: {feature['what']}{how}")
+    lines = [f"mazeplan {this} on Python {python}, {platform.platform()}"]
+    for extra, feature in features.items():
+        problems = [f"{name} is missing" for name in feature["missing"]]
+        problems += [f"{name} is {feature['packages'][name]}, too old" for name in feature["too_old"]]
+        how = f"; to install it: {feature['get']}" if problems else ""
+        lines.append(f"{extra:9s} {', '.join(problems) or 'ready'}: {feature['what']}{how}")
+    print_result(as_json, {"python": python, "mazeplan": this, "features": features}, *lines)
     sys.exit(0 if features[CORE]["ready"] else 1)
 
 

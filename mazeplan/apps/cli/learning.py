@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.emergency import interrupt, stop_key
+from mazeplan.apps.cli.model import model_lines
+from mazeplan.apps.cli.navigate import note_missing_model
+from mazeplan.apps.cli.output import print_json, print_result, say
+from mazeplan.apps.cli.progress import ProgressBar
 
 if TYPE_CHECKING:
     from mazeplan.run.campaign.imitation import Round
@@ -30,9 +34,6 @@ def collect(
     as_json: opt.AsJson = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
-    from mazeplan.apps.cli.emergency import interrupt, stop_key
-    from mazeplan.apps.cli.navigate import note_missing_model
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.commands.collect import collect as record
 
     if rings and not place:
@@ -70,8 +71,6 @@ def learn(
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""
-    from mazeplan.apps.cli.model import model_lines
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
     from mazeplan.learning.rig_model import fits_words
@@ -84,14 +83,11 @@ def learn(
             logs, output, kind=kind, device=device, most=most, seed=seed, map=map_,
             columns=columns or [], progress=bar.show, advance=bar.advance,
         )  # fmt: skip
-    if as_json:
-        print_json(learned.document)
-        return
     done, model = learned.learned, learned.model
     lines = [*model_lines(model), f"fit: {fits_words(model)}", done.judgement.words()]
     lines += [f"rigid ball: {done.why}"] if model.body is None and done.why else []
     scored = section_text(score_section(str(output), learned.document["score"]))
-    print("\n".join([*lines, f"wrote {learned.document['model']}", scored]))
+    print_result(as_json, learned.document, *lines, f"wrote {learned.document['model']}", scored)
 
 
 def diagnose(
@@ -111,7 +107,6 @@ def diagnose(
     as_json: opt.AsJson = False,
 ) -> None:
     """Find the effect that a model lacks, and the improvement of its predictions with the effect."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.commands.diagnose import diagnose as find
 
     with ProgressBar("diagnosing") as bar:
@@ -119,10 +114,7 @@ def diagnose(
             logs, model=model, radius=radius, declare=declare or [], ring=ring, test=test, map=map_, system=system,
             effects=effects, output=output, reference=reference or [], columns=columns or [], progress=bar.show,
         )  # fmt: skip
-    if as_json:
-        print_json(done.document)
-    else:
-        print("\n".join(done.lines))
+    print_result(as_json, done.document, *done.lines)
 
 
 def improve(
@@ -144,8 +136,6 @@ def improve(
     """Collect, diagnose, update the model, and navigate with the old and the new model.
 
     Exit status 1: a diagnosis found an unknown effect, or not all navigations arrived with the last model."""
-    from mazeplan.apps.cli.navigate import note_missing_model
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.commands.improve import improve as run_rounds
 
     note_missing_model(rig, model)
@@ -156,10 +146,8 @@ def improve(
             own_process=True, tell=bar.note, progress=bar.show, advance=bar.advance,
         )  # fmt: skip
     done = improved.rounds
-    if as_json:
-        print_json({"rounds": done})
-    for number, entry in () if as_json else enumerate(done, start=1):
-        print("\n".join(_round_lines(number, entry)))
+    lines = [line for number, entry in enumerate(done, start=1) for line in _round_lines(number, entry)]
+    print_result(as_json, {"rounds": done}, *lines)
     unknown = any(entry["diagnosis"]["verdict"] == "unknown_effect" for entry in done)
     sys.exit(1 if unknown or done[-1]["navigation"]["after"]["success"] != runs else 0)
 
@@ -197,13 +185,11 @@ def train(
     as_json: opt.AsJson = False,
 ) -> None:
     """Train a policy: runs of the planner, then of the policy with the planner's commands as its lessons."""
-    from mazeplan.apps.cli.navigate import note_missing_model
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
 
     make_rig(rig, load_map(map_))  # before torch loads, so that a rig that is missing is named at once
     note_missing_model(rig, model)
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy import policy_document, save_policy
     from mazeplan.learning.policy_training import require_device, require_torch
     from mazeplan.run.campaign.imitation import Options
@@ -225,7 +211,5 @@ def train(
         options = Options(rounds, runs, seed, workers or 1, epochs, device=device)
         policy = train_policy(campaign, options, show=bar.show, advance=bar.advance, tell=tell)
     path = save_policy(policy, output)
-    if as_json:
-        print_json({"policy": str(path.parent), **policy_document(policy)})
-    else:
-        print("\n".join([*lines, f"wrote {path}"]))
+    document = {"policy": str(path.parent), **policy_document(policy)}
+    print_result(as_json, document, *lines, f"wrote {path}")

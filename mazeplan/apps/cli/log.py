@@ -1,4 +1,4 @@
-"""`log info`, `export` and `replay`."""
+"""`log info`, `export` and `replay`; `data import-cme`: measurements of the published rig."""
 
 from __future__ import annotations
 
@@ -10,18 +10,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_result, say
+from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log_reader import RunLog
 
 app = typer.Typer(help="Summarise, export and replay logs.", no_args_is_help=True)
+data_app = typer.Typer(help="Import measured data.", no_args_is_help=True)
 
 CsvFile = Annotated[Path, opt.output_file("CSV file to write, or /dev/stdout.", ".csv")]
 RunModel = Annotated[str | None, opt.value("--model", "MODEL", "Model of the run, for a log that does not hold it.")]
+ModelsFolder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of the model files, CircularMaze/Models in PyRoboCOP.")
+]
+TablesFolder = Annotated[Path, opt.output_folder("Folder for ring1.csv, ring2.csv ...")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
+FIGURES = ("step", "published", "recovered", "segments", "noise", "noise_variance")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
 
 
@@ -31,10 +38,7 @@ def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
     from mazeplan.core.logs.run_log_reader import read_log
 
     document, lines = _summary(read_log(log))
-    if as_json:
-        print_json(document)
-    else:
-        print("\n".join(lines))
+    print_result(as_json, document, *lines)
 
 
 @app.command("export")
@@ -53,19 +57,17 @@ def replay(log: opt.RunLogFile, model: RunModel = None, as_json: opt.AsJson = Fa
     """Run the tree again on a recorded run, and check that every tick decides the same.
 
     Exit status 1: a tick decides otherwise; the first one is shown."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.run.replay import replay as run
 
     with ProgressBar("replaying") as bar:
         outcome = run(log, model=model, advance=bar.advance)
-    if as_json:
-        print_json({"log": str(log), **asdict(outcome), "identical": outcome.identical})
-    elif (first := outcome.difference) is None:
+    if (first := outcome.difference) is None:
         cut_off = f" ({outcome.cut_off} searches ended by the deadline)" if outcome.cut_off else ""
-        print(f"{log}: identical: {outcome.ticks} ticks, {outcome.plans} plans{cut_off}, {outcome.events} events")
+        line = f"{log}: identical: {outcome.ticks} ticks, {outcome.plans} plans{cut_off}, {outcome.events} events"
     else:
         where = f"t = {first.t:.3f} s, tick {first.tick}, {first.what}"
-        print(f"{log}: different at {where}: {', '.join(first.fields)}")
+        line = f"{log}: different at {where}: {', '.join(first.fields)}"
+    print_result(as_json, {"log": str(log), **asdict(outcome), "identical": outcome.identical}, line)
     sys.exit(0 if outcome.identical else 1)
 
 
@@ -119,3 +121,34 @@ def _csv_text(log: RunLog) -> str:
             table[name] = table[name].astype("Int64")
     first = [name for name in FIRST if name in table]
     return table[[*first, *(name for name in table if name not in first)]].to_csv(index=False, lineterminator="\n")
+
+
+@data_app.command("import-cme")
+def import_cme(
+    folder: ModelsFolder, output: TablesFolder, force: opt.Force = False, as_json: opt.AsJson = False
+) -> None:
+    """Recover the measurements from the published model files of the rig, one table per ring.
+
+    The files are not part of mazeplan. Their licence applies to the tables, too."""
+    from mazeplan.core.progress import piece
+    from mazeplan.learning.published_rig import find_models, import_ring, read_model, write_ring
+
+    models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
+    paths = {ring: output / f"ring{ring}.csv" for ring in models}
+    found = {}
+    with ProgressBar("importing") as bar:
+        for i, (ring, model) in enumerate(models.items()):
+            bar.show(f"ring {ring}")
+            found[ring] = import_ring(model, advance=piece(bar.advance, i, 1, len(models)))
+            write_ring(found[ring], paths[ring])
+    document: dict[str, dict[str, Any]] = {}
+    for ring, imported in found.items():
+        figures = {name: getattr(imported, name) for name in FIGURES}
+        document[f"ring{ring}"] = {"file": str(paths[ring]), "source": imported.file.name, **figures}
+    lines = [
+        f"{ring}: {row['published']} rows published (1 sample in {row['step']}), {row['recovered']} recovered, "
+        f"{row['segments']} segments; noise {row['noise']:.4g} rad/s^2"
+        for ring, row in document.items()
+    ]
+    print_result(as_json, document, *lines)
+    say(f"wrote {', '.join(path.name for path in paths.values())} to {output}")

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import listed
-from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.apps.cli.output import plural, print_result, say
+from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.whole_file import write_text
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mazeplan.maze.learnedmap import LearnedMap
     from mazeplan.maze.transitions import BallTrack
 
-app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True)
 
 LOOK_S = 0.25  # s between two looks at a watched file
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
@@ -49,16 +49,16 @@ def check(files: MapFiles, as_json: opt.AsJson = False) -> None:
     from mazeplan.maze.mapfile import check_map
 
     results = [(file, check_map(file)) for file in files]
-    if as_json:
-        keys = ("file", "ok", "errors", "warnings")
-        rows = [(file, r.maze is not None, [*map(str, r.errors)], [*r.warnings]) for file, r in results]
-        print_json([dict(zip(keys, row, strict=True)) for row in rows])
-    for file, result in () if as_json else results:
-        for line in (*result.errors, *result.warnings):
+    document, lines = list[dict[str, Any]](), list[str]()
+    for file, result in results:
+        errors, warnings, maze = [str(error) for error in result.errors], list(result.warnings), result.maze
+        document.append({"file": file, "ok": maze is not None, "errors": errors, "warnings": warnings})
+        for line in () if as_json else (*errors, *warnings):
             say(f"mazeplan: {line}")
-        if (maze := result.maze) is not None:
+        if maze is not None:
             across = f", {plural(len(maze.radial_walls), 'radial wall')}" if maze.radial_walls else ""
-            print(f"{file}: ok: {maze.name}, {len(maze.rings)} rings, {len(maze.openings)} openings{across}")
+            lines.append(f"{file}: ok: {maze.name}, {len(maze.rings)} rings, {len(maze.openings)} openings{across}")
+    print_result(as_json, document, *lines)
     if any(result.errors for _, result in results):
         raise typer.Exit(2)
 
@@ -145,28 +145,20 @@ def route(
     theta = math.radians(start_angle or 0.0)
     if not maze.has_room(first, theta):
         theta = maze.clear_angle(first, theta)
-    best = _route(maze, first, last, theta, listed(close))
-    legs = [
-        {
-            "ring": leg.ring,
-            "opening": leg.opening.name,
-            "opening_angle_deg": place_deg(leg.opening.angle),
-            "turn_deg": math.degrees(leg.turn_rad),
-            "expected_s": leg.expected_s,
-        }
-        for leg in (best.legs if best else ())
-    ]
-    if as_json:
-        degrees = place_deg(theta) if start_angle is None else start_angle
-        task = {"map": maze.name, "from": first, "to": last, "start_angle_deg": degrees, "found": best is not None}
-        print_json({**task, "expected_s": best.expected_s if best else None, "legs": legs})
+    best = _route(maze, first, last, theta, opt.listed(close))
+    legs, lines = list[dict[str, Any]](), list[str]()
+    for leg in best.legs if best else ():
+        turn, opening = math.degrees(leg.turn_rad), leg.opening
+        place = {"opening": opening.name, "opening_angle_deg": place_deg(opening.angle)}
+        legs.append({"ring": leg.ring, **place, "turn_deg": turn, "expected_s": leg.expected_s})
+        to = f"opening {opening.name} to ring {opening.leads_to(leg.ring)}"
+        lines.append(f"ring {leg.ring}: turn {turn:+7.1f} deg, {to}, {leg.expected_s:.2f} s")
+    lines += [f"ring {last}: goal, {best.expected_s:.2f} s expected"] if best else []
+    degrees = place_deg(theta) if start_angle is None else start_angle
+    task = {"map": maze.name, "from": first, "to": last, "start_angle_deg": degrees, "found": best is not None}
+    print_result(as_json, {**task, "expected_s": best.expected_s if best else None, "legs": legs}, *lines)
     if best is None:
         _end_without_route(maze, first, last)
-    if not as_json:
-        for leg in best.legs:
-            to = f"opening {leg.opening.name} to ring {leg.opening.leads_to(leg.ring)}"
-            print(f"ring {leg.ring}: turn {math.degrees(leg.turn_rad):+7.1f} deg, {to}, {leg.expected_s:.2f} s")
-        print(f"ring {last}: goal, {best.expected_s:.2f} s expected")
 
 
 def _route(maze: Maze, first: int, last: int, theta: float, close: Iterable[str] = ()) -> Route | None:
@@ -198,7 +190,6 @@ def learn(
     as_json: opt.AsJson = False,
 ) -> None:
     """Learn rings and openings from the places of the ball and its changes of ring. The map has the missing figures."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.maze.learnedmap import learn_map, map_text
 
     names = ", ".join(str(log) for log in logs)
@@ -212,11 +203,9 @@ def learn(
             raise TableError(problem.problem, file=names) from None
     if learned.maze is not None:
         write_text(output, map_text(learned, [log.name for log in logs]))
-    if as_json:  # lengths in m, angles in rad
-        known = {key: value for key, value in asdict(learned).items() if key != "maze"}
-        print_json({"map": None if learned.maze is None else str(output), **known})
-    else:
-        print("\n".join(_learned_lines(learned)))
+    known = {key: value for key, value in asdict(learned).items() if key != "maze"}  # lengths in m, angles in rad
+    document = {"map": None if learned.maze is None else str(output), **known}
+    print_result(as_json, document, *_learned_lines(learned))
     for line in (*(f"warning: {line}" for line in learned.warnings), *learned.problems):
         say(f"mazeplan: {names}: {line}")
     if learned.maze is None:

@@ -1,4 +1,4 @@
-"""`model list` and `show`; `score`: how well a model predicts a log; `compare`: kinds of models on the same data."""
+"""Models and effects, list and show; `score`: how well a model predicts a log; `compare`: kinds of models."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_result, say
+from mazeplan.apps.cli.progress import ProgressBar
+from mazeplan.core.errors import InputError, one_of
 
 if TYPE_CHECKING:
     from mazeplan.learning.rig_model import RigModel
+    from mazeplan.physics.effect import Effect
 
 
 app = typer.Typer(help="List and show models of rigs.", no_args_is_help=True)
+effect_app = typer.Typer(help="List and show physical effects of models and diagnoses.", no_args_is_help=True)
 KINDS = {
     "p": "nominal physics",
     "pi": "fitted effects",
@@ -22,6 +26,7 @@ KINDS = {
 }
 CELL = 20  # characters of a number with its standard error
 ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="Folder of a model, or name of a packaged one.")]
+EffectName = Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect (see `effect list`).")]
 
 
 @app.command("list")
@@ -30,10 +35,8 @@ def list_models(as_json: opt.AsJson = False) -> None:
     from mazeplan.learning.modelfile import load_model, model_names
 
     found = {name: load_model(name) for name in model_names()}
-    if as_json:
-        print_json([{"name": name, **_summary(model)} for name, model in found.items()])
-    for name, model in () if as_json else found.items():
-        print(f"{name:10s}  {_sentence(model)}")
+    document = [{"name": name, **_summary(model)} for name, model in found.items()]
+    print_result(as_json, document, *(f"{name:10s}  {_sentence(model)}" for name, model in found.items()))
 
 
 @app.command("show")
@@ -43,12 +46,9 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
     from mazeplan.learning.modelfile import load_model
 
     model = load_model(name)
-    if as_json:
-        print_json({**model_document(model), **_summary(model)})
-        return
-    print("\n".join([f"{name}: {_sentence(model)}", *model_lines(model)]))
-    for entry in model.data:
-        print("fitted on: " + ", ".join(f"{key} {value}" for key, value in entry.items()))
+    lines = [f"{name}: {_sentence(model)}", *model_lines(model)]
+    lines += ["fitted on: " + ", ".join(f"{key} {value}" for key, value in entry.items()) for entry in model.data]
+    print_result(as_json, {**model_document(model), **_summary(model)}, *lines)
 
 
 def model_lines(model: RigModel) -> list[str]:
@@ -118,7 +118,6 @@ def score(
     as_json: opt.AsJson = False,
 ) -> None:  # fmt: skip
     """Judge how well a model predicts logs: its error of theta after 40 samples, beside no model and the noise."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.models import score_section
     from mazeplan.apps.report.page import section_text
     from mazeplan.core.logs.columns import parse_columns
@@ -142,10 +141,7 @@ def score(
         say(words)
     if document["learned_from"]:
         say(f"the model was learned from {', '.join(document['learned_from'])}: on new logs it may be worse")
-    if as_json:
-        print_json(document)
-    else:
-        print(section_text(score_section(model, document)))
+    print_result(as_json, document, section_text(score_section(model, document)))
 
 
 def compare(
@@ -163,7 +159,6 @@ def compare(
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.models import models_section
     from mazeplan.apps.report.page import section_text
@@ -174,10 +169,68 @@ def compare(
             logs, test=test, map=map_, columns=columns or [], ring=ring, radius=radius, kinds=kinds, most=most,
             seed=seed, progress=bar.show, advance=bar.advance, say=say,
         )  # fmt: skip
-    if as_json:
-        print_json(done.document)
-    else:
-        name = ", ".join(log.name for log in logs)
-        print(section_text(models_section(Input("comparison", logs[0], name, done.document))))
+    name = ", ".join(log.name for log in logs)
+    print_result(
+        as_json, done.document, section_text(models_section(Input("comparison", logs[0], name, done.document)))
+    )
     if page is not None:  # comes last: a file that cannot be written loses no result
         say(f"wrote {done.report(page)}")
+
+
+@effect_app.command("list")
+def list_effects(effects: opt.EffectModule = None, as_json: opt.AsJson = False) -> None:
+    """List all effects: what each acts on, its meaning, and whether plans use it."""
+    from mazeplan.physics.registry import document
+
+    found = _known(effects)
+    width, lines = max(map(len, found)), list[str]()
+    for effect in found.values():
+        note = "" if effect.planned else f" (not planned with: {effect.why_not})"
+        lines.append(f"{effect.name:{width}s}  {_acts_on(effect):13s} {effect.text}{note}")
+    print_result(as_json, [document(effect) for effect in found.values()], *lines)
+
+
+@effect_app.command("show")
+def show_effect(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson = False) -> None:
+    """Show an effect: formula, source, parameters with unit and bounds, and its entry in a model."""
+    from mazeplan.physics.registry import document
+
+    effect = (found := _known(effects)).get(name)
+    if effect is None:
+        raise InputError(f"got effect {name!r}, expected {one_of(found, name)}")
+    known, width = document(effect), max(map(len, effect.parameters))
+    lines = [
+        f"{name}: {effect.text}",
+        f"acts on    {_acts_on(effect)}",
+        f"formula    {known['formula']}",
+        f"source     {effect.source}",
+        f"planned    {'yes' if effect.planned else f'no: {effect.why_not}'}",
+        "parameters (unit; value without the effect; bounds; smallest relevant size):",
+    ]
+    for key, p in effect.parameters.items():
+        size, words = f"; {p.smallest:g}" if p.smallest > 0.0 else "", f"; {p.words}" if p.words else ""
+        lines.append(f"  {key:{width}s}  {p.unit}; {p.default:g}; {p.low:g} to {p.high:g}{size}{words}")
+    lines += ["in model.yaml", *(f"  {line}" for line in _entry(effect))]
+    print_result(as_json, {**known, "text": effect.text, "source": effect.source}, *lines)
+
+
+def _known(spec: str | None) -> dict[str, Effect]:
+    """Effects by name: of mazeplan, and of a user's module."""
+    from mazeplan.physics.registry import EFFECTS, own_effects
+
+    own_effects(spec)
+    return {name: effect for name, effect in EFFECTS.items() if effect.named}
+
+
+def _acts_on(effect: Effect) -> str:
+    from mazeplan.physics.effect import BALL
+
+    return "ball" if effect.acts in BALL else effect.acts
+
+
+def _entry(effect: Effect) -> list[str]:
+    """The lines of a model file that hold the effect."""
+    if effect.entry:
+        return [f"{place}: {key}" for key, place in effect.entry.items()]
+    values = ", ".join(f"{key}: {p.default:g}" for key, p in effect.parameters.items())
+    return ["rings:", "  1:", "    effects:", f"    - {{type: {effect.name}, {values}}}"]

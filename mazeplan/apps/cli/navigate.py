@@ -1,4 +1,4 @@
-"""`navigate`: one run."""
+"""`navigate`: one run; `evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import check_new, listed
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.emergency import stop_key
+from mazeplan.apps.cli.output import print_json, print_result, say
+from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError, RigError
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def navigate(
         model = str(learn)
     request = NavigationRequest(
         start, goal, map_, rig, model, policy, behavior, tuple(behavior_module or ()), effects, settings, start_angle,
-        listed(close), listed(via), balls, seed, time_limit, log,
+        opt.listed(close), opt.listed(via), balls, seed, time_limit, log,
     )  # fmt: skip
     if video is not None and view:
         raise InputError("--video with --view: give one of them")
@@ -81,7 +82,6 @@ def learn_first(folder: Path, rig: str, map_: str, seed: int, force: bool) -> No
 
     Raises InputError, TableError, RigError."""
     from mazeplan.apps.cli.learning import collect
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.commands.learn import learn
@@ -90,7 +90,7 @@ def learn_first(folder: Path, rig: str, map_: str, seed: int, force: bool) -> No
     if (folder / "model.yaml").exists():
         return
     if not log.exists():
-        check_new("--learn", folder, force, folder=True)
+        opt.check_new("--learn", folder, force)
         make_rig(rig, load_map(map_))  # a wrong name is refused before anything is written
         folder.mkdir(parents=True, exist_ok=True)
         collect(log, rig, LEARNING_S, map_, rings=True, place=True, seed=seed)
@@ -105,7 +105,6 @@ def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
     if path is None:
         yield {}
         return
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.view.film import write_film
 
     messages: list[tuple[str, dict[str, Any]]] = []
@@ -135,7 +134,6 @@ def note_missing_model(rig: str, model: str | None) -> None:
 
 def navigate_once(request: NavigationRequest, company: Company) -> NavigationResult:
     """Run one request of the command line and show its progress on the terminal. A key stops a real rig."""
-    from mazeplan.apps.cli.emergency import stop_key
     from mazeplan.apps.cli.progress import NavigationProgress, report_compiling
     from mazeplan.run.execution import execute
     from mazeplan.run.goals import Goals
@@ -157,3 +155,83 @@ def navigate_once(request: NavigationRequest, company: Company) -> NavigationRes
         raise
     progress.finished(result)
     return result
+
+
+def evaluate(
+    runs: opt.Runs = None,
+    rig: opt.RigName = "toy",
+    map_: opt.Map = "cme",
+    model: opt.Model = None,
+    effects: opt.EffectModule = None,
+    policy: opt.Policy = None,
+    behavior: opt.Behavior = "navigate",
+    behavior_module: opt.BehaviorModule = None,
+    settings: opt.Settings = None,
+    start: opt.StartRing = "ring1",
+    goal: opt.GoalRing = "centre",
+    balls: opt.Balls = None,
+    seed: opt.Seed = 0,
+    time_limit: opt.TimeLimit = 20.0,
+    workers: opt.Workers = None,
+    dask: opt.Dask = None,
+    store: opt.Store = None,
+    no_deadline: opt.NoDeadline = False,
+    faults: opt.Faults = None,
+    compare: opt.Compare = None,
+    report: opt.Report = None,
+    force: opt.Force = False,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Run many navigations and summarise success, times and failures; with --faults also the response to each fault."""
+    if compare is not None:
+        _compare(compare, as_json)
+        return
+    from mazeplan.apps.report.evaluation import evaluation_section
+    from mazeplan.apps.report.inputs import Input
+    from mazeplan.apps.report.page import section_text
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.run.assembly import with_balls
+    from mazeplan.run.commands.evaluate import evaluate as run_all
+
+    make_rig(rig, with_balls(load_map(map_), balls))
+    note_missing_model(rig, model)
+    with ProgressBar("runs", transient=False) as bar:
+        done = run_all(
+            runs, rig=rig, map=map_, model=model, effects=effects, policy=policy, behavior=behavior,
+            behavior_modules=behavior_module or (), settings=settings, start=start, goal=goal, balls=balls, seed=seed,
+            time_limit=time_limit, workers=workers, dask=dask, store=store, deadline=not no_deadline, faults=faults,
+            own_process=True, say=bar.note, advance=bar.advance,
+        )  # fmt: skip
+    if report is not None:
+        say(f"wrote {done.report(report)}")
+    name = done.document["setup"]["rig"] + (" with faults" if faults else "")
+    section = evaluation_section(Input("evaluation", Path(name), name, done.json()))
+    print_result(as_json, done.document, section_text(section))
+    sys.exit(_exit_status(done.document))
+
+
+def _compare(files: tuple[Path, Path], as_json: bool) -> None:
+    from mazeplan.apps.report.inputs import read_document
+    from mazeplan.run.campaign.pairs import paired
+
+    a, b = (read_document(file, "the JSON of evaluate") for file in files)
+    done = paired(a, b, (str(files[0]), str(files[1])))
+    print_result(as_json, done.document, done.sentence)
+
+
+def _exit_status(document: dict[str, Any]) -> int:
+    """0 if all runs arrived, or with faults if all faults ended as they should.
+
+    Raises RigError if a rig failed in a campaign without faults."""
+    from mazeplan.core.errors import RigError
+    from mazeplan.core.records import FailureKind
+    from mazeplan.run.commands.evaluate import good
+
+    if "faults" in document:
+        return 0 if good(document["faults"]) else 1
+    failures = (failure for result in document["results"] for failure in result["failures"])
+    failed = next((failure for failure in failures if failure["kind"] == FailureKind.RIG_FAILED.value), None)
+    if failed is not None:
+        raise RigError(failed["words"])
+    return 0 if document["success"] == document["runs"] else 1

@@ -11,7 +11,6 @@ from typing import Annotated
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.option_checks import check_new
 from mazeplan.apps.cli.output import say
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError, one_of
@@ -63,7 +62,7 @@ def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
     folder = output or Path(name)
     _check_name(name)
     if output is None:
-        check_new("NAME", folder, force, folder=True)
+        opt.check_new("NAME", folder, force)
     targets = {template: folder / target.format(name) for template, target in FILES.items()}
     for template, target in targets.items():
         write_text(target, filled(template, name))

@@ -21,6 +21,14 @@ def print_json(document: Any) -> None:
     print(json.dumps(finite(document), indent=2), file=sys.stdout)
 
 
+def print_result(as_json: bool, document: Any, *lines: str) -> None:
+    """Print a result on stdout: its document, or lines for a person."""
+    if as_json:
+        print_json(document)
+    elif lines:
+        print("\n".join(lines))
+
+
 def say(text: str) -> None:
     """Print a message on stderr. If stderr cannot be written, this and all later messages are dropped."""
     try:

@@ -10,6 +10,7 @@ from typer import Argument
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import say
+from mazeplan.apps.cli.progress import ProgressBar
 
 Inputs = Annotated[
     list[Path],
@@ -24,7 +25,6 @@ ViewedLog = Annotated[Path | None, Argument(metavar="LOG", help="Run log to show
 
 def report(inputs: Inputs, output: Page, force: opt.Force = False) -> None:
     """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import read_input
     from mazeplan.apps.report.write import write_inputs
 
@@ -46,7 +46,6 @@ def view(
 
     `navigate --view` has more options."""
     if log is not None:
-        from mazeplan.apps.cli.progress import ProgressBar
         from mazeplan.apps.view.replay import open_recording, show_log
 
         with ProgressBar("reading") as bar:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import print_json, print_result, say
 from mazeplan.core.errors import MazeplanError, RigError
 
 if TYPE_CHECKING:
@@ -117,15 +117,11 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
         for name, info in SimulatedSettings.model_fields.items()
     }
     what = {name: _headline(PACKAGED / f"{name}.yaml") for name in rig_names()}
-    if as_json:
-        print_json({"rigs": list(what), "settings": keys, "what": what})
-        return
-    print("packaged rigs:")
-    for name, words in what.items():
-        print(f"  {name:10s}  {words}")
-    print("keys of a simulated rig (default; meaning):")
-    for name, key in keys.items():
-        print(f"  {name:28s} {key['default']!s:12s} {key['what']}")
+    rigs = [f"  {name:10s}  {words}" for name, words in what.items()]
+    settings = [f"  {name:28s} {key['default']!s:12s} {key['what']}" for name, key in keys.items()]
+    document = {"rigs": list(what), "settings": keys, "what": what}
+    head, second = "packaged rigs:", "keys of a simulated rig (default; meaning):"
+    print_result(as_json, document, head, *rigs, second, *settings)
 
 
 def _headline(path: Path) -> str:
