@@ -8,9 +8,9 @@
 No module of the product imports the kit. The kit needs no test framework.
 """
 
-from mazeplan.apps.testing.leafscript import Player, Script, script
 from mazeplan.apps.testing.lightrig import LightRig
 from mazeplan.apps.testing.record import Record
 from mazeplan.apps.testing.trees import run_tree, tick_tree
+from mazeplan.apps.testing.watch import Player, Script, script
 
 __all__ = ["LightRig", "Player", "Record", "Script", "run_tree", "script", "tick_tree"]

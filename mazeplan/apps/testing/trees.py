@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.testing.leafscript import Script
 from mazeplan.apps.testing.lightrig import RATE, LightRig, Mishap, identified
 from mazeplan.apps.testing.record import Record
-from mazeplan.apps.testing.watch import Watch
+from mazeplan.apps.testing.watch import Script, Watch
 from mazeplan.behavior.context import RunContext, Steering
 from mazeplan.behavior.registry import registry_with
 from mazeplan.behavior.trees import load_tree
