@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.environment.senses import NAMES, RATE, Senses
-from mazeplan.apps.environment.task import ANGLES, HOLD, LOST, Judge, Task, potential
+from mazeplan.apps.environment.task import ANGLES, HOLD, LOST, NAMES, RATE, Judge, Senses, Task, potential
 from mazeplan.control.estimation.sample_check import SAMPLES
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map

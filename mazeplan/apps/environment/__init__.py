@@ -2,8 +2,7 @@
 
 `import mazeplan.apps.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
 
-task.py       the options of an environment; rewards, and when an episode ends
-senses.py     memory of measurements, and the observation made from them
+task.py       the options of an environment; observations, rewards, and when an episode ends
 single.py     the environment: a rig, and these parts
 expert.py     the planner as a policy
 

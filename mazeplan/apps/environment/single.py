@@ -10,8 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from mazeplan.apps.environment.senses import HIGH, LOW, Senses
-from mazeplan.apps.environment.task import Judge, Start, Task, potential
+from mazeplan.apps.environment.task import HIGH, LOW, Judge, Senses, Start, Task, potential
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
