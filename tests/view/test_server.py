@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from mazeplan.apps.view import server as server_module
-from mazeplan.apps.view.server import HOST, listen, port_of, refusal, stop_bar, url_of
+from mazeplan.apps.view.page import html
+from mazeplan.apps.view.server import HOST, listen, port_of, refusal, url_of
 from mazeplan.core.errors import InputError
 
 pytest.importorskip("viser")
@@ -60,7 +61,7 @@ def served():
     listening = listen(0)
     url, port = url_of(listening), port_of(listening)
     ready, answers = threading.Event(), []
-    server = server_module.open_server(listening, ready, stop_bar())
+    server = server_module.open_server(listening, ready, html("stop_bar"))
     early = threading.Thread(target=lambda: answers.append(urllib.request.urlopen(url, timeout=10).status))
     early.start()
     pressed = []
@@ -104,4 +105,4 @@ def test_the_page_has_the_bar_packed_or_not(served):
             assert int(answer.headers["Content-Length"]) == len(body)
         pages.append(gzip.decompress(body) if packing == "gzip" else body)
     assert pages[0] == pages[1]
-    assert pages[0].count(stop_bar().encode()) == 1
+    assert pages[0].count(html("stop_bar").encode()) == 1

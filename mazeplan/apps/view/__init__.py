@@ -10,5 +10,5 @@ film.py                 a film of a run, of the same moments
 link.py                 the live page; its process, and the line to the run, which never waits for it
 replay.py               the page of a recorded run
 server.py               viser behind a check of Host and Origin
-stop_bar.html           the bar with the emergency stop
+parts.html              heads, facts, tree and the bar with the emergency stop, as HTML
 """

@@ -17,16 +17,13 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from html import escape
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from time import sleep
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.view.page import RunView, draw_loop, open_page
-from mazeplan.apps.view.server import stop_bar
+from mazeplan.apps.view.page import RunView, draw_loop, html, open_page
 from mazeplan.apps.view.story import Story
-from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
@@ -49,6 +46,11 @@ class Offer:
     maze: Maze
     rig: str
     faults: dict[str, str] = field(default_factory=dict)  # kind -> its description; empty on a real rig
+
+
+def head_html(offer: Offer, phase: str, note: str) -> str:
+    """Rig and map, and the phase with a note."""
+    return html("live_head", offer.rig, offer.maze.name, phase, *PHASES[phase], note)
 
 
 class LiveTab:
@@ -103,18 +105,6 @@ class LiveTab:
             resting = phase in ("idle", "failed")
             self._start.disabled, self._stop.disabled = not resting, resting
             self._head.content = head_html(self._offer, phase, str(self._state["note"]))
-
-
-def head_html(offer: Offer, phase: str, note: str) -> str:
-    """Rig and map, and in a frame the phase with a note: what a person waits for or has to know."""
-    sign, word, colour = PHASES[phase]
-    below = f'<div style="font-size:12px" data-note>{escape(note)}</div>' if note else ""
-    frame = f"border-left:4px solid {COLOURS[colour]};padding-left:6px;margin-top:2px"
-    return (
-        f'<div style="font-size:13px;line-height:1.35;padding:2px 12px" data-phase="{escape(phase, quote=True)}">rig '
-        f"<b>{escape(offer.rig)}</b>, map <b>{escape(offer.maze.name)}</b>"
-        f'<div style="{frame}"><b style="color:{INKS[colour]}">{sign} {escape(word)}</b>{below}</div></div>'
-    )
 
 
 FREQUENT = frozenset({"/tick", "/plan", "/status"})
@@ -203,7 +193,7 @@ def live_page(offer: Offer, listening: socket.socket, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
-    server, ready = open_page(listening, stop_bar())
+    server, ready = open_page(listening, html("stop_bar"))
     lock, viewers = threading.Lock(), 0
 
     def send(order: Order) -> None:

@@ -9,18 +9,16 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.view.page import FONT, RunView, draw_loop, open_page
+from mazeplan.apps.view.page import RunView, draw_loop, html, open_page
 from mazeplan.apps.view.server import check_installed, listen, url_of
 from mazeplan.apps.view.story import Moment, maze_of, moments
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log_reader import checked_fields, read_messages
-from mazeplan.core.palette import INKS
 from mazeplan.core.records import Array
 
 if TYPE_CHECKING:
@@ -132,10 +130,7 @@ def head_html(recording: RecordedRun, t: float) -> str:
     facts = ", ".join(f"{word} {header[key]}" for word, key in keys if header.get(key) not in (None, ""))
     cut = "" if recording.complete else " · the log was cut off"
     tick = f"tick {recording.tick_at(t) + 1} of {len(recording.moments)}{cut}"
-    return (
-        f'<div style="{FONT}padding:2px 12px" data-t="{t:.3f}"><b>{escape(recording.name)}</b> '
-        f'<div style="color:{INKS["quiet"]}">{escape(facts)} · {tick}</div></div>'
-    )
+    return html("recorded_head", recording.name, facts, tick, t)
 
 
 def show_log(recording: RecordedRun, port: int) -> None:

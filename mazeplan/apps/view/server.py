@@ -21,17 +21,14 @@ from __future__ import annotations
 
 import asyncio
 import gzip
-import re
 import socket
 from collections.abc import Sequence
 from http import HTTPStatus
 from importlib.util import find_spec
-from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.palette import FAINT, INKS, STOP, TINTS
 from mazeplan.core.resources import to_install
 
 if TYPE_CHECKING:
@@ -44,8 +41,6 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws://{host} blob: data:; "
     "frame-ancestors 'none'; form-action 'none'; base-uri 'none'; object-src 'none'"
 )
-BAR_COLOURS = {"RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"]}
-BAR_COLOURS |= {"FACE": STOP["face"], "PRESSED": STOP["pressed"]}
 ROOT = b'<div id="root">'  # the bar precedes it
 
 
@@ -68,12 +63,6 @@ def listen(port: int) -> socket.socket:
         opened.close()
         raise InputError(f"--port: {port} cannot be listened at: {problem.strerror}; expected a free one") from None
     return opened
-
-
-def stop_bar() -> str:
-    """The bar with the emergency stop, as HTML."""
-    text = Path(__file__).with_name("stop_bar.html").read_text(encoding="utf-8")
-    return re.sub("|".join(BAR_COLOURS), lambda name: BAR_COLOURS[name[0]], text)
 
 
 def port_of(listening: socket.socket) -> int:
