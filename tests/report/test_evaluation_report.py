@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from report_documents import drawn, evaluation, kept
 
-from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input, of_document
 from mazeplan.apps.report.page import PagePicture, PageTable
+from mazeplan.apps.report.runs import evaluation_section
 from mazeplan.apps.report.words import MISSING
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.commands.evaluate import results_of, setup_document, summary

@@ -10,7 +10,7 @@ import pytest
 from report_documents import EVIL, MAZE, STEP, a_log, drawn
 
 from mazeplan.apps.report.page import PagePicture, PageTable
-from mazeplan.apps.report.run import lead, logged_failures, run_section, visits
+from mazeplan.apps.report.runs import lead, logged_failures, run_section, visits
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.logs.run_log_reader import read_log

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from report_documents import drawn
 
 import mazeplan
-from mazeplan.apps.report.run import run_section, second_trail
+from mazeplan.apps.report.runs import run_section, second_trail
 from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import BallShown, Moment, moments
 from mazeplan.core.logs.run_log_reader import read_log

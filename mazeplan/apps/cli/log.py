@@ -75,7 +75,7 @@ def _summary(log: RunLog) -> tuple[dict[str, Any], list[str]]:
     """The document of `log info --json` for a run, and its lines."""
     import numpy as np
 
-    from mazeplan.apps.report.run import lead, logged_failures, visits
+    from mazeplan.apps.report.runs import lead, logged_failures, visits
 
     t = log.ticks["t"]
     duration, seen = (float(t[-1] - t[0]), float(np.isfinite(log.ticks["x"]).mean())) if len(t) else (0.0, None)

@@ -110,7 +110,7 @@ def _draw(map_: str, output: Path, *, with_route: bool, labels: bool, log: Path 
         first, last, theta = 1, len(maze.rings), 0.0
         drawn: dict[str, Any] = {"title": f"map {maze.name}"}
     else:
-        from mazeplan.apps.report.run import lead, second_trail, trail
+        from mazeplan.apps.report.runs import lead, second_trail, trail
         from mazeplan.core.logs.run_log_reader import read_log
 
         maze, read = logged_map(map_, log).maze, read_log(log)  # it warns if the log is of another map

@@ -186,9 +186,9 @@ def evaluate(
     if compare is not None:
         _compare(compare, as_json)
         return
-    from mazeplan.apps.report.evaluation import evaluation_section
     from mazeplan.apps.report.inputs import Input
     from mazeplan.apps.report.page import section_text
+    from mazeplan.apps.report.runs import evaluation_section
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig
     from mazeplan.run.assembly import with_balls

@@ -41,7 +41,6 @@ STYLE: Any = {
     "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }
 INK = INKS["ink"]
-FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
@@ -122,16 +121,9 @@ def line(name: str, **more: Any) -> dict[str, Any]:
     return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
 
 
-def failure_mark(kind: int, **more: Any) -> dict[str, Any]:
-    """Keywords of Matplotlib for the marker of a failure. kind: number of its kind in the picture"""
-    line = {"marker": FAILURE_MARKERS[kind % len(FAILURE_MARKERS)], "color": COLOURS["failure"], "ls": "none"}
-    edge = {"markeredgecolor": "white", "markeredgewidth": 0.9}
-    return {**line, **edge, "markersize": 8.0, "zorder": 8, **more}
-
-
-def legend_beside(axes: Axes, **more: Any) -> None:
+def legend_beside(axes: Axes) -> None:
     """A legend to the right of the panel."""
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **more)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def section_text(section: PageSection) -> str:

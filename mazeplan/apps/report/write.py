@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.report.diagnosis import diagnosis_section, write_diagnosis
-from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input, of_document
 from mazeplan.apps.report.models import model_section, models_section, record_section
 from mazeplan.apps.report.page import PagePicture, PageSection, write_page
-from mazeplan.apps.report.run import run_section
+from mazeplan.apps.report.runs import evaluation_section, run_section
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log_reader import read_log
 from mazeplan.core.progress import no_words

@@ -1,18 +1,24 @@
-"""The report of a run, from its log: rings, failures, the path of the ball, its angle and the tilt over time."""
+"""The report of a run, from its log; and of an evaluation, from the document of `evaluate --json`.
+
+A run: rings, failures, the path of the ball, its angle and the tilt over time. An evaluation: arrivals and failures.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.report.inputs import map_in
-from mazeplan.apps.report.page import PagePicture, PageSection, PageTable, failure_mark, legend_beside, line
-from mazeplan.apps.report.words import DEG, MISSING, setup_facts
-from mazeplan.core.errors import LogError
+from mazeplan.apps.report.inputs import Input, map_in, number, read_as_printed
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, legend_beside, line
+from mazeplan.apps.report.words import DEG, MISSING, seconds, setup_facts
+from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log_reader import RunLog
 from mazeplan.core.palette import COLOURS
@@ -21,6 +27,7 @@ from mazeplan.maze.drawing import draw_maze, draw_second
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PANELS = (  # label of a panel over time; its curves: column of the log, style, factor
@@ -28,6 +35,8 @@ PANELS = (  # label of a panel over time; its curves: column of the log, style, 
     ("tilt down at +x\n(beta), degrees", {"commanded": "u_beta", "measured": "beta"}),
     ("tilt up at +y\n(gamma), degrees", {"commanded": "u_gamma", "measured": "gamma"}),
 )
+FAILURE_MARKERS = "Xos^DvP*<>phd"
+TIMES = {"mean": "mean time", "best": "best", "p50": "median", "p95": "95 % are faster than", "worst": "worst"}
 
 
 @dataclass(frozen=True)
@@ -158,11 +167,17 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]
     figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label("time, s")
     if second is not None:
         draw_second(axes, second)
-    for i, kind in enumerate(dict.fromkeys(m.kind for m in failures)):
-        at = np.array([(m.x, m.y) for m in failures if m.kind == kind])
-        axes.plot(*(1e3 * at.T), **failure_mark(i), label=kind.replace("_", " "))
+    _mark_failures(axes, [(m.kind, m.x, m.y) for m in failures], markersize=8.0, markeredgewidth=0.9)
     if failures or second is not None:
         axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0))
+
+
+def _mark_failures(axes: Axes, failures: list[tuple[str, float, float]], **more: Any) -> None:
+    """Mark failures on a maze, each kind with its own marker. failures: kind and x, y, m"""
+    look: Any = {"color": COLOURS["failure"], "ls": "none", "markeredgecolor": "white", "zorder": 8, **more}
+    for kind, marker in zip(dict.fromkeys(kind for kind, *_ in failures), cycle(FAILURE_MARKERS)):
+        x, y = zip(*((1e3 * x, 1e3 * y) for found, x, y in failures if found == kind), strict=True)
+        axes.plot(x, y, label=kind.replace("_", " "), marker=marker, **look)
 
 
 def _over_time(figure: Figure, log: RunLog, failures: list[LoggedFailure]) -> None:
@@ -182,3 +197,96 @@ def _over_time(figure: Figure, log: RunLog, failures: list[LoggedFailure]) -> No
         axes.grid(axis="y")
         legend_beside(axes)
     panels[-1].set_xlabel("time, s; dotted: failures")
+
+
+# -- evaluations ------------------------------------------------------------------------------------------------------
+
+
+def evaluation_section(given: Input) -> PageSection:
+    """The section of a page about an evaluation. Raises InputError, MapError for a map that cannot be used."""
+    document, runs = given.document, given.document["results"]
+    if not runs:
+        raise InputError("got no runs, expected one or more", file=given.path, key="results")
+    with read_as_printed(given):
+        setup = document.get("setup") or {}
+        parts: list[Any] = [*_faults(document.get("faults") or ()), _table(document), _computing(document)]
+        arrived: Array = np.array([float(run["time_s"]) for run in runs if run["success"]])
+        limit = number(setup.get("time_limit_s"))
+        limit = limit if limit > 0.0 else max(float(run["time_s"]) for run in runs)
+        draw = partial(_arrivals, times=np.sort(arrived), runs=len(runs), limit=limit)
+        alt = "share of the runs that arrived against time"
+        parts.append(PagePicture("arrivals", "Arrived by then", alt, draw, (9.0, 3.2)))
+        failures = [(f["kind"], number(f.get("x")), number(f.get("y"))) for run in runs for f in run["failures"]]
+    if failures:
+        draw = partial(_places, failures=failures, maze=map_in(setup.get("map"), given.path))
+        title = "Where the ball was when something failed"
+        parts.append(PagePicture("places", title, "failures by kind and place on the maze", draw, (6.0, 6.4)))
+    mean = f", on average after {arrived.mean():.2f}" if len(arrived) else ""
+    stderr = f" ± {arrived.std(ddof=1) / math.sqrt(len(arrived)):.2f}" if len(arrived) > 1 else ""
+    lead = f"{len(arrived)} of {len(runs)} arrived{mean}{stderr}{' s' * bool(mean)}."
+    return PageSection(f"Evaluation {given.name}", lead, setup_facts(setup, seed="first seed"), parts)
+
+
+def _table(document: dict[str, Any]) -> PageTable:
+    from scipy.stats import binomtest  # slow to import; `log info` needs only the runs
+
+    runs, figures = document["results"], document["time_s"]
+    arrived = sum(bool(run["success"]) for run in runs)
+    share = binomtest(arrived, len(runs)).proportion_ci(0.95, "wilson")
+    interval = f"{100.0 * share.low:.0f} to {100.0 * share.high:.0f} %"
+    rows = [["arrived", f"{arrived} of {len(runs)}"], ["95 % interval of the share", interval]]
+    rows += [[label, seconds(number(figures[key]))] for key, label in TIMES.items()]
+    ends = Counter(str(run["reason"]).replace("_", " ") for run in runs if not run["success"])
+    rows.append(
+        ["runs that did not arrive ended with", ", ".join(f"{k} {n}" for k, n in sorted(ends.items())) or MISSING]
+    )
+    for kind in sorted({failure["kind"] for run in runs for failure in run["failures"]}):
+        counts = Counter(bool(run["success"]) for run in runs for failure in run["failures"] if failure["kind"] == kind)
+        label = f"failures {kind.replace('_', ' ')}: in runs that arrived + in the others"
+        rows.append([label, f"{counts[True]} + {counts[False]}"])
+    return PageTable("In figures; times are of the runs that arrived", ("", ""), rows)
+
+
+def _computing(document: dict[str, Any]) -> PageTable:
+    names = {"planner_ms": "plan", "tick_ms": "tick"}
+    rows = [
+        [label, *(f"{float(document[key][name]):.2f} ms" for name in ("p50", "p99", "max"))]
+        for key, label in names.items()
+        if document.get(key)
+    ]
+    return PageTable("Computing time", ("of", "median", "99 %", "most"), rows)
+
+
+def _faults(faults: Sequence[dict[str, Any]]) -> list[PageTable | Note]:
+    """The table of injected faults, and a note for each broken rule."""
+    if not faults:
+        return []
+    rows, notes = [], []
+    for fault in faults:
+        after = MISSING if fault["noticed_s"] is None else f"{fault['noticed_s']['p50']:.2f} s"
+        ends = [f"{reason} {count}" for reason, count in fault["stopped"].items()]
+        ends += [f"cannot be survived: {fault['because']}"] if fault["because"] else []
+        arrived, noticed = f"{fault['arrived']} of {fault['runs']}", f"{fault['noticed']} of {fault['faulted']}"
+        rows.append([fault["fault"], arrived, noticed, after, ", ".join(fault["recoveries"]), "; ".join(ends)])
+        notes += [Note(f"Wrong: {fault['fault']}, {wrong}") for wrong in fault["wrong"]]
+    head = ("fault", "arrived", "noticed", "after", "recoveries", "other ends")
+    return [PageTable("Injected faults", head, rows), *notes]
+
+
+def _arrivals(figure: Figure, times: Array, runs: int, limit: float) -> None:
+    axes, share = figure.add_subplot(), 100.0 * np.arange(len(times) + 1) / runs
+    steps = np.r_[0.0, times, max(limit, times[-1] if len(times) else 0.0)]
+    axes.plot(steps, np.r_[share, share[-1]], drawstyle="steps-post", **line("real"))
+    axes.set_ylim(0.0, 103.0)
+    axes.set_xlim(left=0.0)
+    axes.set_ylabel("arrived, % of all runs")
+    axes.set_xlabel("time until arrival, s")
+    axes.grid(axis="y")
+
+
+def _places(figure: Figure, failures: list[tuple[str, float, float]], maze: Maze) -> None:
+    axes = figure.add_subplot()
+    places = np.array([(x, y) for _, x, y in failures])
+    draw_maze(maze, axes, path=places[np.isfinite(places).all(axis=1)], ball=False)
+    _mark_failures(axes, failures, markersize=6.5, markeredgewidth=0.7, alpha=0.85)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2)
