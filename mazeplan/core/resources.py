@@ -9,6 +9,7 @@ import os
 import warnings
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 from mazeplan.core.errors import ShortWarning
 
@@ -27,6 +28,17 @@ def share(kind: str) -> Path:
     """Folder of the packaged files of one kind: `maps` or `behaviors`."""
     installed = PACKAGE / "_share" / kind
     return installed if installed.is_dir() else PACKAGE.parent / kind
+
+
+def template(file: Path, **known: Any) -> Any:
+    """A template (Jinja2). It escapes values in HTML, and refuses unknown names. known: names that it may use"""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    room = Environment(
+        loader=FileSystemLoader(file.parent), autoescape=file.suffix == ".html", undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    return room.get_template(file.name, globals=known)
 
 
 def is_packaged(source: str | Path, names: Collection[str]) -> bool:

@@ -51,8 +51,6 @@ def test_a_taken_port_is_an_error():
         listen(port_of(taken))
     assert caught.value.exit_status == 2
     assert taken.family.name == "AF_INET"
-    with pytest.raises(InputError, match="expected 0 to 65535"):
-        listen(70000)
 
 
 @pytest.fixture(scope="module")

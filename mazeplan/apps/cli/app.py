@@ -14,10 +14,9 @@ from mazeplan import __version__
 from mazeplan.apps.cli import behavior, calibrate, log, map, model, new, rig
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.learning import collect, diagnose, improve, learn, policy_app
-from mazeplan.apps.cli.navigate import evaluate, navigate
+from mazeplan.apps.cli.navigate import evaluate, navigate, view
 from mazeplan.apps.cli.options import check_outputs
 from mazeplan.apps.cli.output import say
-from mazeplan.apps.cli.report import report, view
 
 WIDEST = 120  # columns of a help text; longer lines are hard to read
 NAMED = re.compile(r"[a-z]\w*=[^=]+")  # a value of --columns; a log has no such name
@@ -74,14 +73,13 @@ def options(version: Version = False) -> None:
     """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
 
 
+GROUPS = {"map": map.app, "log": log.app, "behavior": behavior.app, "rig": rig.app, "model": model.app}
+GROUPS |= {"effect": model.effect_app, "calibrate": calibrate.app, "data": log.data_app, "new": new.app}
 for command in (navigate, evaluate, collect, learn, model.score, model.compare, diagnose, improve):
     app.command()(command)
-for command in (report, view, doctor):
+for command in (log.report, view, doctor):
     app.command()(command)
-for name, group in {
-    "map": map.app, "log": log.app, "behavior": behavior.app, "rig": rig.app, "model": model.app,
-    "effect": model.effect_app, "calibrate": calibrate.app, "data": log.data_app, "new": new.app, "policy": policy_app,
-}.items():  # fmt: skip
+for name, group in {**GROUPS, "policy": policy_app}.items():
     app.add_typer(group, name=name)
 for command in _commands(app):
     command.cls = Command

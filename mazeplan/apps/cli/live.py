@@ -200,15 +200,11 @@ class LiveSession:
             return "a fault needs a simulated rig that can have it"
         if machine is None or faulty is None or self._phase != "running":
             return "a fault needs a run that goes on"
-        machine.between_samples(lambda: self._add_fault(kind))
+        self._injected += 1
+        number = self._injected
+        machine.between_samples(lambda: faulty.add(at_once(kind, faulty.now, number)))
         say(f"{faulty.now:7.2f} s  injected: {kind}")
         return f"injected: {kind}"
-
-    def _add_fault(self, kind: str) -> None:
-        """Let a fault begin now. Called in the thread of the run."""
-        if self._faulty is not None:
-            self._injected += 1
-            self._faulty.add(at_once(kind, self._faulty.now, self._injected))
 
 
 def navigate_live(request: NavigationRequest, port: int, *, begin: bool = True, as_json: bool = False) -> int:

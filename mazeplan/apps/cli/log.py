@@ -1,4 +1,4 @@
-"""`log info`, `export` and `replay`; `data import-cme`: measurements of the published rig."""
+"""`log info`, `export` and `replay`; `report`: one HTML file; `data import-cme`: measurements of the published rig."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ ModelsFolder = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of the model files, CircularMaze/Models in PyRoboCOP.")
 ]
 TablesFolder = Annotated[Path, opt.output_folder("Folder for ring1.csv, ring2.csv ...")]
+Inputs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="INPUT", help="Run logs; JSON of evaluate, compare, diagnose or improve; folders of diagnose -o."
+    ),
+]
+ReportFile = Annotated[Path, opt.output_file("HTML file to write.", ".html", ".htm")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 FIGURES = ("step", "published", "recovered", "segments", "noise", "noise_variance")
@@ -69,6 +76,16 @@ def replay(log: opt.RunLogFile, model: RunModel = None, as_json: opt.AsJson = Fa
         line = f"{log}: different at {where}: {', '.join(first.fields)}"
     print_result(as_json, {"log": str(log), **asdict(outcome), "identical": outcome.identical}, line)
     sys.exit(0 if outcome.identical else 1)
+
+
+def report(inputs: Inputs, output: ReportFile, force: opt.Force = False) -> None:
+    """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
+    from mazeplan.apps.report.inputs import read_input
+    from mazeplan.apps.report.write import write_inputs
+
+    with ProgressBar("drawing", compiles=False) as bar:
+        write_inputs([part for path in inputs for part in read_input(path)], output, show=bar.show)
+    say(f"wrote {output}")
 
 
 def _summary(log: RunLog) -> tuple[dict[str, Any], list[str]]:

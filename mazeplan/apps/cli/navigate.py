@@ -1,4 +1,4 @@
-"""`navigate`: one run; `evaluate`: many runs, in processes or on Dask, kept in a store, with or without faults."""
+"""`navigate`: one run; `view`: the page of a rig or of a log; `evaluate`: many runs, also on Dask or with faults."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.emergency import stop_key
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
     from mazeplan.run.request import Company, NavigationRequest
 
+ViewedLog = Annotated[Path | None, Argument(metavar="LOG", help="Run log to show.")]
 LEARNING_S = 120.0  # s of record: on rigs of eight kinds, a model of 600 s arrives at most 2 % sooner
 
 
@@ -155,6 +158,33 @@ def navigate_once(request: NavigationRequest, company: Company) -> NavigationRes
         raise
     progress.finished(result)
     return result
+
+
+def view(
+    log: ViewedLog = None,
+    map_: opt.Map = "cme",
+    rig: opt.RigName = "toy",
+    model: opt.Model = None,
+    behavior: opt.Behavior = "navigate",
+    time_limit: opt.TimeLimit = 20.0,
+    port: opt.PagePort = opt.PORT,
+) -> None:
+    """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it.
+
+    `navigate --view` has more options."""
+    if log is not None:
+        from mazeplan.apps.view.replay import open_recording, show_log
+
+        with ProgressBar("reading") as bar:
+            bar.show(log.name)
+            recording = open_recording(log)
+        show_log(recording, port)
+        return
+    from mazeplan.apps.cli.live import navigate_live
+    from mazeplan.run.request import NavigationRequest
+
+    request = NavigationRequest(map=map_, rig=rig, model=model, behavior=behavior, time_limit=time_limit)
+    sys.exit(navigate_live(request, port, begin=False))
 
 
 def evaluate(

@@ -72,16 +72,13 @@ def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
 
 def filled(template: str, name: str) -> str:
     """The text of a template, filled in for a rig of this name."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(  # plain text: nothing to escape
-        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False
-    )
     words = name.split("_")
     title = " ".join(words).capitalize()
     cls = "".join(word[:1].upper() + word[1:] for word in words)
     cls += "" if cls.endswith("Rig") else "Rig"  # differs from every other name in the module
-    return environment.get_template(template).render(name=name, cls=cls, title=title, package=name.replace("_", "-"))
+    return resources.template(TEMPLATES / template).render(
+        name=name, cls=cls, title=title, package=name.replace("_", "-")
+    )
 
 
 def _check_name(name: str) -> None:

@@ -130,7 +130,7 @@ def _navigation(navigation: dict[str, Any]) -> PageTable:
     rows = []
     for when in WHEN:
         runs = navigation[when]
-        times = (words.seconds(number(runs["time_s"].get(name))) for name in ("mean", "best", "worst"))
+        times = (words.number(number(runs["time_s"].get(name)), 2, "s") for name in ("mean", "best", "worst"))
         rows.append([when, f"{runs['success']} of {runs['runs']}", *times])
     title = "Navigations with the old model and with the new one"
     return PageTable(title, ("", "arrived", "mean", "best", "worst"), rows)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS, dashes
-from mazeplan.core.whole_file import whole_file
+from mazeplan.core.resources import template
+from mazeplan.core.whole_file import write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +42,7 @@ STYLE: Any = {
     "svg.hashsalt": "mazeplan",  # a fixed salt, so that the same picture gives the same file
 }
 INK = INKS["ink"]
+TEMPLATE = Path(__file__).parent / "templates" / "page.html"
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
@@ -155,24 +157,5 @@ def write_page(path: Path, title: str, sections: Sequence[PageSection]) -> None:
                     raise InputError(f"{section.title}: {part.title}: cannot be drawn: {problem}") from None
             parts.append({"kind": type(part).__name__, "part": part, "source": source})
         shown.append({"section": section, "parts": parts})
-    text = _template().render(title=title, sections=shown, version=version("mazeplan"))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
-            beside.write_text(text, encoding="utf-8")
-    except (OSError, ValueError) as problem:
-        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
-
-
-def _template() -> Any:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    room = Environment(
-        loader=PackageLoader("mazeplan.apps.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    room.globals["colours"] = {
-        "ink": INKS["ink"], "quiet": INKS["quiet"], "paper": TINTS["paper"], "band": TINTS["band"],
-        "rule": FAINT["rule"], "strong": COLOURS["real"], "edge": COLOURS["neutral"],
-    }  # fmt: skip
-    return room.get_template("page.html")
+    page = template(TEMPLATE, colours={**INKS, **TINTS, **FAINT, "strong": COLOURS["real"], "edge": COLOURS["neutral"]})
+    write_text(path, page.render(title=title, sections=shown, version=version("mazeplan")))

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mazeplan.apps.report import words
 from mazeplan.apps.report.inputs import Input, map_in, number, read_as_printed
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, legend_beside, line
-from mazeplan.apps.report.words import DEG, MISSING, seconds, setup_facts
+from mazeplan.apps.report.words import DEG, MISSING, setup_facts
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log_reader import RunLog
@@ -235,7 +236,7 @@ def _table(document: dict[str, Any]) -> PageTable:
     share = binomtest(arrived, len(runs)).proportion_ci(0.95, "wilson")
     interval = f"{100.0 * share.low:.0f} to {100.0 * share.high:.0f} %"
     rows = [["arrived", f"{arrived} of {len(runs)}"], ["95 % interval of the share", interval]]
-    rows += [[label, seconds(number(figures[key]))] for key, label in TIMES.items()]
+    rows += [[label, words.number(number(figures[key]), 2, "s")] for key, label in TIMES.items()]
     ends = Counter(str(run["reason"]).replace("_", " ") for run in runs if not run["success"])
     rows.append(
         ["runs that did not arrive ended with", ", ".join(f"{k} {n}" for k, n in sorted(ends.items())) or MISSING]

@@ -82,14 +82,9 @@ def measured(value: float, stderr: float | None, unit: str) -> str:
     return f"{value:.{places}f}{HARD}±{HARD}{error:.{places}f}{after}"
 
 
-def number(value: float, places: int) -> str:
-    """A number as text; for NaN the sign for a missing value."""
-    return f"{value:.{places}f}" if math.isfinite(value) else MISSING
-
-
-def seconds(value: float) -> str:
-    """A time in s as text; for NaN the sign for a missing value."""
-    return f"{value:.2f} s" if math.isfinite(value) else MISSING
+def number(value: float, places: int, unit: str = "") -> str:
+    """A number as text, with its unit; for NaN the sign for a missing value."""
+    return f"{value:.{places}f} {unit}".rstrip() if math.isfinite(value) else MISSING
 
 
 def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str, str]]:

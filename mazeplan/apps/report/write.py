@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from mazeplan.apps.report.page import PagePicture, PageSection, write_page
 from mazeplan.apps.report.runs import evaluation_section, run_section
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log_reader import read_log
-from mazeplan.core.progress import no_words
+from mazeplan.core.progress import Words, no_words
 from mazeplan.core.results import Result
 
 __all__ = ["picture_of", "write_diagnosis", "write_inputs", "write_result"]
@@ -23,18 +23,13 @@ SECTIONS = {
 }  # fmt: skip
 
 
-def write_inputs(
-    inputs: Sequence[Input], path: Path, title: str | None = None, show: Callable[[str], None] = no_words
-) -> None:
-    """Write one page about all inputs. Raises InputError.
-
-    title: None: that of the first section
-    show: gets the name of each input before it is drawn"""
+def write_inputs(inputs: Sequence[Input], path: Path, show: Words = no_words) -> None:
+    """Write one page about all inputs. show: gets the name of each input before it is drawn. Raises InputError."""
     sections = []
     for given in inputs:
         show(given.path.name)
         sections.append(_section(given))
-    write_page(path, title or sections[0].title + " and more" * (len(sections) > 1), sections)
+    write_page(path, sections[0].title + " and more" * (len(sections) > 1), sections)
 
 
 def write_result(result: Result, path: Path) -> None:

@@ -20,6 +20,7 @@ from mazeplan.apps.view.server import open_server
 from mazeplan.apps.view.story import Moment
 from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, FAINT, INKS, STOP, TINTS
+from mazeplan.core.resources import template
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
@@ -41,14 +42,8 @@ SIGNS = {  # letter of a status -> sign, style, word
 
 @cache
 def _parts() -> Any:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    room = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    room.globals |= {"COLOURS": COLOURS, "FAINT": FAINT, "INKS": INKS, "STOP": STOP, "TINTS": TINTS}
-    return room.get_template("parts.html").module
+    file = Path(__file__).with_name("parts.html")
+    return template(file, COLOURS=COLOURS, FAINT=FAINT, INKS=INKS, STOP=STOP, TINTS=TINTS).module
 
 
 def html(part: str, *values: object) -> str:
