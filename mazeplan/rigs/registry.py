@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from mazeplan.rigs.sim.settings import SimulatedSettings
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
-GIVEN: dict[str, Callable[[Maze], Rig]] = {}  # rigs of `named_rig`, by name
+AnyRig = str | Path | Rig | type  # what `--rig` takes, a rig, or its class
 METHODS = ("reset", "observe", "command", "level", "close")
 
 
@@ -33,8 +33,8 @@ class _KeptOpen(RigWrapper):
 
 
 @contextmanager
-def named_rig(rig: str | Path | Rig | type, *, alone: bool) -> Iterator[str]:
-    """A name for `make_rig` within this context. A class of rigs is made anew each time, a rig is closed at the end.
+def kept_open(rig: AnyRig, *, alone: bool) -> Iterator[str | Rig | type]:
+    """A rig for several runs within this context. A class of rigs is made anew each time, a rig is closed at the end.
 
     alone: all work is done in this process, and none is kept. If not, a rig that is an object raises InputError."""
     if isinstance(rig, str | Path):
@@ -43,16 +43,12 @@ def named_rig(rig: str | Path | Rig | type, *, alone: bool) -> Iterator[str]:
     if not alone:
         problem = "got a rig that is an object, expected a name, a file or module:Class with workers, dask or store"
         raise InputError(problem, key="rig")
-    kind = rig if isinstance(rig, type) else type(rig)
-    _check_class(kind, kind.__name__, {})
-    name = f"{kind.__name__} of Python"
-    GIVEN[name] = (lambda maze: rig(maze, {})) if isinstance(rig, type) else (lambda maze: _KeptOpen(rig))
-    try:
-        yield name
-    finally:
-        del GIVEN[name]
-        if not isinstance(rig, type):
-            rig.close()
+    if isinstance(rig, type):
+        yield rig
+        return
+    _check_class(type(rig), type(rig).__name__, {})
+    with closing(rig):
+        yield _KeptOpen(rig)
 
 
 def rig_names() -> tuple[str, ...]:
@@ -62,8 +58,6 @@ def rig_names() -> tuple[str, ...]:
 
 def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec names, or None for a class. Raises SettingsError for an unknown rig."""
-    if spec in GIVEN:
-        return None
     packaged = PACKAGED / f"{spec}.yaml"
     if spec == HARDWARE and Path(packaged.name).is_file():  # the user's hardware.yaml comes before the packaged one
         return Path(packaged.name)
@@ -80,28 +74,19 @@ def rig_file(spec: str) -> Path | None:
     raise SettingsError(f"got rig {shown(spec)}, expected {names}")
 
 
-def is_simulated(rig: str | Path | Rig | type) -> bool:
+def is_simulated(rig: AnyRig) -> bool:
     """Whether a name or file means a simulated rig of this program: as many at once as one likes."""
     path = rig_file(str(rig)) if isinstance(rig, str | Path) else None
     return path is not None and read_rig_file(path)[0] is None
 
 
-def rig_of(rig: str | Path | Rig | type, maze: Maze) -> Rig:
-    """The rig that a name or file means, one of a class, or the rig itself. Raises SettingsError as `make_rig` does."""
-    if isinstance(rig, str | Path):
-        return make_rig(str(rig), maze)
-    if not isinstance(rig, type):
-        return rig
-    _check_class(rig, rig.__name__, {})
-    return rig(maze, {})
-
-
-def rig_label(spec: str | Path | Rig | type) -> str:
+def rig_label(rig: AnyRig) -> str:
     """Name in reports: the packaged name, the file's stem, or the class."""
-    if not isinstance(spec, str | Path):
-        return (spec if isinstance(spec, type) else type(spec)).__name__
-    path = rig_file(str(spec))
-    return str(spec) if path is None else path.stem
+    if not isinstance(rig, str | Path):
+        rig = rig.inside if isinstance(rig, _KeptOpen) else rig
+        return (rig if isinstance(rig, type) else type(rig)).__name__
+    path = rig_file(str(rig))
+    return str(rig) if path is None else path.stem
 
 
 def rig_model_hint(spec: str) -> str | None:
@@ -128,12 +113,16 @@ def _beside(path: Path, name: str) -> str:
     return str(found.absolute()) if found.exists() else name  # a bare name would mean a packaged one
 
 
-def make_rig(spec: str, maze: Maze) -> Rig:
-    """The rig that `spec` names, with nothing opened yet. Raises SettingsError with file, line and key."""
-    if spec in GIVEN:
-        return GIVEN[spec](maze)
-    path = rig_file(spec)
-    kind, data = (spec, None) if path is None else read_rig_file(path)
+def make_rig(rig: AnyRig, maze: Maze) -> Rig:
+    """The rig that a name or file means, one of a class, or the rig itself; nothing is opened yet. Raises SettingsError
+    with file, line and key."""
+    if isinstance(rig, type):
+        _check_class(rig, rig.__name__, {})
+        return rig(maze, {})
+    if not isinstance(rig, str | Path):
+        return rig
+    path = rig_file(str(rig))
+    kind, data = (str(rig), None) if path is None else read_rig_file(path)
     if kind is not None:
         return _from_class(kind, maze, data)
     assert data is not None

@@ -28,7 +28,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, traits
-from mazeplan.rigs.registry import rig_label, rig_of
+from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.assembly import check_balls, with_balls
 from mazeplan.run.goals import Goals
@@ -116,7 +116,7 @@ class NavigationRequest:
         Raises InputError, RigError."""
         company, job = company or Company(), job or self.job
         maze, rig_name = self.maze, self.rig if isinstance(self.rig, str) else None
-        made = rig_of(self.rig, maze)
+        made = make_rig(self.rig, maze)
         rig = watched(made if company.around is None else company.around(made), own_process=company.own_process)
         check_balls(maze, rig, job, self.policy is not None)
         traits(rig).ready()

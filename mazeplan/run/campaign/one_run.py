@@ -200,7 +200,7 @@ def run_one(campaign: Campaign, index: int, company: Company | None = None, job:
         return execute(campaign, replace(company or Company(), own_process=campaign.own_process), job)
     except RigError as problem:
         failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
-        reason, none, name = str(FailureKind.RIG_FAILED), spread([]), rig_label(str(campaign.rig))
+        reason, none, name = str(FailureKind.RIG_FAILED), spread([]), rig_label(campaign.rig)
         failed = NavigationResult(False, reason, 0.0, job.seed, name, (), (failure,), 0, none, None, none)
         return problem.result or failed
     finally:

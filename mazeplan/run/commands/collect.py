@@ -16,7 +16,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import rig_label, rig_of
+from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.collect import Collected, Collection, run_collection, run_tour
 from mazeplan.run.resolve import resolve_model, ring_number
@@ -80,7 +80,7 @@ def collect(
     if rings and not place:
         name = "" if isinstance(model, RigModel | None) else str(model)
         setup = Setup(maze, resolve_model(model, spec, maze), rig_name=label, model_name=name)
-    machine = watched(rig_of(rig, maze), own_process=own_process)
+    machine = watched(make_rig(rig, maze), own_process=own_process)
     if highest_hz > 0.5 * machine.rate_hz:
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")

@@ -24,7 +24,7 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.schedule import FaultTrial, every_kind, load_schedule
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import is_simulated, named_rig
+from mazeplan.rigs.registry import is_simulated, kept_open
 from mazeplan.run.campaign.executor import Executor, open_executor
 from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.pairs import PairedRuns, paired
@@ -72,10 +72,10 @@ def evaluate(
     Raises InputError, RigError."""
     with ExitStack() as stack:
         alone = (workers or 1) == 1 and dask is None and store is None
-        name = stack.enter_context(named_rig(rig, alone=alone))
+        rig = stack.enter_context(kept_open(rig, alone=alone))
         usual = FAULT_RUNS if faults else RUNS
         campaign = Campaign(
-            start, goal, map, name, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
+            start, goal, map, rig, model, policy, behavior, tuple(behavior_modules), effects, settings, balls=balls,
             seed=seed, time_limit=time_limit, deadline=deadline, runs=usual if runs is None else runs,
             own_process=own_process,
         )  # fmt: skip
@@ -85,7 +85,7 @@ def evaluate(
         count, kept = campaign.runs * len(campaigns), _kept(stores, campaign.runs)
         if kept:
             say(f"{kept} of {count} runs are in {store} already")
-        how: dict[str, Any] = {"workers": workers, "dask": dask, "copies": is_simulated(name), "say": say}
+        how: dict[str, Any] = {"workers": workers, "dask": dask, "copies": is_simulated(rig), "say": say}
         try:
             opened = open_executor(**how) if kept < count else open_executor()
             with opened as executor:

@@ -31,7 +31,7 @@ from mazeplan.learning.modelfile import RigModel, save_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.registry import make_rig, named_rig, rig_label
+from mazeplan.rigs.registry import kept_open, make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.pairs import paired
@@ -67,8 +67,8 @@ class Improvement(DocumentResult):
 class Loop:
     """How the rounds are done."""
 
-    rig: str  # its name or file; folder: of logs, models and reports
-    folder: Path
+    rig: str | Rig | type
+    folder: Path  # of logs, models and reports
     rounds: int
     seconds: float
     usual: Campaign  # the navigations, whose rig, map, seed and number are those of all rounds
@@ -129,11 +129,11 @@ def improve(
 
     Raises InputError, RigError."""
     with ExitStack() as stack:
-        name = stack.enter_context(named_rig(rig, alone=(workers or 1) == 1))
+        rig = stack.enter_context(kept_open(rig, alone=(workers or 1) == 1))
         folder = Path(output or stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
-        usual = Campaign(map=map, rig=name, effects=effects, seed=seed, runs=runs, own_process=own_process)
+        usual = Campaign(map=map, rig=rig, effects=effects, seed=seed, runs=runs, own_process=own_process)
         known = [as_table(log, parse_columns(columns)) for log in several(reference)]
-        done = do_rounds(Loop(name, folder, rounds, seconds, usual, workers, tell, progress, advance), model, known)
+        done = do_rounds(Loop(rig, folder, rounds, seconds, usual, workers, tell, progress, advance), model, known)
     if output is None:
         for entry in done:
             entry["diagnosis"]["model"] = None
@@ -150,10 +150,11 @@ def do_rounds(loop: Loop, model: str | Path | RigModel | None, references: Seque
     if loop.seconds < least:
         why = f"expected at least {least}: the diagnosis needs {FEWEST} pictures of the ball"
         raise InputError(f"got {loop.seconds:g}, {why}", key="seconds")
-    known = resolve_model(model, rig, maze)
+    name = rig if isinstance(rig, str) else None
+    known = resolve_model(model, name, maze)
     loop.progress("what the rig was like")
     path, learned, before = model, "", None
-    source = "" if isinstance(model, RigModel) else model_source(model, rig)
+    source = "" if isinstance(model, RigModel) else model_source(model, name)
     if references:
         was = reference_of(references, maze, known)
     elif source is None:
