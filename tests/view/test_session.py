@@ -135,7 +135,7 @@ def test_level_levels_first_and_then_stops(running):
 def test_a_fault_begins_between_two_samples_and_knows_the_next_opening(running, capsys):
     page, run = running
     machine = run.rig
-    assert machine.inside.orders.aimed_at() == "2-3@0"
+    assert machine.inside.aimed_at() == "2-3@0"
     machine.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     assert machine.observe().x is not None
     assert page.press("fault", kind="frames_lost") == ("running", "injected: frames_lost")

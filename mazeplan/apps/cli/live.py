@@ -17,7 +17,7 @@ from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.records import NavigationResult
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig, unsupported_faults
+from mazeplan.rigs.faults.faulty import FaultyRig, unsupported_faults
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import at_once
 from mazeplan.rigs.interface import Rig, traits
@@ -137,8 +137,8 @@ class LiveSession:
         own = traits(rig)
         if not own.realtime:
             if own.inject is not None:
-                orders = DriverHooks(aimed_at=lambda: self._opening, close=self._goals.close)
-                rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
+                rig = self._faulty = FaultyRig(rig, self._maze, (), self._goals.close)
+                rig.aimed_at = lambda: self._opening
             rig = PacedRig(rig)
         self._machine = machine = watched(rig, own_process=True)
         return machine

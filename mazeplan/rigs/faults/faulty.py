@@ -10,7 +10,6 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
 
@@ -34,22 +33,17 @@ def unsupported_faults(rig: object) -> set[str]:
     return {kind.name for kind in KINDS.values() if kind.machine in cannot}
 
 
-@dataclass
-class DriverHooks:
-    """Links to the program that drives the rig: `aimed_at` gives the next opening, `close` closes an opening."""
-
-    aimed_at: Callable[[], str | None] = field(default=lambda: None)
-    close: Callable[[str], object] = field(default=lambda name: None)
-
-
 class FaultyRig(RigWrapper):
     """Makes the rig inside fail by a schedule. See `interface.Rig`.
 
+    shut: closes an opening in the program that drives the rig; aimed_at: gives this program's next opening
+
     Raises SettingsError for a fault of the machine that the rig inside cannot have."""
 
-    def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: DriverHooks | None = None) -> None:
+    def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], shut: Callable[[str], object]) -> None:
         super().__init__(rig)
-        self._maze, self._faults, self.orders = maze, tuple(faults), orders or DriverHooks()
+        self._maze, self._faults, self._shut = maze, tuple(faults), shut
+        self.aimed_at: Callable[[], str | None] = lambda: None
         self._inject = traits(rig).inject
         for fault in faults:
             if (fault.kind.machine and self._inject is None) or fault.kind.name in unsupported_faults(rig):
@@ -160,7 +154,7 @@ class FaultyRig(RigWrapper):
             self._closed.wait(fault.size)
         elif fault.kind.place == "orders":
             for opening in self._chosen(fault, sample):
-                self.orders.close(opening)
+                self._shut(opening)
         elif fault.kind.machine and self._inject is not None:
             for injected in self._in_the_machine(fault, sample):
                 self._inject(injected)
@@ -191,8 +185,8 @@ class FaultyRig(RigWrapper):
     def _chosen(self, fault: Drawn, sample: Observation) -> list[str]:
         """Names of the openings that the fault closes: the next opening, or all openings in its wall.
 
-        If `orders` names no next opening, take the nearest one in the wall inside the ball's ring."""
-        maze, aimed_at = self._maze, self.orders.aimed_at()
+        If `aimed_at` gives no next opening, take the nearest one in the wall inside the ball's ring."""
+        maze, aimed_at = self._maze, self.aimed_at()
         if aimed_at is None:
             wall = [o for o in maze.openings if o.outer == min(self._ring(sample), len(maze.rings) - 1)]
             theta = None if sample.x is None or sample.y is None else math.atan2(sample.y, sample.x)

@@ -26,7 +26,7 @@ from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, spread
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
+from mazeplan.rigs.faults.faulty import FaultyRig
 from mazeplan.rigs.faults.schedule import FaultTrial
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import rig_label
@@ -94,7 +94,6 @@ class Trial:
     def __init__(self, trial: FaultTrial, maze: Maze, seed: int) -> None:
         self._trial, self._maze, self._seed = trial, maze, seed
         self._goals = Goals(maze)
-        self._orders = DriverHooks(close=self._goals.close)
         self._faulty: FaultyRig | None = None
 
     def company(self) -> Company:
@@ -102,12 +101,13 @@ class Trial:
         return Company(goals=self._goals, around=self._around, watch=self._watch)
 
     def _around(self, rig: Rig) -> Rig:
-        self._faulty = _Inspected(rig, self._maze, self._trial.draw(self._seed), self._orders)
+        self._faulty = _Inspected(rig, self._maze, self._trial.draw(self._seed), self._goals.close)
         hangs = any(kind.name == "observe_hangs" for kind in self._trial.kinds)
         return WatchedRig(self._faulty, BUSY_S) if hangs else self._faulty
 
     def _watch(self, tree: BehaviorTree, context: RunContext) -> None:
-        self._orders.aimed_at = lambda: None if context.leg.opening is None else context.leg.opening.name
+        if self._faulty is not None:
+            self._faulty.aimed_at = lambda: None if context.leg.opening is None else context.leg.opening.name
 
     def noticed(self, result: NavigationResult) -> Noticed:
         """What came of the faults. result: of the run"""

@@ -13,7 +13,7 @@ import pytest
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.faults.faulty import DriverHooks, FaultyRig
+from mazeplan.rigs.faults.faulty import FaultyRig
 from mazeplan.rigs.faults.kinds import KINDS
 from mazeplan.rigs.faults.schedule import Drawn, every_kind
 from mazeplan.rigs.interface import Rig
@@ -63,8 +63,9 @@ def drawn(name, size=None, axes=(0,), until=UNTIL, seed=5):
     return Drawn(kind, AT - 1e-6, until - 1e-6, size, axes, seed)
 
 
-def outer(*faults, inside=None, orders=None):
-    rig = FaultyRig(inside or Scripted(), MAZE, faults, orders)
+def outer(*faults, inside=None, shut=str, aimed_at=lambda: None):
+    rig = FaultyRig(inside or Scripted(), MAZE, faults, shut)
+    rig.aimed_at = aimed_at
     rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     return rig
 
@@ -218,12 +219,12 @@ def test_faults_of_the_machine_are_injected(name):
 
 def test_orders_close_the_next_opening():
     closed = []
-    orders = DriverHooks(lambda: "2-3@180", closed.append)
-    rig = outer(drawn("opening_closed"), orders=orders)
+    driver = {"shut": closed.append, "aimed_at": lambda: "2-3@180"}
+    rig = outer(drawn("opening_closed"), **driver)
     for _ in range(30):
         rig.observe()
     assert closed == ["2-3@180"]
-    rig = outer(drawn("openings_closed"), orders=orders)
+    rig = outer(drawn("openings_closed"), **driver)
     for _ in range(30):
         rig.observe()
     assert sorted(closed[1:]) == sorted(o.name for o in MAZE.openings_between(2, 3))
