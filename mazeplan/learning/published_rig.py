@@ -12,7 +12,6 @@ Only v is missing in the files. It is the root at which y has the published stan
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,7 +47,6 @@ PREFIX = {
 }
 WIDTH = {"inputs": 9, "alpha": 1, "lengths": 9, "kernel_scale": 1, "input_scales": 9, "target_scale": 1, "weights": 7}
 MAX_ROWS = 50_000  # the kernel takes rows^2 operations; the published models have at most 5820
-MAX_BYTES = 64 << 20  # of one file; the published ones have at most 1.4 MB
 MIN_ROWS = 8  # fewer do not show how the recording was thinned
 MISFIT = 1e-3  # maximum relative difference from the weights that follow from alpha; matching files have 1e-12
 STRANGERS = "do the files of this ring belong together?"
@@ -76,36 +74,6 @@ class DualForm:
     alpha: Array
     weights: Array
     target_scale: float
-
-
-@dataclass(frozen=True)
-class ImportedRing:
-    """The table of a ring.
-
-    file:            file of the inputs
-    step:            samples from one published row to the next
-    columns (M,):    by name; NaN if empty
-    segments:        number of uninterrupted segments
-    noise:           standard deviation, rad/s^2
-    noise_variance:  v, in units of target_scale^2"""
-
-    ring: int
-    file: Path
-    step: int
-    columns: Mapping[str, Array]
-    segments: int
-    noise: float
-    noise_variance: float
-
-    @property
-    def published(self) -> int:
-        """Number of published rows."""
-        return int(self.columns["measured"].sum())
-
-    @property
-    def recovered(self) -> int:
-        """Number of recovered rows between them."""
-        return len(self.columns["measured"]) - self.published
 
 
 def find_models(folder: str | Path) -> dict[int, str]:
@@ -142,9 +110,6 @@ def read_model(folder: str | Path, ring: int, ending: str) -> DualForm:
     for name in ("lengths", "kernel_scale", "input_scales", "target_scale"):
         if not np.all(read[name] > 0.0):
             raise ModelError(f"got {read[name].min():g}, expected numbers > 0", file=paths[name], key=name)
-    scaled = read["inputs"] * read["input_scales"]
-    if np.abs(np.hypot(scaled[:, 3::2], scaled[:, 4::2]) - 1.0).max() > 1e-6:
-        raise ModelError("columns 4 to 9 are no sines and cosines after scaling", file=paths["inputs"])
     return DualForm(
         ring=ring,
         file=paths["inputs"],
@@ -161,8 +126,6 @@ def read_model(folder: str | Path, ring: int, ending: str) -> DualForm:
 def _numbers(path: Path, width: int) -> Array:
     """The numbers of a text file, (N, width)."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ModelError(f"got {path.stat().st_size} bytes, expected at most {MAX_BYTES}", file=path)
         found = np.array(path.read_text(encoding="ascii").split(), dtype=float)
     except (OSError, ValueError) as problem:
         raise ModelError(f"not a text file of numbers: {problem}", file=path) from None
@@ -221,37 +184,37 @@ def _kernel_times(model: DualForm, vector: Array) -> Array:
     return process.mean(model.inputs)
 
 
-def import_ring(model: DualForm, *, advance: Advance = no_advance) -> ImportedRing:
-    """The measurements of a model, with the samples between the published rows. Raises ModelError."""
+def import_ring(model: DualForm, *, advance: Advance = no_advance) -> tuple[pd.DataFrame, dict[str, float]]:
+    """The table of a model's measurements, with the samples between the published rows; and its figures:
+
+    step:                  samples from one published row to the next
+    published, recovered:  numbers of published rows, and of those between
+    segments:              number of uninterrupted segments
+    noise:                 standard deviation, rad/s^2
+    noise_variance:        v, in units of target_scale^2
+
+    Raises ModelError."""
     data, variance = training_data(model)
     step = sampling_step(data)
     starts = segment_starts(data, step)
     parts = []
     for number, (first, last) in enumerate(zip(starts, [*starts[1:], len(model.alpha)], strict=True)):
         rows = data[int(first) : int(last)]
-        parts.append(_columns(rows, recover(rows, step), step, model.ring, number))
+        parts.append(_segment(rows, recover(rows, step), step, model.ring, number))
         advance(int(last), len(model.alpha))
-    return ImportedRing(
-        ring=model.ring,
-        file=model.file,
-        step=step,
-        columns={name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
-        segments=len(starts),
-        noise=model.target_scale * float(np.sqrt(variance)),
-        noise_variance=variance,
-    )
+    table = pd.concat(parts, ignore_index=True)
+    published, noise = len(model.alpha), model.target_scale * float(np.sqrt(variance))
+    return table, {
+        "step": step, "published": published, "recovered": len(table) - published, "segments": len(starts),
+        "noise": noise, "noise_variance": variance,
+    }  # fmt: skip
 
 
-def _columns(rows: Published, angles: Array, step: int, ring: int, segment: int) -> dict[str, Array]:
-    """Columns (M,) of one segment; every `step`-th row was published."""
-    length = len(angles)
-    columns = {
-        "ring": np.full(length, float(ring)),
-        "segment": np.full(length, float(segment)),
-        "t": np.arange(length) / RATE_HZ,
-        "measured": (np.arange(length) % step == 0).astype(float),
-    }
-    columns |= dict(zip(AXES, angles.T, strict=True))
+def _segment(rows: Published, angles: Array, step: int, ring: int, segment: int) -> pd.DataFrame:
+    """The table of one segment, NaN: unknown; every `step`-th row was published."""
+    length, at = len(angles), np.arange(len(angles))
+    columns = {"ring": np.full(length, ring), "segment": np.full(length, segment), "t": at / RATE_HZ}
+    columns |= {"measured": (at % step == 0).astype(int), **dict(zip(AXES, angles.T, strict=True))}
     for order, window in ((1, RATE), (2, ACCELERATION)):
         for axis in AXES:
             derivative = columns[f"{axis}_{'d' * order}ot"] = np.full(length, np.nan)
@@ -261,13 +224,11 @@ def _columns(rows: Published, angles: Array, step: int, ring: int, segment: int)
     for name, values in zip(names, (*rows.rates.T, rows.theta_ddot), strict=True):
         columns[name] = np.full(length, np.nan)
         columns[name][::step] = values
-    return columns
+    return pd.DataFrame(columns)
 
 
-def write_ring(imported: ImportedRing, path: str | Path) -> None:
+def write_ring(table: pd.DataFrame, path: Path) -> None:
     """Write the table of a ring as CSV, with nine digits and empty cells for NaN. Raises ModelError."""
-    path = Path(path)
-    table = pd.DataFrame(imported.columns).astype(dict.fromkeys(("ring", "segment", "measured"), int))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:

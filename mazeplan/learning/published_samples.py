@@ -142,13 +142,10 @@ def sampling_step(rows: Published) -> int:
 
 def segment_starts(rows: Published, step: int) -> Array:
     """First rows of the uninterrupted segments; the first is 0."""
-    memory = min(MEMORY, len(rows) - 1)
-    if memory < 1:
-        return np.zeros(1, dtype=int)
-    surprise = _surprise(rows, step, memory)
-    typical = np.median(surprise[:, memory, memory:], axis=1)
+    surprise = _surprise(rows, step)
+    typical = np.median(surprise[:, MEMORY, MEMORY:], axis=1)
     cost = np.log1p(surprise / np.maximum(typical, LEAST_SURPRISE)[:, None, None]).sum(axis=0)
-    return _cheapest(cost, BREAK_COST)
+    return _cheapest(cost)
 
 
 @lru_cache(maxsize=256)
@@ -162,27 +159,27 @@ def _surprise_factor(m: int, step: int, acceleration: bool) -> Array:
     return np.asarray(np.linalg.qr(left[:, rank:].T @ right, mode="r"))
 
 
-def _surprise(rows: Published, step: int, memory: int) -> Array:
-    """Growth of the minimum sum of squares, (3, memory + 1, N), rad^2, if row k joins the L rows before it."""
-    known, out = rows.unwrapped(), np.zeros((3, memory + 1, len(rows)))
+def _surprise(rows: Published, step: int) -> Array:
+    """Growth of the minimum sum of squares, (3, MEMORY + 1, N), rad^2, if row k joins the L rows before it."""
+    known, out = rows.unwrapped(), np.zeros((3, MEMORY + 1, len(rows)))
     for axis in range(3):
         least = []
-        for m in range(1, memory + 2):
+        for m in range(1, MEMORY + 2):
             published = (known[:, axis], rows.rates[:, axis], rows.theta_ddot)
             windows = [sliding_window_view(column, m) for column in published]
             data = _data(windows[0], windows[1], windows[2] if axis == 0 else None)
             least.append(np.sum((data @ _surprise_factor(m, step, axis == 0).T) ** 2, axis=1))
-        for before in range(1, memory + 1):
+        for before in range(1, MEMORY + 1):
             out[axis, before, before:] = np.maximum(least[before] - least[before - 1][:-1], 0.0)
     return out
 
 
-def _cheapest(cost: Array, break_cost: float) -> Array:
+def _cheapest(cost: Array) -> Array:
     """Starts of the segments with the minimum cost, by dynamic programming over the rows since the last break.
 
-    cost (memory + 1, N): cost of row k if L rows of its segment come before it; L = memory also stands for more rows.
+    cost (MEMORY + 1, N): cost of row k if L rows of its segment come before it; L = MEMORY also stands for more rows.
     """
-    memory, count = cost.shape[0] - 1, cost.shape[1]
+    memory, count = MEMORY, cost.shape[1]
     so_far = np.full(memory + 1, np.inf)  # by number of rows in the segment, including the present one
     so_far[1] = 0.0
     before = np.zeros((count, memory + 1), dtype=int)
@@ -193,7 +190,7 @@ def _cheapest(cost: Array, break_cost: float) -> Array:
         if joined[memory] < new[memory]:
             before[k, memory], new[memory] = memory, joined[memory]
         before[k, 1] = int(np.argmin(so_far))
-        new[1] = so_far[before[k, 1]] + break_cost
+        new[1] = so_far[before[k, 1]] + BREAK_COST
         so_far = new
     starts, rows_in = [0], int(np.argmin(so_far))
     for k in range(count - 1, 0, -1):

@@ -44,23 +44,25 @@ def imported(folder, ring=1):
 
 def test_the_training_data_come_back(recording, published):
     folder, noise_variance = published
-    got, rows = imported(folder), recording.rows(2)
-    assert (got.ring, got.step, got.segments, got.published) == (1, 2, 4, len(rows))
-    assert got.noise_variance == pytest.approx(noise_variance, rel=1e-6)
-    assert got.noise == pytest.approx(np.sqrt(noise_variance) * rows.theta_ddot.std(), rel=1e-6)
-    measured = got.columns["measured"] == 1
-    turns = (got.columns["theta"][measured] - rows.angles[:, 0]) / (2 * np.pi)
+    (table, figures), rows = imported(folder), recording.rows(2)
+    assert (figures["step"], figures["segments"], figures["published"]) == (2, 4, len(rows))
+    assert figures["noise_variance"] == pytest.approx(noise_variance, rel=1e-6)
+    assert figures["noise"] == pytest.approx(np.sqrt(noise_variance) * rows.theta_ddot.std(), rel=1e-6)
+    assert set(table["ring"]) == {1}
+    measured = table["measured"] == 1
+    turns = (table["theta"][measured] - rows.angles[:, 0]) / (2 * np.pi)
     assert np.allclose(turns, np.round(turns), atol=1e-9)
-    assert np.allclose(got.columns["beta"][measured], rows.angles[:, 1], atol=1e-9)
-    assert np.allclose(got.columns["gamma"][measured], rows.angles[:, 2], atol=1e-9)
-    assert np.allclose(got.columns["theta_ddot_pub"][measured], rows.theta_ddot, atol=1e-5)
+    assert np.allclose(table["beta"][measured], rows.angles[:, 1], atol=1e-9)
+    assert np.allclose(table["gamma"][measured], rows.angles[:, 2], atol=1e-9)
+    assert np.allclose(table["theta_ddot_pub"][measured], rows.theta_ddot, atol=1e-5)
     for i, axis in enumerate(("theta", "beta", "gamma")):
-        assert np.allclose(got.columns[f"{axis}_dot_pub"][measured], rows.rates[:, i], atol=1e-9)
-        assert np.isnan(got.columns[f"{axis}_dot_pub"][~measured]).all()
+        assert np.allclose(table[f"{axis}_dot_pub"][measured], rows.rates[:, i], atol=1e-9)
+        assert np.isnan(table[f"{axis}_dot_pub"][~measured]).all()
 
 
 def test_the_samples_between_come_back(recording, published):
-    columns = imported(published[0]).columns
+    table, _ = imported(published[0])
+    columns = {name: values.to_numpy() for name, values in table.items()}
     for number, samples in enumerate(recording.thinned(2)[1]):
         mine = columns["segment"] == number
         assert mine.sum() == len(samples)
@@ -93,7 +95,7 @@ def test_the_longest_model_of_a_ring_is_taken(published, model):
 
 
 def test_the_table_is_one_that_mazeplan_reads(published, tmp_path):
-    got = imported(published[0])
+    got, _ = imported(published[0])
     write_ring(got, tmp_path / "new" / "ring1.csv")
     text = (tmp_path / "new" / "ring1.csv").read_text()
     assert text.startswith(
@@ -102,8 +104,8 @@ def test_the_table_is_one_that_mazeplan_reads(published, tmp_path):
     )
     assert "nan" not in text
     table = read_table(tmp_path / "new" / "ring1.csv")
-    for name, values in got.columns.items():
-        assert np.allclose(table[name], values, rtol=1e-8, atol=1e-12, equal_nan=True)
+    for name, values in got.items():
+        assert np.allclose(table[str(name)], values, rtol=1e-8, atol=1e-12, equal_nan=True)
     with pytest.raises(ModelError, match="cannot be written"):
         write_ring(got, tmp_path / "new" / "ring1.csv" / "ring1.csv")
 
@@ -153,7 +155,7 @@ def test_the_published_models():
     assert sorted(models) == [1, 2, 3, 4]
     noise = {1: 0.0795804, 2: 0.0811487, 3: 0.0469540, 4: 0.00217091}
     for ring, step in ((1, 4), (2, 3), (3, 2), (4, 1)):
-        got = import_ring(models[ring])
-        assert got.step == step
-        assert got.noise_variance == pytest.approx(noise[ring], rel=1e-5)
-        assert got.published == len(models[ring].alpha)
+        _, figures = import_ring(models[ring])
+        assert figures["step"] == step
+        assert figures["noise_variance"] == pytest.approx(noise[ring], rel=1e-5)
+        assert figures["published"] == len(models[ring].alpha)
