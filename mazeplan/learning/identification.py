@@ -23,8 +23,7 @@ from mazeplan.learning.delay import best_delay, usable_starts
 from mazeplan.learning.features import EFFECTS
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.samples import rings_of
-from mazeplan.learning.stage_axes import check_axes, fit_axes
-from mazeplan.learning.stage_fit import StageFit
+from mazeplan.learning.stage_fit import StageFit, check_axes, fit_axes
 from mazeplan.learning.weak_form import (
     FEWEST_WINDOWS,
     WeakWindows,

@@ -15,17 +15,17 @@
 
 A plain number may replace {value: number}. Sections and parameters at their defaults are left out (camera, tilt
 sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a Gaussian process
-are in files beside it (`gp_file`). Loading executes nothing. A log holds a model folder
-as a zip file (`packed_model`).
+are in files beside it (`gp_file`). Loading executes nothing. A log holds a model folder as a zip file (`packed_model`).
 """
 
 from __future__ import annotations
 
 import io
+import math
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -38,28 +38,25 @@ from mazeplan.core.errors import ModelError, one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
-from mazeplan.learning.model_document import (
-    AXIS_MORE,
-    AXIS_UNITS,
-    BODY_UNITS,
-    CAMERA_MORE,
-    CAMERA_UNITS,
-    FORMAT,
-    SENSOR_UNITS,
-    ModelDumper,
-    model_document,
-)
 from mazeplan.learning.rig_model import RigModel
-from mazeplan.learning.rigid_body_entries import Body
+from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
 from mazeplan.maze.sections import MISSING, Section, problems
 from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effect import Effect
+from mazeplan.physics.effect import Effect, Term
 from mazeplan.physics.effects.local_forces import FAMILY as LOCAL
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import ORDERS, PROMPT, StageAxis, StageModel
 
+FORMAT = 1
+AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
+# these are written if they are not at their default
+AXIS_MORE = {"backlash": "rad", "deadband": "rad", "coupling": "1", "rate_limit": "rad/s", "resolution": "rad"}
+CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
+CAMERA_MORE = {"scale": "1", "distortion": "1/m^2", "distortion_x": "m", "distortion_y": "m"}
+SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
+BODY_UNITS = {name: PARAMETERS[name].unit for name in KEPT}
 ROUNDED = 1e-6  # s; precision of a delay in a file
 PROCESSES = ("np", "sp")
 KINDS = ("p", "pi", *PROCESSES)
@@ -122,7 +119,6 @@ class Entry(Section):
 
 
 Entries = dict[str, Entry]
-Build = Callable[[dict[str, float], dict[str, float]], Any]  # of values and standard errors
 
 
 class ModelFile(Section):
@@ -163,7 +159,7 @@ class _Reader:
             missing = said == MISSING
             raise self.fail(f"{where[-1]} {said}" if missing else said, *key, *where[: len(where) - missing]) from None
 
-    def part(self, entries: Entries, units: Mapping[str, str], build: Build, *key: str | int) -> Any:
+    def part(self, entries: Entries, units: Mapping[str, str], build: Callable[..., Any], *key: str | int) -> Any:
         """What `build` makes of the values and standard errors of a section. units: of each allowed name."""
         for name, entry in entries.items():
             if name not in units:
@@ -269,6 +265,84 @@ class _Reader:
         more = tuple(term for term, _ in self.terms(terms, {**LOCAL, **EFFECTS}, "body", "terms"))
         entries = self.valid(Entries, node, "body")
         return self.part(entries, BODY_UNITS, lambda v, s: Body(v, of, s, more), "body")
+
+
+def entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    """A number with its standard error, if that is known, and its unit."""
+    entry: dict[str, Any] = {"value": float(f"{value:.6g}")}
+    if stderr is not None and math.isfinite(stderr):
+        entry["stderr"] = float(f"{stderr:.2g}")
+    return {**entry, "unit": unit}
+
+
+def _entries(
+    part: StageAxis | Camera | TiltSensor, units: Mapping[str, str], more: Mapping[str, str]
+) -> dict[str, Any]:
+    """The entries of a part; those of `more` only if they differ from their default."""
+    usual = type(part)()
+    chosen = {**units, **{name: unit for name, unit in more.items() if getattr(part, name) != getattr(usual, name)}}
+    return {name: entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
+
+
+def _axis_entries(axis: StageAxis) -> dict[str, Any]:
+    """The entries of an axis, without numbers that its kind does not have."""
+    entries = _entries(axis, AXIS_UNITS, AXIS_MORE)
+    if axis.behind and axis.backlash:
+        entries["backlash"]["behind_the_lag"] = True
+    if axis.dead_time == 0.0:
+        del entries["dead_time"]
+    if axis.order < 2:
+        del entries["damping"]
+        if axis.order == 0:
+            entries["natural_frequency"] = {"faster_than": axis.natural_frequency, "unit": "rad/s"}
+        return {"follows": ORDERS[axis.order], **entries}
+    return entries
+
+
+def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    return {
+        term.name: {
+            k: entry(value, stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
+            for k, value in term.values().items()
+        }
+        for term in terms
+    }
+
+
+def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
+    """The content of model.yaml; processes: entries of the learned parts, from `write_process`."""
+    out: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": model.kind,
+        "rate_hz": model.rate_hz,
+        "camera_delay_s": entry(model.camera_delay, model.camera_delay_stderr, "s"),
+        "stage": {name: _axis_entries(getattr(model.stage, name)) for name in ("beta", "gamma")},
+    }
+    if model.camera != Camera():
+        out["camera"] = _entries(model.camera, CAMERA_UNITS, CAMERA_MORE)
+    if model.tilt_sensor != TiltSensor():
+        out["tilt_sensor"] = _entries(model.tilt_sensor, SENSOR_UNITS, {})
+    out["rings"] = {ring: _term_entries(ball.effects, ball.stderr) for ring, ball in sorted(model.balls.items())}
+    if model.body is not None:
+        values, stderr = model.body.values, model.body.stderr
+        numbers = {name: entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
+        terms = {"terms": _term_entries(model.body.terms, {})} if model.body.terms else {}
+        out["body"] = {"of": model.body.of, **numbers, **terms}
+    if processes:
+        out["processes"] = processes
+    return {**out, "data": [dict(entry) for entry in model.data], "scores": dict(model.scores)}
+
+
+class ModelDumper(yaml.SafeDumper):
+    """Writes innermost mappings on one line."""
+
+
+def _mapping(dumper: ModelDumper, data: Mapping[str, Any]) -> yaml.Node:
+    flat = bool(data) and all(not isinstance(value, dict | list) for value in data.values())
+    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flat)
+
+
+ModelDumper.add_representer(dict, _mapping)
 
 
 def save_model(model: RigModel, folder: str | Path) -> Path:

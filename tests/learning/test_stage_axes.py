@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stage_kinds import DT, jumps
 
-from mazeplan.learning.stage_axes import fit_axes
+from mazeplan.learning.stage_fit import fit_axes
 from mazeplan.physics.rig.stage import StageAxis, simulate_axis
 from mazeplan.run.collect import multisine
 

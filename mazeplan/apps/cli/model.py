@@ -42,8 +42,7 @@ def list_models(as_json: opt.AsJson = False) -> None:
 @app.command("show")
 def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
     """Show a model: plate, camera, and the effects on the ball in each ring, with standard errors and units."""
-    from mazeplan.learning.model_document import model_document
-    from mazeplan.learning.modelfile import load_model
+    from mazeplan.learning.modelfile import load_model, model_document
 
     model = load_model(name)
     lines = [f"{name}: {_sentence(model)}", *model_lines(model)]
@@ -53,7 +52,7 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
 
 def model_lines(model: RigModel) -> list[str]:
     """Plate, camera and effects in each ring, with standard errors and units."""
-    from mazeplan.learning.model_document import model_document
+    from mazeplan.learning.modelfile import model_document
     from mazeplan.learning.rigid_body_entries import PARAMETERS
 
     document, lines = model_document(model), list[str]()

@@ -53,8 +53,7 @@ from mazeplan.diagnosis.rig.record import body_filter, filter_on_stage, first_gu
 from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
 from mazeplan.diagnosis.stage.comparison import AXES, Known
 from mazeplan.diagnosis.stage.plate_motion import USUAL
-from mazeplan.learning.model_document import entry
-from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
+from mazeplan.learning.modelfile import PACKAGED, RigModel, entry, is_packaged_model
 from mazeplan.learning.rigid_body_entries import ABSENT, LEAST_INERTIA, PARAMETERS, determined, stamp
 from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.learning.unmeasured_tilt import stage_by_ball, tilt_is_measured, with_tilt_by_commands

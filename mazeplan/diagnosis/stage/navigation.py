@@ -21,7 +21,7 @@ from mazeplan.diagnosis.document import Entry, values_of
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.diagnosis.stage.comparison import AXES, COUPLINGS, SURE, Known, changed, changed_gain
 from mazeplan.diagnosis.stage.plate_motion import Stage
-from mazeplan.learning.stage_axes import BLOCK_S
+from mazeplan.learning.stage_fit import BLOCK_S
 from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 

@@ -16,8 +16,7 @@ from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import in_processes
 from mazeplan.diagnosis.record import RingRecord
 from mazeplan.learning.smoothing import Smoothing, derivatives
-from mazeplan.learning.stage_axes import coupling, significant
-from mazeplan.learning.stage_fit import StageFit, fit_axis
+from mazeplan.learning.stage_fit import StageFit, coupling, fit_axis, significant
 from mazeplan.physics.rig.stage import StageAxis, StageModel, actuator_output, fine_motion
 
 FINE = 6  # grid points a sample

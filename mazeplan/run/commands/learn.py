@@ -40,9 +40,8 @@ from mazeplan.diagnosis.stage.comparison import Known
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.identification import TEST_SHARE, BallPrior, RigFit, fit_rig
-from mazeplan.learning.model_document import model_document
 from mazeplan.learning.model_score import ring_errors, score_document
-from mazeplan.learning.modelfile import KINDS, RigModel, save_model
+from mazeplan.learning.modelfile import KINDS, RigModel, model_document, save_model
 from mazeplan.learning.policy_training import DEVICES
 from mazeplan.learning.rig_gp import RingLearning, learn_processes
 from mazeplan.learning.rig_model import FITS
