@@ -143,7 +143,6 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    options = replace(options, fit=replace(options.fit, inputs="local", heavy_tails=True))  # the best predictor
     train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores: dict[int, dict[str, Any]] = {}
@@ -202,7 +201,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
                 continue
             if len(rows) > FEWEST:
                 k, target = part.at(rows), part.theta_ddot[rows]
-                error = fit_linear(paper_features(k), target).mean(paper_features(k)) - target
+                error = paper_features(k) @ fit_linear(paper_features(k), target) - target
                 rest += float(np.sum((np.clip(error, *np.quantile(error, [0.02, 0.98])) * k.radius) ** 2))
         left.append(rest)
     if not any(left):

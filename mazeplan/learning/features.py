@@ -14,8 +14,6 @@ Dynamical Models for Navigating in a Circular Maze", ICRA 2019; the terms are de
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mazeplan.core.constants import GRAVITY, WALL_ROLLING
@@ -46,36 +44,35 @@ LOCAL_TERMS: KernelColumns = (
     ((0, 3, 4, 9, 10, 7, 8), (-1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0)),
 )
 STATE_TERMS: KernelColumns = ((tuple(range(9)), ()),)
-TERMS = {"state": STATE_TERMS, "local": LOCAL_TERMS}  # by the name of the inputs
 # for planning: without the cosines of the tilt, which differ from one by .4 % and only reveal the time of a sample
 PLANNED_TERMS: KernelColumns = (((0, 1, 2, 3, 4, 5, 7), ()),)
 DRY_WIDTH = 0.1  # rad/s over which dry friction changes sign in the planner
 
 
-def inputs(k: RingKinematics, xp: Any = np) -> Any:
-    """State inputs of the kernel, (N, 9), in the order of `INPUTS`; rad/s and 1. xp: numpy or torch."""
+def inputs(k: RingKinematics) -> Array:
+    """State inputs of the kernel, (N, 9), in the order of `INPUTS`; rad/s and 1."""
     columns = [k.theta_dot, k.beta_dot, k.gamma_dot]
     for angle in (k.theta, k.beta, k.gamma):
-        columns += [xp.sin(angle), xp.cos(angle)]
-    return xp.stack(columns, -1)
+        columns += [np.sin(angle), np.cos(angle)]
+    return np.stack(columns, -1)
 
 
-def local_inputs(k: RingKinematics, xp: Any = np) -> Any:
-    """Local inputs of the kernel, (N, 11), in the order of `LOCAL`; xp: numpy or torch.
+def local_inputs(k: RingKinematics) -> Array:
+    """Local inputs of the kernel, (N, 11), in the order of `LOCAL`.
 
     They are the tilt and its rates along and across the ring, the outward acceleration (m/s^2), the place within a
     quarter turn, and the earlier tilt across the ring, which decides at which wall the ball is. If there is no earlier
     tilt, the present tilt takes its place."""
-    s, c = xp.sin(k.theta), xp.cos(k.theta)
-    sb, cb, sg = xp.sin(k.beta), xp.cos(k.beta), xp.sin(k.gamma)
+    s, c = np.sin(k.theta), np.cos(k.theta)
+    sb, cb, sg = np.sin(k.beta), np.cos(k.beta), np.sin(k.gamma)
     across = sb * c - sg * s
     past = [getattr(k, f"{axis}_past", getattr(k, axis)) for axis in ("beta", "gamma")]
     columns = [
         k.theta_dot, s, c, -(sb * s + sg * cb * c), across, -(k.beta_dot * s + k.gamma_dot * c),
         k.beta_dot * c - k.gamma_dot * s, outward(k, across), past[0] * c - past[1] * s,
-        xp.sin(4.0 * k.theta), xp.cos(4.0 * k.theta),
+        np.sin(4.0 * k.theta), np.cos(4.0 * k.theta),
     ]  # fmt: skip
-    return xp.stack(columns, -1)
+    return np.stack(columns, -1)
 
 
 def outward(k: RingKinematics, across: Array) -> Array:
@@ -113,7 +110,3 @@ def wall_features(k: RingKinematics) -> Array:
         -absolute[0] * sign,
     ]  # fmt: skip
     return np.stack(columns, axis=1)
-
-
-FEATURES = {"paper": paper_features, "effects": effect_features, "wall": wall_features}
-INPUT_SETS = {"state": inputs, "local": local_inputs}

@@ -1,11 +1,11 @@
-"""Fit any kind of ball model to the samples of a ring; on request with heavy-tailed noise.
+"""Fit any kind of ball model to the samples of a ring; np and sp also with heavy-tailed noise.
 
 | kind | model of theta_dd |
 |---|---|
 | p | the ball's equation, of a point that slides |
 | pi | the terms of the equation, each with a fitted weight: Bayesian linear regression |
-| np | Gaussian process on the inputs of the kernel |
-| sp | Gaussian process with an additional linear kernel on features |
+| np | Gaussian process on the local inputs |
+| sp | Gaussian process with an additional linear kernel on the wall features |
 | rf | random forest on the nine inputs (scikit-learn) |
 | npd | Gaussian processes on the discrete map x_k -> x_{k+1}, without an equation of motion: the counter-example |
 
@@ -36,11 +36,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mazeplan.core.errors import InputError, one_of
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs, paper_features
+from mazeplan.learning.features import LOCAL_TERMS, inputs, local_inputs, paper_features, wall_features
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_training import TrainingOptions, train
 from mazeplan.learning.rollout import STEPS, Accelerate, Rollout
@@ -67,22 +66,19 @@ LARGEST = 1e12  # maximum precision, in units of the scaled feature; the weight 
 class FitOptions:
     """Settings of a fit.
 
-    most:         maximum number of training rows of a Gaussian process, evenly spread
-    inputs:       state (for a planner) or local (the best predictor)
-    heavy_tails:  also fit the robust model
-    training:     settings for the hyperparameters
-    seed:         for forest and starts"""
+    most:      maximum number of training rows of a Gaussian process, evenly spread
+    training:  settings for the hyperparameters
+    seed:      for forest and starts"""
 
     most: int = MOST
-    inputs: str = "state"
-    heavy_tails: bool = False
     training: TrainingOptions = field(default_factory=TrainingOptions)
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted model: its expectation of theta_dd, and what is typical: the expectation with heavy tails, if fitted."""
+    """A fitted model: its expectation of theta_dd, and what is typical: of np and sp, the expectation with heavy
+    tails."""
 
     mean: Accelerate
     typical: Accelerate
@@ -92,68 +88,49 @@ def fit_kind(
     kind: str, samples: RingSamples, rows: IntArray, options: FitOptions | None = None, *,
     progress: Words = no_words, advance: Advance = no_advance,
 ) -> Fitted:  # fmt: skip
-    """Fit a kind of model to the training rows (indices into the samples). Raises InputError for an unknown kind."""
+    """Fit a kind of model, one of KINDS, to the training rows (indices into the samples)."""
     options = options or FitOptions()
     k, target = samples.at(rows), samples.theta_ddot[rows]
+    if kind in ("np", "sp"):
+        return _fit_gaussian(kind, k, target, options, progress, advance)
     if kind == "p":
         mean = BallModel((rolling_inertia(1.0),)).acceleration
-    elif kind == "pi":
-        mean = _linear(fit_linear(paper_features(k), target))
-    elif kind == "rf":
-        mean = _forest(inputs(k), target, options.seed)
-    elif kind in ("np", "sp"):
-        return _fit_gaussian(kind, k, target, options, progress, advance)
     else:
-        raise InputError(f"got kind {kind!r}, expected {one_of(KINDS, kind)}")
+        mean = _linear(k, target) if kind == "pi" else _forest(k, target, options.seed)
     return Fitted(mean, mean)
 
 
-def _linear(fit: LinearFit) -> Accelerate:
-    return lambda k: fit.mean(paper_features(k))
+def _linear(k: RingKinematics, target: Array) -> Accelerate:
+    weights = fit_linear(paper_features(k), target)
+    return lambda k: paper_features(k) @ weights
 
 
-def _forest(x: Array, target: Array, seed: int) -> Accelerate:
+def _forest(k: RingKinematics, target: Array, seed: int) -> Accelerate:
     from sklearn.ensemble import RandomForestRegressor
 
     forest = RandomForestRegressor(TREES, min_samples_leaf=LEAF, max_features=0.5, random_state=seed, n_jobs=1)
-    forest.fit(x, target)
+    forest.fit(inputs(k), target)
     return lambda k: np.asarray(forest.predict(inputs(k)), dtype=float)
 
 
 def _fit_gaussian(
     kind: str, k: RingKinematics, target: Array, options: FitOptions, progress: Words, advance: Advance
 ) -> Fitted:
-    features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
-    rest = target - kinematic_terms(k)
+    """Train and condition a Gaussian process on at most `options.most` rows, without and with heavy tails."""
+
+    def features(k: RingKinematics) -> Array:
+        return wall_features(k) if kind == "sp" else np.zeros((len(k.theta), 0))
 
     def predicted_by(process: GaussianProcess) -> Accelerate:
-        def mean(k: RingKinematics) -> Array:
-            phi = FEATURES[features](k) if features else None
-            return kinematic_terms(k) + process.mean(INPUT_SETS[options.inputs](k), phi)
+        return lambda k: kinematic_terms(k) + process.mean(local_inputs(k), features(k))
 
-        return mean
-
-    process = fit_process(k, rest, features, options, progress, advance)
-    mean = predicted_by(process)
-    if not options.heavy_tails:
-        return Fitted(mean, mean)
-    return Fitted(mean, predicted_by(typical(process, rest[uniform_downsample(len(rest), options.most)])))
-
-
-def fit_process(
-    k: RingKinematics, target: Array, features: str, options: FitOptions, progress: Words = no_words,
-    advance: Advance = no_advance,
-) -> GaussianProcess:  # fmt: skip
-    """Train and condition a Gaussian process on at most `options.most` rows of targets (N,) in states k.
-
-    features: a name in FEATURES; "" for none"""
     picked = uniform_downsample(len(target), options.most)
-    x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
-    phi, y = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0)), target[picked]
-    chosen = replace(options.training, seed=options.seed, terms=terms)
+    x, phi, y = local_inputs(k)[picked], features(k)[picked], (target - kinematic_terms(k))[picked]
+    chosen = replace(options.training, seed=options.seed, terms=LOCAL_TERMS)
     hyper = train(x, phi, y, chosen, progress=progress, advance=advance)
     progress(f"conditioning on {len(picked)} rows")
-    return GaussianProcess.condition(inflate_noise(hyper, x, phi, y), x, phi, y)
+    process = GaussianProcess.condition(inflate_noise(hyper, x, phi, y), x, phi, y)
+    return Fitted(predicted_by(process), predicted_by(typical(process, y)))
 
 
 def inflate_noise(hyper: Hyperparameters, x: Array, phi: Array, target: Array) -> Hyperparameters:
@@ -214,24 +191,8 @@ def cross_residuals(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> A
     return left
 
 
-@dataclass(frozen=True)
-class LinearFit:
-    """A fitted linear model.
-
-    weights (M,), covariance (M, M):  mean and covariance of the weights
-    noise:                            standard deviation of a sample"""
-
-    weights: Array
-    covariance: Array
-    noise: float
-
-    def mean(self, features: Array) -> Array:
-        """Prediction (N,) for features (N, M)."""
-        return features @ self.weights
-
-
-def fit_linear(features: Array, target: Array) -> LinearFit:
-    """Weights of features (N, M) for a target (N,). Raises ValueError if there are no more rows than features."""
+def fit_linear(features: Array, target: Array) -> Array:
+    """Weights (M,) of features (N, M) for a target (N,). Raises ValueError if there are no more rows than features."""
     n, m = features.shape
     if n <= m:
         raise ValueError(f"got {n} samples, expected more than {m}")
@@ -240,7 +201,7 @@ def fit_linear(features: Array, target: Array) -> LinearFit:
     X = features / scale
     gram, moment, power = X.T @ X, X.T @ target, float(target @ target)
     precision, noise = np.ones(m) / max(float(np.var(target)), SMALLEST), max(0.1 * power / n, SMALLEST)
-    mean, covariance = np.zeros(m), np.eye(m)
+    mean = np.zeros(m)
     for _ in range(ROUNDS):
         covariance = np.linalg.inv(gram / noise + np.diag(precision))
         mean = covariance @ moment / noise
@@ -251,7 +212,7 @@ def fit_linear(features: Array, target: Array) -> LinearFit:
         noise = max(rest / max(n - float(known.sum()), 1.0), SMALLEST)
         if np.max(np.abs(np.log(precision / before))) < CLOSE:
             break
-    return LinearFit(mean / scale, covariance / np.outer(scale, scale), float(np.sqrt(noise)))
+    return mean / scale
 
 
 @dataclass(frozen=True)
