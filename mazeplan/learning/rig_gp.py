@@ -9,7 +9,7 @@ camera.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,14 +36,6 @@ SMOOTHING = Smoothing("rts", model="snap")
 TRAINED = 0.8  # share of the training in the duration of a ring
 
 
-@dataclass(frozen=True)
-class RingLearning:
-    """Result for one ring: nRMSE of theta_dd on test blocks, by the effects alone, and with the learned part."""
-
-    before: float
-    after: float
-
-
 def learn_processes(
     table: Table,
     maze: Maze,
@@ -53,8 +45,10 @@ def learn_processes(
     *,
     progress: Words = no_words,
     advance: Advance = no_advance,
-) -> tuple[RigModel, dict[int, RingLearning]]:
-    """The model with Gaussian processes for each ring with enough samples, and their scores.
+) -> RigModel:
+    """The model with Gaussian processes for each ring with enough samples, and their nRMSE of theta_dd on test blocks.
+
+    A ring keeps the effects alone if they predict these blocks better; without any learned part, the kind is pi.
 
     kind:       np or sp
     progress:   receives each step in words
@@ -63,28 +57,31 @@ def learn_processes(
     Raises TableError if no ring has enough samples."""
     options = options or FitOptions()
     found = ring_samples(table, maze, SMOOTHING, SampleOptions(delay=model.camera_delay, recompute=True))
-    balls, processes, learned = dict(model.balls), {}, {}
+    balls, processes, errors = dict(model.balls), {}, {}
     enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= FEWEST}
     for i, (ring, samples) in enumerate(enough.items()):
         words, share = led_by(f"ring {ring}: ", progress), piece(advance, i, 1, len(enough))
         parts = _learn_ring(samples, model.ball(ring), kind, options, words, share)
-        balls[ring], processes[ring], learned[ring] = parts
+        balls[ring], processes[ring], errors[ring] = parts
     if not processes:
         problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
         raise TableError(problem, file=table.place)
     scores = {
         **model.scores,
         "smoothing": {"method": SMOOTHING.method, "model": SMOOTHING.model},
-        "nrmse_test_effects": {f"ring{ring}": round(x.before, 4) for ring, x in learned.items()},
-        f"nrmse_test_{kind}": {f"ring{ring}": round(x.after, 4) for ring, x in learned.items()},
+        "nrmse_test_effects": {f"ring{ring}": round(alone, 4) for ring, (alone, _) in errors.items()},
+        f"nrmse_test_{kind}": {f"ring{ring}": round(after, 4) for ring, (_, after) in errors.items()},
     }
-    return replace(model, kind=kind, balls=balls, processes=processes, scores=scores), learned
+    if kind == "sp":
+        processes = {ring: part for ring, part in processes.items() if errors[ring][1] <= errors[ring][0]}
+    return replace(model, kind=kind if processes else "pi", balls=balls, processes=processes, scores=scores)
 
 
 def _learn_ring(
     samples: RingSamples, ball: BallModel, kind: str, options: FitOptions, progress: Words, advance: Advance
-) -> tuple[BallModel, GaussianProcess, RingLearning]:
-    """Learn one ring: hyperparameters and scores from a split of the record, the Gaussian process from all of it."""
+) -> tuple[BallModel, GaussianProcess, tuple[float, float]]:
+    """Learn one ring: hyperparameters from a split of the record, the Gaussian process from all of it; and the nRMSE on
+    the other rows, by the effects alone and with the learned part."""
     split = block_split(samples.segment, samples.dt, block_s=5.0, test_share=0.25, guard=8)
     rows = np.flatnonzero(split.train & samples.good)
     rows = rows[uniform_downsample(len(rows), options.most)]
@@ -100,13 +97,13 @@ def _learn_ring(
     held = np.flatnonzero(split.test & samples.good)
     kt, truth, spread = samples.at(held), samples.theta_ddot[held], float(np.std(samples.theta_ddot[held]))
     predicted = (planned(better, kt) if kind == "sp" else kinematic_terms(kt)) + process.mean(inputs(kt))
-    scores = [float(np.sqrt(np.mean((truth - p) ** 2))) / spread for p in (ball.acceleration(kt), predicted)]
+    alone, after = (float(np.sqrt(np.mean((truth - p) ** 2))) / spread for p in (ball.acceleration(kt), predicted))
     progress("conditioning on the whole record")
     every = np.flatnonzero(samples.good)
     every = every[uniform_downsample(len(every), options.most)]
     better, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
     advance(1.0, 1.0)
-    return better, process, RingLearning(*scores)
+    return better, process, (alone, after)
 
 
 def effect_sigma(ball: BallModel, unknown: float) -> Array:

@@ -116,18 +116,17 @@ def still(theta, speed=0.0):
 
 
 def test_the_process_lowers_the_error_on_blocks_not_trained_on(sp, np_):
-    for model, learned in (sp, np_):
-        assert list(learned) == [1]
-        assert 0.25 < learned[1].before < 0.4  # the push is a third of what there is to explain
-        assert learned[1].after < 0.4 * learned[1].before  # .13 and .27 when this was written
-        assert model.scores["nrmse_test_effects"] == {"ring1": round(learned[1].before, 4)}
-        assert model.scores[f"nrmse_test_{model.kind}"] == {"ring1": round(learned[1].after, 4)}
+    for model, kind in ((sp, "sp"), (np_, "np")):
+        before, after = model.scores["nrmse_test_effects"], model.scores[f"nrmse_test_{kind}"]
+        assert (model.kind, list(model.processes), list(before), list(after)) == (kind, [1], ["ring1"], ["ring1"])
+        assert 0.25 < before["ring1"] < 0.4  # the push is a third of what there is to explain
+        assert after["ring1"] < 0.4 * before["ring1"]  # .13 and .27 when this was written
         assert model.scores["a"] == 1
-    assert sp[1][1].before == np_[1][1].before
+    assert sp.scores["nrmse_test_effects"] == np_.scores["nrmse_test_effects"]
 
 
 def test_corrected_effects_stay_near_the_truth(sp):
-    model, _ = sp
+    model = sp
     ball = model.balls[1]
     assert [effect.name for effect in ball.effects] == [effect.name for effect in BALL.effects]
     assert ball.parameter("rolling_inertia", "factor", 0.0) == pytest.approx(TRUE["factor"], abs=0.01)
@@ -141,7 +140,7 @@ def test_corrected_effects_stay_near_the_truth(sp):
 
 def test_what_the_process_has_learned_is_the_push(sp):
     """Effects and process together, on a level plate: the push at its place, nothing elsewhere but the table's tilt."""
-    model, _ = sp
+    model = sp
     theta = np.linspace(-math.pi, math.pi, 60)
     k = still(theta, 0.5)
     learned = planned(model.balls[1], k) + model.processes[1].mean(inputs(k))
@@ -153,7 +152,7 @@ def test_what_the_process_has_learned_is_the_push(sp):
 
 
 def test_effects_stand_aside_for_np(np_):
-    model, _ = np_
+    model = np_
     assert model.kind == "np"
     assert model.balls[1] == BALL
     assert model.processes[1].hyper.weight_sigma.size == 0
@@ -170,7 +169,7 @@ def test_effects_stand_aside_for_np(np_):
 def test_it_tells_what_it_does_by_ring_and_learns_the_same_again(data, sp):
     told: list[str] = []
     far: list[tuple[float, float]] = []
-    model, learned = learn_processes(
+    model = learn_processes(
         data, MAZE, MODEL, "sp", OPTIONS, progress=told.append, advance=lambda *how: far.append(how)
     )
     assert far == sorted(far)
@@ -178,10 +177,10 @@ def test_it_tells_what_it_does_by_ring_and_learns_the_same_again(data, sp):
     assert len({done for done, _ in far}) > 5
     assert told
     assert all(text.startswith("ring 1: ") for text in told)
-    assert learned[1].after == pytest.approx(sp[1][1].after, rel=1e-6)
+    assert model.scores == sp.scores
     theta = np.linspace(-3.0, 3.0, 20)
     x = inputs(still(theta))
-    np.testing.assert_allclose(model.processes[1].mean(x), sp[0].processes[1].mean(x), atol=1e-6)
+    np.testing.assert_allclose(model.processes[1].mean(x), sp.processes[1].mean(x), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["np", "sp"])

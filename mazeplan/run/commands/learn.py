@@ -43,7 +43,7 @@ from mazeplan.learning.identification import TEST_SHARE, BallPrior, RigFit, fit_
 from mazeplan.learning.model_score import ring_errors, score_document
 from mazeplan.learning.modelfile import KINDS, RigModel, model_document, save_model
 from mazeplan.learning.policy_training import DEVICES
-from mazeplan.learning.rig_gp import RingLearning, learn_processes
+from mazeplan.learning.rig_gp import learn_processes
 from mazeplan.learning.rig_model import FITS
 from mazeplan.learning.unmeasured_tilt import finer_axes, stage_by_ball, tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
@@ -77,7 +77,6 @@ class Learned:
     fit: RigFit
     reference: RigReference | None
     why: str
-    rings: dict[int, RingLearning]  # Gaussian processes by ring
     judgement: Judgement  # of the model on parts of the logs that were not fitted
     remaining: float  # rms of the innovations of the rigid ball over the camera's noise; NaN without one
 
@@ -118,21 +117,18 @@ def learn_model(
             again = fit_rig(table, maze, sources, stage=fit.model.stage, prior=known, progress=progress)
             fit = replace(again, stage=fit.stage)
             reference = replace(reference, stage=Known.of_model(fit.model))
-    model, rings = fit.model, {}
+    model = fit.model
     if kind == "p":
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
     elif kind != "pi":
-        model, rings = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
-        if model.kind in WITH_BODY:  # without the learned parts that predict test blocks worse than the effects alone
-            kept = {ring: part for ring, part in model.processes.items() if rings[ring].after <= rings[ring].before}
-            model = replace(model, processes=kept, kind=model.kind if kept else "pi")
+        model = learn_processes(table, maze, model, kind, options, progress=progress, advance=advance)
     if reference is not None and kind in WITH_BODY:
         model = with_body(model, reference.body.model, reference.body.stderr)
     progress("judging as a run would use it")
     parts = PARTS if kind in WITH_BODY else ()
     judgement = judge(model, short, maze, later, parts=parts, fits=not remaining > FITS)
     model = judgement.model
-    done = Learned(model, fit, reference, why, rings, judgement, remaining)
+    done = Learned(model, fit, reference, why, judgement, remaining)
     scores: dict[str, Any] = {**model.scores, "fits": done.fits(), "judged": judgement.document()}
     return replace(done, model=replace(model, scores=scores))
 
