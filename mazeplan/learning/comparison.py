@@ -39,15 +39,7 @@ from mazeplan.learning.rollout import (
     roll_out,
     roll_out_delayed,
 )
-from mazeplan.learning.samples import (
-    RingSamples,
-    SampleOptions,
-    joined,
-    orientation,
-    oriented,
-    ring_samples,
-    rings_wanted,
-)
+from mazeplan.learning.samples import RingSamples, SampleOptions, joined_samples, orientation, oriented, rings_wanted
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import Split, block_bootstrap, block_split, uniform_downsample
 from mazeplan.maze.geometry import Maze
@@ -75,8 +67,7 @@ class CompareOptions:
     samples:    settings of the samples
     rates:      rates of the samples; "auto": chosen by the noise of the angle
     fit:        settings of the fits
-    kinds:      names in `fitting.KINDS`
-    seed:       for all random draws"""
+    kinds:      names in `fitting.KINDS`"""
 
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
     delay: float | None = None
@@ -84,7 +75,6 @@ class CompareOptions:
     rates: str = "auto"
     fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
     kinds: tuple[str, ...] = PREDICTED
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -143,7 +133,7 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
+    train, test = (joined_samples(tables, maze, options.smoothing, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores: dict[int, dict[str, Any]] = {}
     short = ""
@@ -194,7 +184,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
     for lag in lags:
         samples = replace(options.samples, delay=float(lag * dt), rates="smoothed")
         rest = 0.0
-        for part in by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
+        for part in joined_samples(logs, maze, Smoothing(), samples).values():
             try:
                 rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
             except TableError:  # the ball only passed through
@@ -216,23 +206,13 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
 def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:
     """`delayed` if the angle is clean enough for differences, else `smoothed`."""
     worst = 0.0
-    for samples in by_ring(logs, maze, options, replace(options.samples, rates="smoothed")).values():
+    smoothed = replace(options.samples, rates="smoothed")
+    for samples in joined_samples(logs, maze, options.smoothing, smoothed).values():
         if not samples.good.any():
             continue
         spread = max(float(np.std(samples.k.theta_dot[samples.good])), 1e-9)  # 0 for a ball at rest
         worst = max(worst, math.sqrt(2.0) * angle_noise(samples) / samples.dt / spread)
     return "delayed" if worst < CLEAN else "smoothed"
-
-
-def by_ring(
-    tables: Sequence[Table], maze: Maze, options: CompareOptions, samples: SampleOptions
-) -> dict[int, RingSamples]:
-    """Samples of all tables by ring, one table after the other."""
-    found: dict[int, list[RingSamples]] = {}
-    for table in tables:
-        for ring, part in ring_samples(table, maze, options.smoothing, samples).items():
-            found.setdefault(ring, []).append(part)
-    return {ring: joined(parts) for ring, parts in found.items()}
 
 
 def prepare(train: RingSamples, test: RingSamples | None, options: CompareOptions) -> RingData:
@@ -267,7 +247,7 @@ def score(
 
     In the result, `rollout` has mean absolute errors of theta, rad, by kind and sample; `interval95` the intervals of
     all scores; `blocks` the numbers of blocks of time with test rows, and with windows."""
-    rng = np.random.default_rng([options.seed, ring])
+    rng = np.random.default_rng([options.fit.seed, ring])
     windows = choose_windows(data.test, data.test_mask, openings)
     train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
     at = data.test_rows

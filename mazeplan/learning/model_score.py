@@ -32,7 +32,7 @@ from mazeplan.learning.rollout import (
     choose_windows,
     roll_out,
 )
-from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_samples
+from mazeplan.learning.samples import RingSamples, SampleOptions, joined_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.unmeasured_tilt import tilt_is_measured, with_tilt_by_commands
 from mazeplan.maze.geometry import Maze
@@ -114,13 +114,9 @@ def _rolled(way: Accelerate, samples: RingSamples, start: Any) -> Rollout:
 
 def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingSamples]:
     """Samples of each ring that has enough of them. Raises InputError if no ring has enough."""
-    found: dict[int, list[RingSamples]] = {}
-    for table in tables:
-        options = SampleOptions(delay=model.camera_delay, rates="smoothed")
-        for ring, part in ring_samples(_bridged(table), maze, Smoothing(window=9), options).items():
-            found.setdefault(ring, []).append(part)
-    together = {ring: joined(parts) for ring, parts in sorted(found.items())}
-    enough = {ring: samples for ring, samples in together.items() if int(samples.good.sum()) >= FEWEST}
+    options = SampleOptions(delay=model.camera_delay)
+    together = joined_samples(map(_bridged, tables), maze, Smoothing(window=9), options)
+    enough = {ring: samples for ring, samples in sorted(together.items()) if int(samples.good.sum()) >= FEWEST}
     if not enough:
         most = max((int(samples.good.sum()) for samples in together.values()), default=0)
         problem = f"got at most {most} usable samples in a ring, expected {FEWEST}: record for longer"

@@ -32,8 +32,8 @@ class Number:
 
     low, high:  bounds
     step:       step of finite differences
-    log:        whether a search uses the logarithm, with a relative step
     words:      its name in reports
+    log:        whether a search uses the logarithm, with a relative step
     effect:     its counterpart EFFECT.PARAMETER in the registry, or ""
     how:        conversion from the counterpart: SAME, SCALE or INERTIA"""
 
@@ -43,8 +43,8 @@ class Number:
     low: float
     high: float
     step: float
-    log: bool = False
     words: str = ""
+    log: bool = False
     effect: str = ""
     how: str = SAME
 
@@ -61,7 +61,7 @@ def _named(part: str, field: str, effect: str, step: float, words: str = "", how
     unit = ALONG.get((origin.unit, power), origin.unit)
     ends = [to_body_unit(x, how, power, REACH) for x in (origin.low, origin.high)]
     low, high = max(min(ends), LEAST_INERTIA) if how == INERTIA else min(ends), max(ends)
-    return Number(part, field, unit, low, high, step, False, words or origin.words, effect, how)
+    return Number(part, field, unit, low, high, step, words or origin.words, False, effect, how)
 
 
 def to_body_unit(value: float, how: str, power: int, radius: float) -> float:
@@ -71,25 +71,17 @@ def to_body_unit(value: float, how: str, power: int, radius: float) -> float:
     return 1.0 / value - (1.0 if how == INERTIA else 0.0)
 
 
-def _own(
-    part: str, field: str, unit: str, bounds: tuple[float, float], step: float, words: str, log: bool = False
-) -> Number:
-    """A parameter without a counterpart in the registry."""
-    return Number(part, field, unit, *bounds, step, log, words)
-
-
-WANDER = (1e-9, 10.0)
 PARAMETERS: dict[str, Number] = {
     "rolling": _named("ball", "rolling", "dry_friction.coefficient", 4e-3, "rolling friction"),
     "viscous": _named("ball", "viscous", "viscous_friction.coefficient", 2e-2, "friction in proportion to the speed"),
     "quadratic": _named("ball", "quadratic", "quadratic_drag.coefficient", 0.2, "drag with the square of the speed"),
     "inertia": _named("ball", "inertia", "rolling_inertia.factor", 1e-2, "inertia over m R^2", INERTIA),
     "wall": _named("ball", "wall", "wall_friction.coefficient", 2e-2, "friction at walls"),
-    "wall_rolling": _own("ball", "wall_rolling", "1", (0.0, 1.0), 2e-3, "rolling friction at walls"),
-    "restitution": _own("ball", "restitution", "1", (0.0, 0.95), 4e-2, "speed kept by a slow impact"),
-    "hold": _own("ball", "hold", "m/s", (0.0, 1.0), 3e-3, "grip of the floor in an impact"),
-    "spin": _own("ball", "spin", "m/s^2", (0.0, 2.0), 4e-3, "friction against spinning"),
-    "height": _own("ball", "height", "m", (-0.2, 0.2), 1e-3, "ball above the pivot"),
+    "wall_rolling": Number("ball", "wall_rolling", "1", 0.0, 1.0, 2e-3, "rolling friction at walls"),
+    "restitution": Number("ball", "restitution", "1", 0.0, 0.95, 4e-2, "speed kept by a slow impact"),
+    "hold": Number("ball", "hold", "m/s", 0.0, 1.0, 3e-3, "grip of the floor in an impact"),
+    "spin": Number("ball", "spin", "m/s^2", 0.0, 2.0, 4e-3, "friction against spinning"),
+    "height": Number("ball", "height", "m", -0.2, 0.2, 1e-3, "ball above the pivot"),
     "gain_beta": _named("tilting", "gain_beta", "tilt_gain.beta", 5e-3, "true tilt over measured, beta", SCALE),
     "gain_gamma": _named("tilting", "gain_gamma", "tilt_gain.gamma", 5e-3, "true tilt over measured, gamma", SCALE),
     "cross_beta": _named("tilting", "cross_beta", "axis_coupling.beta_from_gamma", 5e-3, "share of gamma in beta"),
@@ -102,18 +94,16 @@ PARAMETERS: dict[str, Number] = {
     "scale": _named("view", "scale", "camera_scale.factor", 5e-4, "camera's scale"),
     "bend": _named("view", "bend", "lens_distortion.k", 5e-2, "bend of the camera's lens"),
     "delay": _named("view", "delay", "sensor_delay.delay", 1e-3),
-    "noise": _own("view", "noise", "m", (1e-5, 2e-2), 2e-2, "camera noise", log=True),
-    "plane": _own("wander", "plane", "m^2/s^3", WANDER, 0.3, "unexplained, rolling", log=True),
-    "spin_wander": _own("wander", "spin", "m^2/s^3", WANDER, 0.3, "unexplained, spinning", log=True),
-    "strike": _own("wander", "strike", "1", (1e-4, 1.0), 0.3, "unexplained, at impacts", log=True),
+    "noise": Number("view", "noise", "m", 1e-5, 2e-2, 2e-2, "camera noise", log=True),
+    "plane": Number("wander", "plane", "m^2/s^3", 1e-9, 10.0, 0.3, "unexplained, rolling", log=True),
+    "spin_wander": Number("wander", "spin", "m^2/s^3", 1e-9, 10.0, 0.3, "unexplained, spinning", log=True),
+    "strike": Number("wander", "strike", "1", 1e-4, 1.0, 0.3, "unexplained, at impacts", log=True),
 }
 # parameters in a model file: those that a run needs; `delay` is added to camera_delay_s of the model
 KEPT = (
     "rolling", "spin", "viscous", "quadratic", "inertia", "wall", "wall_rolling", "restitution", "hold",
     "tilt_beta", "tilt_gamma", "delay", "noise", "plane", "strike",
 )  # fmt: skip
-
-
 # numbers that a file leaves out do not act: they are 0, and from a `hold` of 1 m/s on, walls return all that the
 # restitution says; a noise is the usual one then
 ABSENT = {

@@ -14,7 +14,7 @@ A model may use one of two rates of theta, even for a smoothed target:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -284,3 +284,14 @@ def joined(parts: Sequence[RingSamples]) -> RingSamples:
     }
     k = replace(first.k, **state)
     return replace(first, k=k, segment=np.concatenate(segments), row=np.concatenate(rows), **same)
+
+
+def joined_samples(
+    tables: Iterable[Table], maze: Maze, smoothing: Smoothing, options: SampleOptions
+) -> dict[int, RingSamples]:
+    """Samples of all tables by ring, one table after the other; see `ring_samples`."""
+    found: dict[int, list[RingSamples]] = {}
+    for table in tables:
+        for ring, part in ring_samples(table, maze, smoothing, options).items():
+            found.setdefault(ring, []).append(part)
+    return {ring: joined(parts) for ring, parts in found.items()}

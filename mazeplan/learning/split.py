@@ -36,16 +36,11 @@ class Split:
 
 
 def block_split(
-    rows: int | Array | IntArray,
-    dt: float,
-    *,
-    block_s: float = 10.0,
-    test_share: float = 0.3,
-    guard: int = 3,
+    segment: Array | IntArray, dt: float, *, block_s: float = 10.0, test_share: float = 0.3, guard: int = 3
 ) -> Split:
     """Train and test rows by blocks of about `block_s` seconds; deterministic.
 
-    rows:        number of rows, or the segment number of each row (N,), in order of time
+    segment:     segment number of each row (N,), in order of time
     dt:          s from row to row
     test_share:  share of the test blocks, in (0, 1)
     guard:       rows on either side of a border within a segment that belong to neither set; use (window - 1) / 2 of
@@ -54,7 +49,6 @@ def block_split(
     Test blocks are all over the record; the first block is train. A record with fewer than two test blocks gets shorter
     blocks. Raises TableError if no row is left to train or to test on.
     """
-    segment = np.zeros(rows) if isinstance(rows, int) else np.asarray(rows, dtype=np.float64)
     n = len(segment)
     every = math.ceil(1.0 / test_share)
     length = max(1, min(round(block_s / dt), n // (2 * every)))
@@ -69,7 +63,7 @@ def block_split(
     return split
 
 
-def near_border(wanted: np.ndarray, segment: Array, guard: int) -> np.ndarray:
+def near_border(wanted: np.ndarray, segment: Array | IntArray, guard: int) -> np.ndarray:
     """Rows (N,) that have a row of the other set within `guard` rows, in the same segment."""
     borders = np.flatnonzero((np.diff(wanted) != 0) & (np.diff(segment) == 0.0)) + 1
     number = np.cumsum(np.diff(segment, prepend=segment[:1]) != 0.0)
@@ -88,11 +82,7 @@ def uniform_downsample(n: int, most: int) -> IntArray:
 
 
 def block_bootstrap(
-    values: Array,
-    blocks: IntArray,
-    statistic: Callable[[Array], float],
-    rng: np.random.Generator,
-    draws: int = DRAWS,
+    values: Array, blocks: IntArray, statistic: Callable[[Array], float], rng: np.random.Generator, draws: int = DRAWS
 ) -> tuple[float, float]:
     """(low, high): 95 % interval of `statistic`, drawing whole blocks with replacement.
 

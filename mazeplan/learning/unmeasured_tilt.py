@@ -19,14 +19,7 @@ import numpy as np
 
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
-from mazeplan.learning.weak_form import (
-    WeakWindows,
-    find_windows,
-    hardly_moving,
-    per_radius,
-    smooth_tilt,
-    weak_rows,
-)
+from mazeplan.learning.weak_form import WeakWindows, find_windows, hardly_moving, per_radius, smooth_tilt, weak_rows
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageAxis, StageModel, simulate_axis
 

@@ -14,7 +14,7 @@ DT = 1.0 / 30.0
 @pytest.mark.parametrize("guard", [0, 3, 7])
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.3, 0.5, 0.7])
 def test_no_row_is_near_the_other_set(guard, share):
-    split = block_split(9000, DT, test_share=share, guard=guard)
+    split = block_split(np.zeros(9000), DT, test_share=share, guard=guard)
     assert not np.any(split.train & split.test)
     used = np.flatnonzero(split.train | split.test)
     apart = np.diff(used)[np.diff(split.test[used])]
@@ -25,11 +25,11 @@ def test_no_row_is_near_the_other_set(guard, share):
 
 
 def test_short_records_get_shorter_blocks_or_are_refused():
-    split = block_split(120, DT, block_s=10.0, test_share=0.3)
+    split = block_split(np.zeros(120), DT, block_s=10.0, test_share=0.3)
     assert len(np.unique(split.block[split.test])) >= 2
     for n in (0, 1, 5):
         with pytest.raises(TableError, match=rf"got {n} rows .* too short, none is left to"):
-            block_split(n, DT)
+            block_split(np.zeros(n), DT)
 
 
 @pytest.mark.parametrize(("n", "most"), [(10, 3), (1000, 999), (1000, 7), (5, 5), (3, 10), (0, 4), (7, 1)])

@@ -67,7 +67,7 @@ def number_of(model: BodyModel, name: str) -> Number:
         return PARAMETERS[name]
     i, key = _term(model, name)
     p = model.terms[i].effect.parameters[key]
-    return Number("terms", name, p.unit, p.low, p.high, p.smallest or p.step, False, p.words or name, name)
+    return Number("terms", name, p.unit, p.low, p.high, p.smallest or p.step, p.words or name, effect=name)
 
 
 def _term(model: BodyModel, name: str) -> tuple[int, str]:

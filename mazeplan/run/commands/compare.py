@@ -64,7 +64,7 @@ def compare(
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
     fit = FitOptions(most=most, training=comparison.THOROUGH, seed=seed)
-    options = CompareOptions(samples=SampleOptions(ring=ring, radius=radius), fit=fit, kinds=chosen, seed=seed)
+    options = CompareOptions(samples=SampleOptions(ring=ring, radius=radius), fit=fit, kinds=chosen)
     progress("reading")
     tables, held_out = ([as_table(log, named) for log in group] for group in given)
     if radius is not None:
