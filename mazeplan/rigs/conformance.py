@@ -44,7 +44,6 @@ class UnfitError(Exception):
 
 
 def _want(fit: bool, problem: str) -> None:
-    """Raises UnfitError unless the rig is fit."""
     if not fit:
         raise UnfitError(problem)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, Request, StopRequested, TimedEvent
@@ -30,7 +30,7 @@ class Goals:
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
         self._balls = self._maze.balls  # of the run, once it has begun
-        self._lock = Lock()
+        self._lock = RLock()  # `over` calls `end`
         self._waiting: list[Request] = []
         self._running, self._ended = False, False
 
@@ -107,16 +107,13 @@ class Goals:
         with self._lock:
             if any(isinstance(request, GoalChanged) for request in self._waiting):
                 return False
-            self._end()
+            self.end()
             return True
 
     def end(self) -> None:
         """The run is over, however it ended."""
         with self._lock:
-            self._end()
-
-    def _end(self) -> None:
-        self._waiting, self._running, self._ended = [], False, True
+            self._waiting, self._running, self._ended = [], False, True
 
 
 class RecordedRequests:

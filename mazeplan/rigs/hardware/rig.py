@@ -140,12 +140,10 @@ class HardwareRig:
         self._first = self._next
 
     def _place(self, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Ask a person to place the ball."""
         where = f"ring {ring}, near {math.degrees(theta) % 360.0:.0f} degrees"
         print(f"place the ball in {where}; waiting until it rests", file=sys.stderr, flush=True)
 
     def _await_ball(self, ring: int) -> None:
-        """Wait until a ball rests in the ring."""
         channel, until = self.maze.ring(ring), monotonic() + self.settings.place_s
         rested: list[tuple[float, float, float]] = []
         due, found, without = 0, 0, Counter[str]()

@@ -43,7 +43,11 @@ def mjcf(maze: Maze, settings: SimulatedSettings, *, walls: bool = True) -> str:
     geoms: `plug_name`, the plug of each opening
 
     walls: False: without walls and plugs."""
-    boxes = _boxes(maze, settings) if walls else []
+    boxes: list[str] = []
+    if walls:
+        boxes += [box for wall in maze.walls for box in _wall(wall, maze.wall_height, settings)]
+        boxes += [_across(maze, wall, settings) for wall in maze.radial_walls]
+        boxes += [_plug(maze, opening) for opening in maze.openings]
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     wn, zeta = settings.servo_gamma_frequency_rad_s or wn, settings.servo_gamma_damping or zeta
@@ -80,15 +84,6 @@ def mjcf(maze: Maze, settings: SimulatedSettings, *, walls: bool = True) -> str:
 </worldbody>
 <actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp2}" kv="{kv2}"/></actuator>
 </mujoco>"""
-
-
-def _boxes(maze: Maze, settings: SimulatedSettings) -> list[str]:
-    """Boxes of walls and plugs."""
-    geoms: list[str] = []
-    for wall in maze.walls:
-        geoms += _wall(wall, maze.wall_height, settings)
-    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
-    return geoms + [_plug(maze, opening) for opening in maze.openings]
 
 
 def _box(x: float, y: float, angle: float, along: float, across: float, height: float, more: str) -> str:

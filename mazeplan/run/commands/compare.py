@@ -55,8 +55,8 @@ def compare(
     say: gets what is left out
 
     Raises InputError, TableError."""
-    chosen = tuple(dict.fromkeys(kinds.split(",") if isinstance(kinds, str) else kinds))
-    chosen = tuple(kind.strip() for kind in chosen)
+    named_kinds = kinds.split(",") if isinstance(kinds, str) else kinds
+    chosen = tuple(dict.fromkeys(kind.strip() for kind in named_kinds))
     if wrong := [kind for kind in chosen if kind not in KINDS]:
         raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
     given, named = (several(logs), several(test)), parse_columns(columns)
