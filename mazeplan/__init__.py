@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.interface import Rig
-    from mazeplan.run.commands.collect import collect
+    from mazeplan.run.collect import collect
     from mazeplan.run.commands.compare import compare
     from mazeplan.run.commands.diagnose import diagnose
     from mazeplan.run.commands.evaluate import evaluate

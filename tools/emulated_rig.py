@@ -115,7 +115,8 @@ def calibrate(folder: Path) -> None:
     path.write_text(HEAD, encoding="utf-8")
     with opened(world, wide(Servo())) as (table, board):
         fit = tilt_readings(table, board, wide(Servo()))
-    print(f"tilt: {fit.error_deg:.3f} deg; left out: {fit.outliers}")
+    worst = max(fit.beta.left_out_deg, fit.gamma.left_out_deg)
+    print(f"tilt: {worst:.3f} deg; left out: {fit.outliers}")
     servo = servo_section(fit)
     with opened(world, validated(Servo, servo)) as (table, board):
         level = servo["beta"]["level_us"], servo["gamma"]["level_us"]

@@ -34,7 +34,7 @@ def collect(
     as_json: opt.AsJson = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
-    from mazeplan.run.commands.collect import collect as record
+    from mazeplan.run.collect import collect as record
 
     if rings and not place:
         note_missing_model(rig, model)

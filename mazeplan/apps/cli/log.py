@@ -35,7 +35,6 @@ Inputs = Annotated[
 ReportFile = Annotated[Path, opt.output_file("HTML file to write.", ".html", ".htm")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
-FIGURES = ("step", "published", "recovered", "segments", "noise", "noise_variance")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
 
 
@@ -152,16 +151,13 @@ def import_cme(
 
     models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
     paths = {ring: output / f"ring{ring}.csv" for ring in models}
-    found = {}
+    document: dict[str, dict[str, Any]] = {}
     with ProgressBar("importing") as bar:
         for i, (ring, model) in enumerate(models.items()):
             bar.show(f"ring {ring}")
-            found[ring] = import_ring(model, advance=piece(bar.advance, i, 1, len(models)))
-            write_ring(found[ring], paths[ring])
-    document: dict[str, dict[str, Any]] = {}
-    for ring, imported in found.items():
-        figures = {name: getattr(imported, name) for name in FIGURES}
-        document[f"ring{ring}"] = {"file": str(paths[ring]), "source": imported.file.name, **figures}
+            table, figures = import_ring(model, advance=piece(bar.advance, i, 1, len(models)))
+            write_ring(table, paths[ring])
+            document[f"ring{ring}"] = {"file": str(paths[ring]), "source": model.file.name, **figures}
     lines = [
         f"{ring}: {row['published']} rows published (1 sample in {row['step']}), {row['recovered']} recovered, "
         f"{row['segments']} segments; noise {row['noise']:.4g} rad/s^2"
