@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 os.environ.setdefault("NUMBA_OPT", "2")  # 3 takes a third longer to compile, and what it makes is not faster
 
-_COMMANDS = ("collect", "compare", "diagnose", "evaluate", "improve", "learn")
+_COMMANDS = ("compare", "diagnose", "evaluate", "improve", "learn")
 _HOMES = {
     "Goals": "mazeplan.run.goals",
     "Maze": "mazeplan.maze.geometry",
@@ -48,6 +48,7 @@ _HOMES = {
     "SKIPPED": "mazeplan.btree.status",
     "Status": "mazeplan.btree.status",
     "check_rig": "mazeplan.rigs.conformance",
+    "collect": "mazeplan.run.collect",
     **{name: f"mazeplan.run.commands.{name}" for name in _COMMANDS},
     "load_map": "mazeplan.maze.mapfile",
     "navigate": "mazeplan.run.execution",

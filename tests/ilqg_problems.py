@@ -169,7 +169,7 @@ class LinearProblem:
 
 
 def ring_planner(**keywords) -> RingPlanner:
-    return RingPlanner(RingParameters(0.0689), LIMIT, **keywords)
+    return RingPlanner(RingParameters(0.0689), LIMIT, keywords.pop("options", IlqgOptions(40)), **keywords)
 
 
 class Ticking:

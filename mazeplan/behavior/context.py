@@ -17,7 +17,8 @@ from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.sample_check import Out
-from mazeplan.control.opening import OpeningOptions, OpeningRollout, RolloutOptions
+from mazeplan.control.opening import OpeningOptions
+from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate, TrackingOptions
@@ -38,13 +39,13 @@ ENTRY = 1.4  # of the change of the lag; set in trials on seven rigs whose servo
 class TravelOptions:
     """How the ball travels along a ring to an opening. Raises SettingsError."""
 
-    lean_deg: float = 4.0  # tilt towards the next ring on the way
-    speed_m_s: float = 0.05  # along the ring on arrival
-    fastest_m_s: float = 0.075  # highest speed on arrival, used if the delay is short (`arrival_speed`)
-    blind_rad: float = 0.0  # turn of the ball during the delay, before the plate answers to what the camera sees
-    deadline_ms: float = 15.0  # time that a plan may take
-    horizon: int = 40  # length of a plan, ticks
-    planned_choices: int = 3  # openings to which plans are made before one is chosen; they share the deadline
+    lean_deg: float  # tilt towards the next ring on the way
+    speed_m_s: float  # along the ring on arrival
+    fastest_m_s: float  # highest speed on arrival, used if the delay is short (`arrival_speed`)
+    blind_rad: float  # turn of the ball during the delay, before the plate answers to what the camera sees
+    deadline_ms: float  # time that a plan may take
+    horizon: int  # length of a plan, ticks
+    planned_choices: int  # openings to which plans are made before one is chosen; they share the deadline
 
     def __post_init__(self) -> None:
         most = {"planned_choices": 50, "deadline_ms": 1e9, "horizon": 1000}
@@ -55,7 +56,7 @@ class TravelOptions:
 class SettleOptions:
     """How the ball comes to rest in the goal ring. Raises SettingsError."""
 
-    damping: float = 6.0  # 1/s
+    damping: float  # 1/s
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -63,15 +64,15 @@ class SettleOptions:
 
 @dataclass(frozen=True)
 class LeafOptions:
-    """Settings of the leaves; the option classes are defined beside their algorithms. A port in a tree overrides its
-    setting."""
+    """Settings of the leaves; the option classes are defined beside their algorithms, and have no defaults: the numbers
+    stand in `run/settings.yaml`. A port in a tree overrides its setting."""
 
-    cost: CostParameters = field(default_factory=CostParameters)
-    travel: TravelOptions = field(default_factory=TravelOptions)
-    gate: OpeningOptions = field(default_factory=OpeningOptions)
-    rollout: RolloutOptions = field(default_factory=RolloutOptions)
-    tracking: TrackingOptions = field(default_factory=TrackingOptions)
-    settle: SettleOptions = field(default_factory=SettleOptions)
+    cost: CostParameters
+    travel: TravelOptions
+    gate: OpeningOptions
+    rollout: RolloutOptions
+    tracking: TrackingOptions
+    settle: SettleOptions
 
     def on_stage(self, stage: StageModel) -> LeafOptions:
         """The options for this stage. A servo with less lag than the usual one has less of `gate.lead_s` and
@@ -117,7 +118,7 @@ class Steering:
     """What steers by the model. A run replaces it if the rig shows another stage."""
 
     planners: Mapping[int, RingPlanner]  # for each channel, by ring
-    options: LeafOptions = field(default_factory=LeafOptions)
+    options: LeafOptions
     late_s: float = 0.0  # from a sample until a command computed from it acts, as the model states
     rollout: OpeningRollout | None = None  # tries commands in front of an opening; None: only the law for openings
 

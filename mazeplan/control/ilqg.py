@@ -124,7 +124,7 @@ class IlqgOptions:
     deadline_ms        time limit of one search, ms
     """
 
-    horizon: int = 40
+    horizon: int
     max_iterations: int = 100
     tolerance: float = 5e-5
     warm_tolerance: float = 3e-4
@@ -177,7 +177,7 @@ class Planner:
         cost: Cost,
         low: Array,
         high: Array,
-        options: IlqgOptions | None = None,
+        options: IlqgOptions,
         *,
         dt: float = 1.0 / 30.0,
         watch: Stopwatch | None = None,
@@ -186,7 +186,7 @@ class Planner:
 
         dt:     duration of a step, s, for the plans
         watch:  stopwatch for deadlines"""
-        self.options = options or IlqgOptions()
+        self.options = options
         self.dt, self._watch = dt, watch or Stopwatch()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):

@@ -40,10 +40,10 @@ from pydantic import Field
 
 from mazeplan.control.tilt import Plate
 from mazeplan.core import file_kinds
+from mazeplan.core.array_file import arrays_of, content_of, write_content
 from mazeplan.core.errors import ModelError
 from mazeplan.core.records import Array, Command, State
 from mazeplan.core.whole_file import whole_file
-from mazeplan.learning.gp_file import arrays_of, content_of, write_content
 from mazeplan.maze.geometry import Opening, Ring
 from mazeplan.maze.sections import Section, read_section
 from mazeplan.maze.yamltree import read_yaml

@@ -48,7 +48,7 @@ class RingPlanner:
         self,
         parameters: RingParameters,
         tilt_limit: float,
-        options: IlqgOptions | None = None,
+        options: IlqgOptions,
         cost: CostParameters | None = None,
         *,
         process: GaussianProcess | None = None,
@@ -61,7 +61,7 @@ class RingPlanner:
         watch:       stopwatch for deadlines"""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, watch = np.full(2, tilt_limit), watch or Stopwatch()
-        self.options = options = options or IlqgOptions()
+        self.options = options
 
         def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
             return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, watch=watch)

@@ -72,11 +72,11 @@ class TrackingOptions:
     kp, kd:                      gains of the PD law, as angular acceleration, 1/s^2 and 1/s
     replan_theta, replan_speed:  deviations from the plan that call for a new plan, rad and rad/s"""
 
-    kp: float = 60.0
-    kd: float = 12.0
-    replan_theta: float = 0.05
-    replan_speed: float = 0.6
-    replan_every: int = 1  # maximum number of ticks between plans
+    kp: float
+    kd: float
+    replan_theta: float
+    replan_speed: float
+    replan_every: int  # maximum number of ticks between plans
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=("replan_every",))

@@ -1,4 +1,5 @@
-"""All colours, dashes, markers and hatches of pictures and pages, by meaning. No other file defines any.
+"""All colours, dashes, markers and hatches of pictures and pages, by meaning. Other files only add white and
+the grey of a button.
 
 The colours are those of Okabe and Ito (Color Universal Design, 2008). Some are darkened so that lines on white can be
 read: contrast 3 or more, except for the unimportant fills `skipped` and `idle`. Things that are shown together also
@@ -85,6 +86,8 @@ MAZE: dict[str, str] = {
     "ball": "#7D858F",
     "shine": "#E8EBEE",
 }
+
+SPEEDS = "viridis"  # colour map of Matplotlib for the speed along a trail
 
 # lengths of dash and gap in widths of the line; () is a solid line
 DASHES: dict[str, tuple[float, ...]] = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.core.palette import COLOURS, DASHES, INKS, MAZE
+from mazeplan.core.palette import COLOURS, DASHES, INKS, MAZE, SPEEDS
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze, RadialWall, Wall
 
@@ -28,7 +28,6 @@ SUFFIXES = (".png", ".svg", ".pdf")
 _MM = 1000.0
 _ARC_STEP = math.radians(0.5)
 _INK, _FLOOR = INKS["ink"], MAZE["floor"]
-_TRAIL_MAP = "viridis"
 _FONT = 8.0
 _SHOWN = 1.27  # a picture with labels shows this many radii of the rim to each side
 
@@ -158,7 +157,7 @@ def draw_trail(ax: Axes, trail: Array) -> None:
     if not whole.any():
         return
     pieces = np.stack([points[:-1], points[1:]], axis=1)[whole]
-    lines = LineCollection(list(pieces), linewidths=1.6, capstyle="round", zorder=4, cmap=_TRAIL_MAP)
+    lines = LineCollection(list(pieces), linewidths=1.6, capstyle="round", zorder=4, cmap=SPEEDS)
     lines.set_array(0.5 * (trail[:-1, 2] + trail[1:, 2])[whole])
     ax.add_collection(lines)
     bar = ax.get_figure().colorbar(lines, ax=ax, shrink=0.5, pad=0.01, aspect=28)  # pyright: ignore
@@ -220,7 +219,7 @@ def _draw_legend(ax: Axes, route: bool, trail: bool, second: bool) -> None:
     if route:
         handles.append(Line2D([], [], label="planned route", color=COLOURS["planned"], lw=1.8))
     if trail:
-        handles.append(Line2D([], [], label="path of the ball", color=colormaps[_TRAIL_MAP](0.4), lw=1.6))
+        handles.append(Line2D([], [], label="path of the ball", color=colormaps[SPEEDS](0.4), lw=1.6))
         handles.append(Line2D([], [], label="its end", color=_INK, marker="o", lw=0))
     if second:
         handles.append(Line2D([], [], label="second ball", color=COLOURS["second"], lw=1.4, dashes=DASHES["second"]))

@@ -9,14 +9,14 @@ from dataclasses import replace
 
 from mazeplan.behavior.context import BallView, LeafOptions
 from mazeplan.control.command_chain import SafetyFilter
-from mazeplan.control.cost import CostParameters, running
+from mazeplan.control.cost import running
 from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.control.estimation.estimator import Estimator
 from mazeplan.control.estimation.rigid_body_fit import body_of
 from mazeplan.control.estimation.sample_check import Out, RimWatch
 from mazeplan.control.ilqg import IlqgOptions, Stopwatch, compile_solver
 from mazeplan.control.ilqg_workspace import RUNNING
-from mazeplan.control.opening import OpeningRollout
+from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner, compile_guess
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
@@ -55,24 +55,21 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
 def planners_of(
     maze: Maze,
     model: RigModel,
-    cost: CostParameters,
+    leaves: LeafOptions,
     watch: Stopwatch | None = None,
     *,
     late_s: float | None = None,
-    horizon: int = IlqgOptions.horizon,
 ) -> dict[int, RingPlanner]:
     """A planner for each channel, by ring number.
 
     watch: stopwatch for the planners' deadlines
-    late_s: time from a sample until the command computed from it acts, s; None: the model's
-    horizon: length of a plan, ticks
-    """
-    cost = cost.seen_late(model.late_s if late_s is None else late_s)
+    late_s: time from a sample until the command computed from it acts, s; None: the model's"""
+    cost = leaves.cost.seen_late(model.late_s if late_s is None else late_s)
     return {
         ring.number: RingPlanner(
             model.ring_parameters(ring.number, ring.track_radius),
             maze.tilt_limit,
-            IlqgOptions(horizon=horizon),
+            IlqgOptions(leaves.travel.horizon),
             cost=cost,
             process=model.processes.get(ring.number),
             watch=watch,

@@ -12,6 +12,7 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.btree.blame import blames_a_node, exception_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.logs.run_log import RunLogWriter, RunMessages, Sink
 from mazeplan.core.progress import Display
@@ -23,7 +24,7 @@ from mazeplan.run.goals import Goals
 from mazeplan.run.loop import Run
 from mazeplan.run.request import Company, NavigationRequest
 from mazeplan.run.settings import Settings
-from mazeplan.run.specification import CRASHED, TIME_LIMIT, Job, Setup, log_header, model_to_keep
+from mazeplan.run.specification import CRASHED, Job, Setup, log_header, model_to_keep
 
 
 def navigate(

@@ -110,9 +110,7 @@ class Run:
     def _prepare_control(self) -> None:
         setup, model = self._setup, self._model
         leaves, late_s = self._leaf_options()
-        planners = planners_of(
-            setup.maze, model, leaves.cost, self._stopwatch, late_s=late_s, horizon=leaves.travel.horizon
-        )
+        planners = planners_of(setup.maze, model, leaves, self._stopwatch, late_s=late_s)
         rollout = rollout_of(setup.maze, model, leaves, late_s, self._rig.rate_hz)
         self._steering = Steering(planners, leaves, late_s, rollout)
         self._keeper = safety_filter_of(setup.maze, model)

@@ -19,6 +19,7 @@ from mazeplan.btree.check import reads_key
 from mazeplan.btree.ports import one_line
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy, load_policy
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.logs.run_log import Sink
@@ -34,7 +35,7 @@ from mazeplan.run.assembly import check_balls, with_balls
 from mazeplan.run.goals import Goals
 from mazeplan.run.resolve import check_start_angle, model_source, opening_name, resolve_model, ring_number
 from mazeplan.run.settings import Settings, load_settings
-from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+from mazeplan.run.specification import Job, Setup
 
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 
@@ -80,7 +81,7 @@ class NavigationRequest:
     deadline: bool = True  # whether plans have a limit of time by the wall clock
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("time_limit", "runs"), most={"seed": math.inf, "runs": math.inf})
+        check_numbers(self, positive=("time_limit",), most={"seed": math.inf})
 
     @cached_property
     def maze(self) -> Maze:

@@ -7,10 +7,10 @@ defined beside its algorithm; its fields are the keys.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.estimation.estimator import EstimatorOptions
@@ -25,8 +25,8 @@ FORMAT = 1  # format number; also that of a file without `format`
 class Settings:
     """Options of the leaves (with planner and control at openings), and of the estimator."""
 
-    leaves: LeafOptions = field(default_factory=LeafOptions)
-    estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
+    leaves: LeafOptions
+    estimator: EstimatorOptions
 
     def with_values(self, sections: dict[str, dict[str, Any]]) -> Settings:
         """A copy with other values for some keys, {section: {name: value}}. Raises SettingsError with the key
@@ -51,7 +51,7 @@ def settings_from_text(text: str) -> Settings:
     """Read what `Settings.text` returned.
 
     Keys of older versions are left out. Raises ValueError for any other text, SettingsError for values out of range."""
-    return _filled(Settings(), json.loads(text))
+    return _filled(load_settings(), json.loads(text))
 
 
 def _filled(options: Any, values: Any) -> Any:
@@ -73,8 +73,9 @@ def load_settings(source: str | Path | None = None) -> Settings:
 
 @cache
 def _packaged() -> Settings:
-    text = PACKAGED.read_text(encoding="utf-8")
-    return _apply(Settings(), parse_yaml(text, file=PACKAGED, error=SettingsError), PACKAGED)
+    data = parse_yaml(PACKAGED.read_text(encoding="utf-8"), file=PACKAGED, error=SettingsError).data
+    leaves = {name: kind(**data[name]) for name, kind in get_type_hints(LeafOptions).items()}
+    return Settings(LeafOptions(**leaves), EstimatorOptions(**data["estimator"]))
 
 
 def _apply(base: Settings, tree: Tree, path: Path) -> Settings:

@@ -19,6 +19,7 @@ from mazeplan.behavior.trees import read_tree
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.control.policy import Policy, policy_sha256
 from mazeplan.core import resources
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import ModelError
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.records import Latency
@@ -32,7 +33,6 @@ from mazeplan.run.settings import Settings, load_settings
 PUT_BACK_S = 10.0  # s that a run on a real rig waits for a ball that left the maze
 REPLAY_FORMAT = 1  # format number of the header's part `replay`
 CRASHED = "crashed"  # the reason of a run that an unexpected exception of the program itself ended
-TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 
 @dataclass(frozen=True)

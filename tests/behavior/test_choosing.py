@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from test_leaves import MAZE, Bench, at
 
-from mazeplan.behavior.context import LeafOptions, TravelOptions
 from mazeplan.behavior.travel import arrival_s, arrival_speed, plan_to
 from mazeplan.btree.ports import Key
 from mazeplan.btree.status import Status
-from mazeplan.control.opening import OpeningOptions
 from mazeplan.core.records import Plan, StopReason
+from mazeplan.run.settings import load_settings
+
+LEAVES = load_settings().leaves
 
 
 def patient(choices=3):
     """A bench whose planners have no deadline."""
     bench = Bench()
-    options = LeafOptions(travel=TravelOptions(planned_choices=choices, deadline_ms=1e6))
+    options = replace(LEAVES, travel=replace(LEAVES.travel, planned_choices=choices, deadline_ms=1e6))
     bench.run.steering = replace(bench.run.steering, options=options)
     return bench
 
@@ -115,13 +116,13 @@ def test_an_arrival_beyond_the_plan_is_the_way_that_is_left():
     assert arrival_s(bench.run, opening, still) == pytest.approx(expected)
 
 
-BLIND = TravelOptions(speed_m_s=0.02, fastest_m_s=0.12, blind_rad=0.1, deadline_ms=1e6)
+BLIND = replace(LEAVES.travel, speed_m_s=0.02, fastest_m_s=0.12, blind_rad=0.1, deadline_ms=1e6)
 LEAD = 0.08
 
 
 def bench_that_sees_late(late_s, travel=BLIND):
     bench = Bench()
-    options = LeafOptions(travel=travel, gate=OpeningOptions(lead_s=LEAD))
+    options = replace(LEAVES, travel=travel, gate=replace(LEAVES.gate, lead_s=LEAD))
     bench.run.steering = replace(bench.run.steering, options=options, late_s=late_s)
     return bench
 

@@ -18,6 +18,7 @@ from mazeplan.core.errors import InputError, TreeError
 from mazeplan.core.records import State
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
+from mazeplan.run.settings import load_settings
 
 MAZE = load_map("cme")
 OPENING = MAZE.openings_between(1, 2)[0]
@@ -35,7 +36,8 @@ class Bench:
     def __init__(self, policy=None, opening=OPENING, **ports):
         self.events = []
         self.run = RunContext(
-            maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(LIMIT), goal=5, steering=Steering({}),
+            maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(LIMIT), goal=5,
+            steering=Steering({}, load_settings().leaves),
             ahead=lambda seconds, beside=(0.0, 0.0): self.run.here, report=self.events.append, policy=policy,
         )  # fmt: skip
         self.leaf = FollowPolicy("FollowPolicy", self.run, Blackboard(), {"opening": opening.name, **ports})

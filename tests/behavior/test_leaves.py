@@ -14,6 +14,7 @@ from mazeplan.btree.blackboard import Blackboard
 from mazeplan.btree.blame import CommandError
 from mazeplan.btree.ports import Key
 from mazeplan.btree.status import Status
+from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.events import LawChanged, OpeningPassed
@@ -21,6 +22,7 @@ from mazeplan.core.records import LEVEL, FailureKind, State, StopReason
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
+from mazeplan.run.settings import load_settings
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
@@ -36,7 +38,7 @@ def at(ring=1, theta_deg=45.0, t=0.0, speed=0.0, **more):
 
 
 def planner(ring):
-    return RingPlanner(MODEL.ring_parameters(ring, MAZE.track_radius(ring)), MAZE.tilt_limit)
+    return RingPlanner(MODEL.ring_parameters(ring, MAZE.track_radius(ring)), MAZE.tilt_limit, IlqgOptions(40))
 
 
 class Bench:
@@ -47,7 +49,7 @@ class Bench:
         self.board = Blackboard()
         self.run = RunContext(
             maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(MAZE.tilt_limit), goal=goal,
-            steering=Steering({n: planner(n) for n in (1, 2)}),
+            steering=Steering({n: planner(n) for n in (1, 2)}, load_settings().leaves),
             ahead=lambda seconds, beside=(0.0, 0.0): self.run.here,
             report=self.events.append,
         )  # fmt: skip

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,13 +142,13 @@ def test_a_warm_start_may_be_old_and_of_another_length():
 )
 def test_bad_options_are_refused(change, message):
     with pytest.raises(SettingsError, match=message):
-        IlqgOptions(**change)
+        replace(IlqgOptions(40), **change)
 
 
 @pytest.mark.parametrize("limit", [-0.1, math.inf, math.nan])
 def test_bad_limits_are_refused(limit):
     with pytest.raises(SettingsError, match="limits"):
-        RingPlanner(RingParameters(0.0689), limit)
+        RingPlanner(RingParameters(0.0689), limit, IlqgOptions(40))
 
 
 def test_warming_up_changes_no_plan():

@@ -89,7 +89,7 @@ def test_a_plan_without_what_was_learned_misses():
 
 
 def test_a_process_of_almost_nothing_changes_nothing():
-    exact = IlqgOptions(tolerance=1e-11)
+    exact = IlqgOptions(40, tolerance=1e-11)
     plain, learned = ring_planner(options=exact), ring_planner(options=exact, process=ZERO)
     rng = np.random.default_rng(1)
     for _ in range(10):
@@ -109,12 +109,12 @@ def test_without_physics_the_process_is_all_there_is():
         return along(s[:, 0], s[:, 2], s[:, 4]) - 0.3 * s[:, 1]
 
     gp = process(effects, np.array([8.0, 8.0, 8.0, 1.5, 1.5, 0.4, 0.4, 0.4, 0.4]), 500, 8.0)
-    plan = RingPlanner(replace(p, physics=False), LIMIT, process=gp).plan(np.zeros(6), math.pi / 4)
-    effects_alone = RingPlanner(p, LIMIT).plan(np.zeros(6), math.pi / 4)
+    plan = RingPlanner(replace(p, physics=False), LIMIT, IlqgOptions(40), process=gp).plan(np.zeros(6), math.pi / 4)
+    effects_alone = RingPlanner(p, LIMIT, IlqgOptions(40)).plan(np.zeros(6), math.pi / 4)
     assert abs(plan.states[-1, 0] - math.pi / 4) < 0.02
     assert plan.cost == pytest.approx(effects_alone.cost, rel=0.05)  # gravity held over a step is a little late
     assert abs(played(plan, None, p)[-1, 0] - math.pi / 4) < 0.1
-    blind = RingPlanner(replace(p, physics=False), LIMIT).plan(np.zeros(6), math.pi / 4)
+    blind = RingPlanner(replace(p, physics=False), LIMIT, IlqgOptions(40)).plan(np.zeros(6), math.pi / 4)
     assert abs(blind.states[-1, 0]) < 0.1  # without either nothing can move the ball
 
 

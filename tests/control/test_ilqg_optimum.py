@@ -122,7 +122,7 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_cost_equals_that_of_an_interior_point_optimiser(name):
     p, c, s0, wishes = PROBLEMS[name]
-    planner = RingPlanner(p, LIMIT, IlqgOptions(), c)
+    planner = RingPlanner(p, LIMIT, IlqgOptions(40), c)
     plan = planner.plan(s0, wishes[0], goal_theta_dot=wishes[1], lean=wishes[2])
     reference = ipopt(p, c, s0, wishes)
     assert plan.reason is StopReason.CONVERGED

@@ -38,20 +38,20 @@ def test_a_deadline_ends_the_search_before_it_is_over(deadline):
 
 
 def test_the_deadline_may_stand_in_the_options():
-    planner = ring_planner(options=IlqgOptions(deadline_ms=3.0), watch=Stopwatch(Ticking(1.0)))
+    planner = ring_planner(options=IlqgOptions(40, deadline_ms=3.0), watch=Stopwatch(Ticking(1.0)))
     assert planner.plan(np.zeros(6), 1.0).reason is StopReason.DEADLINE
     assert planner.plan(np.zeros(6), 1.0, deadline_ms=1e9).reason is StopReason.CONVERGED
 
 
 def test_iterations_may_run_out():
-    plan = ring_planner(options=IlqgOptions(max_iterations=2)).plan(np.zeros(6), 1.0)
+    plan = ring_planner(options=IlqgOptions(40, max_iterations=2)).plan(np.zeros(6), 1.0)
     assert plan.reason is StopReason.MAX_ITERATIONS
     assert plan.iterations == 2
     assert plan.ok
 
 
 def test_a_warm_plan_has_its_own_end():
-    planner = ring_planner(options=IlqgOptions(warm_iterations=2, warm_tolerance=0.0, control_tolerance=0.0))
+    planner = ring_planner(options=IlqgOptions(40, warm_iterations=2, warm_tolerance=0.0, control_tolerance=0.0))
     first = planner.plan(np.zeros(6), 1.0)
     assert first.iterations > 2
     again = planner.plan(np.array([0.002, 0.02, 0.0005, 0.0, -0.0005, 0.0]), 1.0, warm=first)

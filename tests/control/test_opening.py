@@ -4,15 +4,16 @@ import math
 
 import pytest
 
-from mazeplan.control.opening import OpeningOptions, aligned, opening_command, opening_frame
+from mazeplan.control.opening import aligned, opening_command, opening_frame
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import State
 from mazeplan.maze.geometry import Opening
+from mazeplan.run.settings import load_settings
 
 OPENING = Opening("1-2@135", 1, 2, math.radians(135.0), 0.0153)
 PLATE = Plate(limit=math.radians(5.0))
-OPTIONS = OpeningOptions()
+OPTIONS = load_settings().leaves.gate
 
 
 def beside(across: float, across_speed: float = 0.0, along: float = 0.089) -> State:

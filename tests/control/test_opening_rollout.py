@@ -9,16 +9,8 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.behavior.context import LeafOptions
-from mazeplan.control.opening import (
-    TICK,
-    OpeningOptions,
-    OpeningRollout,
-    RolloutOptions,
-    law_command,
-    opening_command,
-    passing_time,
-)
+from mazeplan.control.opening import opening_command
+from mazeplan.control.opening_rollout import TICK, OpeningRollout, law_command, passing_time
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import FREE_ROLLING, GRAVITY
 from mazeplan.core.errors import SettingsError
@@ -27,17 +19,18 @@ from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.assembly import rollout_of
 from mazeplan.run.execution import run_job
+from mazeplan.run.settings import load_settings
 from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 PLATE = Plate(MAZE.tilt_limit, 0.004, -0.006)
-GATE = OpeningOptions()
+GATE, ROLLOUT = load_settings().leaves.gate, load_settings().leaves.rollout
 PLANAR = known(MAZE).planar(MAZE)
 BIAS = np.array([known(MAZE).ball(1).parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")])  # rad
 
 
 def rollout(**options):
-    return OpeningRollout(MAZE, PLANAR, PLATE, GATE, RolloutOptions(**options))
+    return OpeningRollout(MAZE, PLANAR, PLATE, GATE, replace(ROLLOUT, **options))
 
 
 def beside(name, across, across_speed=0.0, tilt=(0.0, 0.0)):
@@ -96,25 +89,25 @@ def test_a_ball_that_stays_is_later_than_the_horizon():
 
 def test_the_chosen_command_is_sooner_by_the_margin():
     law, none, chosen = rollout()._law, np.zeros(2), 0
-    options = RolloutOptions(doubt_mm=0.0, doubt_m_s=0.0)
-    tries = OpeningRollout(MAZE, PLANAR, PLATE, GATE, options)
-    for across in np.linspace(-0.012, 0.012, 9):
+    options = replace(ROLLOUT, doubt_mm=0.0, doubt_m_s=0.0)
+    tries, span = OpeningRollout(MAZE, PLANAR, PLATE, GATE, options), (0.5, options.substeps, TICK)
+    for across in np.linspace(-0.012, 0.012, 13):
         state = beside("2-3@90", across, -8.0 * across, (0.0, -0.05))
         command = tries.improved_command(state, MAZE.opening("2-3@90"), 3)
-        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR)
+        by_law = passing_time(vector(state), none, 0, gap("2-3@90"), law, span, *PLANAR)
         if command is None:
             continue
         chosen += 1
         u = np.array([command.u_beta, command.u_gamma])
         assert np.abs(u).max() <= MAZE.tilt_limit
-        best = min(passing_time(vector(state), u, n, gap("2-3@90"), law, (0.5, 10, TICK), *PLANAR) for n in (1, 2, 4))
+        best = min(passing_time(vector(state), u, n, gap("2-3@90"), law, span, *PLANAR) for n in (1, 2, 4))
         assert best < by_law - options.margin_s
     assert chosen >= 3
 
 
 def test_too_few_steps_are_refused():
     with pytest.raises(SettingsError, match="got 3, expected 4 to 40"):
-        RolloutOptions(substeps=3)
+        replace(ROLLOUT, substeps=3)
     held = np.array([-MAZE.tilt_limit, MAZE.tilt_limit])
     for speed in (0.2, 0.5, 0.8):  # beside the opening at 225 degrees, towards the wall
         z = vector(beside("1-2@225", 0.03))
@@ -132,7 +125,7 @@ def test_what_is_not_known_of_the_ball_counts():
             doubt_mm=2.0, doubt_m_s=0.05
         ).improved_command(state, opening, 4)
     assert differs >= 2
-    starts = RolloutOptions(doubt_mm=2.0, doubt_m_s=0.05).starts()
+    starts = replace(ROLLOUT, doubt_mm=2.0, doubt_m_s=0.05).starts()
     assert np.ptp(starts, axis=0) == pytest.approx([0.004, 0.1])
 
 
@@ -153,11 +146,11 @@ def test_through_openings_it_saves_time():
 @pytest.mark.parametrize("wrong", [{"grid": 0}, {"margin_s": -0.1}, {"horizon_s": 0.0}])
 def test_options_that_make_no_sense(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
-        replace(RolloutOptions(), **wrong)
+        replace(ROLLOUT, **wrong)
 
 
 @pytest.mark.parametrize(("late_s", "bead", "body"), [(0.07, True, True), (0.12, False, True), (0.2, False, False)])
 def test_a_rigid_ball_allows_a_longer_delay(late_s, bead, body):
-    toy, options = load_model("toy"), LeafOptions()
+    toy, options = load_model("toy"), load_settings().leaves
     tried = [rollout_of(MAZE, model, options, late_s) is not None for model in (replace(toy, body=None), toy)]
     assert tried == [bead, body]

@@ -7,7 +7,6 @@ import pytest
 
 from mazeplan.control.tilt import (
     Plate,
-    TrackingOptions,
     deviation,
     finished,
     follow_gains,
@@ -17,9 +16,10 @@ from mazeplan.control.tilt import (
 )
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import Plan, State, StopReason
+from mazeplan.run.settings import load_settings
 
 PLATE = Plate(limit=0.0873)
-RADIUS = 0.07
+RADIUS, TRACKING = 0.07, load_settings().leaves.tracking
 STEPS = 10
 
 
@@ -70,7 +70,7 @@ def test_steps_belong_to_rig_time():
 
 
 def test_off_plan_by_angle_or_by_speed():
-    plan, options = make_plan(), TrackingOptions()
+    plan, options = make_plan(), TRACKING
     assert not off_plan(plan, on_plan(plan, 2, 0.9 * options.replan_theta), options)
     assert off_plan(plan, on_plan(plan, 2, 1.1 * options.replan_theta), options)
     assert off_plan(plan, on_plan(plan, 2, 0.0, -1.1 * options.replan_speed), options)
@@ -81,11 +81,11 @@ def test_pd_without_a_plan_turns_brakes_and_leans():
         theta = 0.7
         state = State(0.0, RADIUS * math.cos(theta), RADIUS * math.sin(theta), -speed * math.sin(theta),
                       speed * math.cos(theta), 0.0, 0.0, 0.0, 0.0, ring=2)  # fmt: skip
-        command = pd_to_angle(state, turn, PLATE, TrackingOptions(), RADIUS, lean)
+        command = pd_to_angle(state, turn, PLATE, TRACKING, RADIUS, lean)
         ax, ay = 9.81 * command.u_beta, -9.81 * command.u_gamma
         return -ax * math.sin(theta) + ay * math.cos(theta), ax * math.cos(theta) + ay * math.sin(theta)
 
-    options = TrackingOptions()
+    options = TRACKING
     along, outwards = pull(0.05, 0.02)
     assert along == pytest.approx((options.kp * 0.05 - options.kd * 0.02 / RADIUS) * RADIUS)
     assert outwards == pytest.approx(0.0, abs=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import AxisFilter
+from mazeplan.control.estimation.tilt_filter import AxisFilter
 from mazeplan.core.records import Command, Observation
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map

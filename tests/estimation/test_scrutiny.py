@@ -10,8 +10,8 @@ import pytest
 from test_estimator import MAZE, Played, model, wave
 
 from mazeplan.control.estimation.estimator import Estimator
-from mazeplan.control.estimation.plate import TiltCheck
 from mazeplan.control.estimation.sample_check import SampleCheck
+from mazeplan.control.estimation.tilt_filter import TiltCheck
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Doubt, Observation
 

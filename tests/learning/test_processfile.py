@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from process_folder import MODEL, arrays, assert_refused, put
 
+from mazeplan.core.array_file import MOST_BYTES
 from mazeplan.core.errors import ModelError
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
-from mazeplan.learning.gp_file import MOST_BYTES, rounded
+from mazeplan.learning.gp_file import rounded
 from mazeplan.learning.modelfile import load_model, save_model
 
 # --- round trip ---

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 from stage_kinds import DT, KINDS, jumps
 
-from mazeplan.control.estimation.plate import servo_step
+from mazeplan.control.estimation.tilt_filter import servo_step
 from mazeplan.physics.rig.stage import PROMPT, SUBSTEP, WIDE, StageAxis, fine_motion, simulate_axis
 
 PER = 6  # moments of a sample

@@ -151,7 +151,9 @@ def test_a_diagnosis_of_a_table_in_other_units(printed, tmp_path):
 
 def test_improvement(printed, tmp_path, monkeypatch):
     navigation = {"runs": 2, "success": 2, "time_s": {"mean": 3.0}, "failures": {}, "planner_ms": {}, "tick_ms": {}}
-    diagnosis = {"verdict": "effect_found", "sentence": "The model lacks x.", "effects": [], "model": "here/model"}
+    diagnosis = {
+        "verdict": "effect_found", "sentence": "The model lacks x.", "effects": [], "model": "here/model", "advice": [],
+    }  # fmt: skip
     rounds = [{"diagnosis": diagnosis, "navigation": {"before": navigation, "after": navigation}}]
     asked = []
     monkeypatch.setattr(

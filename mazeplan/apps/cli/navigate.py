@@ -15,6 +15,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.emergency import stop_key
 from mazeplan.apps.cli.output import print_json, print_result, say
 from mazeplan.apps.cli.progress import ProgressBar
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import InputError, RigError
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def navigate(
     balls: opt.Balls = None,
     close: opt.Close = None,
     seed: opt.Seed = 0,
-    time_limit: opt.TimeLimit = 20.0,
+    time_limit: opt.TimeLimit = TIME_LIMIT,
     log: opt.RunLog = None,
     video: opt.Video = None,
     view: opt.Page = False,
@@ -166,7 +167,7 @@ def view(
     rig: opt.RigName = "toy",
     model: opt.Model = None,
     behavior: opt.Behavior = "navigate",
-    time_limit: opt.TimeLimit = 20.0,
+    time_limit: opt.TimeLimit = TIME_LIMIT,
     port: opt.PagePort = opt.PORT,
 ) -> None:
     """Open the page in the browser: operate a rig, or show a recorded run. Ctrl-C closes it.
@@ -201,7 +202,7 @@ def evaluate(
     goal: opt.GoalRing = "centre",
     balls: opt.Balls = None,
     seed: opt.Seed = 0,
-    time_limit: opt.TimeLimit = 20.0,
+    time_limit: opt.TimeLimit = TIME_LIMIT,
     workers: opt.Workers = None,
     dask: opt.Dask = None,
     store: opt.Store = None,

@@ -22,7 +22,7 @@ from mazeplan.apps.report.words import DEG, MISSING, setup_facts
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log_reader import RunLog
-from mazeplan.core.palette import COLOURS
+from mazeplan.core.palette import COLOURS, SPEEDS
 from mazeplan.core.records import Array
 from mazeplan.maze.drawing import draw_maze, draw_second
 from mazeplan.maze.geometry import Maze
@@ -155,7 +155,7 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[LoggedFailure]
     from matplotlib.colors import ListedColormap
 
     # without the light end, which is hard to see on white paper; in grey print it keeps its order
-    darker = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
+    darker = ListedColormap(colormaps[SPEEDS](np.linspace(0.0, 0.88, 256)))
     axes, place, second = figure.add_subplot(), trail(log), second_trail(log)
     whole = np.asarray(np.isfinite(place).all(axis=1))
     draw_maze(maze, axes, path=place[whole, :2])

@@ -20,6 +20,7 @@ from mazeplan.behavior.trees import load_tree
 from mazeplan.control.estimation.estimator import LOST_AFTER
 from mazeplan.control.policy import Policy
 from mazeplan.control.tilt import Plate
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import OtherEvent, TimedEvent
 from mazeplan.core.records import Array, Failure, FailureKind, State
@@ -31,7 +32,6 @@ from mazeplan.run.assembly import planners_of
 from mazeplan.run.execution import execute
 from mazeplan.run.request import NO_DEADLINE, Company, NavigationRequest
 from mazeplan.run.settings import load_settings
-from mazeplan.run.specification import TIME_LIMIT
 
 Leaves = Mapping[str, str | Script]
 Ball = Callable[[float], tuple[int, float] | None]  # time -> ring and angle (deg) of the ball, or None
@@ -117,8 +117,8 @@ def tick_tree(
         graph=RouteGraph(maze),
         plate=Plate(maze.tilt_limit),
         goal=goal,
-        steering=Steering(planners_of(maze, identified(maze), leaf_options.cost), leaf_options),
-        ahead=lambda seconds: _rolled_on(context.here, seconds, maze),
+        steering=Steering(planners_of(maze, identified(maze), leaf_options), leaf_options),
+        ahead=lambda seconds, beside=(0.0, 0.0): _rolled_on(context.here, seconds, beside, maze),
         report=lambda event: None,
     )
     for kind in failures:
@@ -163,7 +163,7 @@ def _states(ball: Ball, maze: Maze) -> Iterator[State]:
         yield State(t, x, y, vx, vy, 0.0, 0.0, 0.0, 0.0, ring, now is not None, t - last_seen > LOST_AFTER)
 
 
-def _rolled_on(state: State, seconds: float, maze: Maze) -> State:
-    """The state `seconds` later if the ball goes straight on at its velocity."""
-    x, y = state.x + seconds * state.vx, state.y + seconds * state.vy
+def _rolled_on(state: State, seconds: float, beside: tuple[float, float], maze: Maze) -> State:
+    """The state `seconds` later, shifted by `beside`, m, if the ball goes straight on at its velocity."""
+    x, y = state.x + seconds * state.vx + beside[0], state.y + seconds * state.vy + beside[1]
     return replace(state, t=state.t + seconds, x=x, y=y, ring=maze.ring_at(math.hypot(x, y)))

@@ -16,9 +16,9 @@ from itertools import repeat
 import numpy as np
 
 from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import PlateFilter
 from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
 from mazeplan.control.estimation.rigid_body_fit import body_of
+from mazeplan.control.estimation.tilt_filter import PlateFilter
 from mazeplan.core.records import Observation, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze

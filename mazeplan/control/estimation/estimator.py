@@ -4,7 +4,7 @@ The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`.
 it is later than the camera, the delay is negative, and the picture shows the ball after the measured tilt. At each
 sample
 
-1. the plate's axes are filtered to now (`plate.PlateFilter`) and their tilt is kept;
+1. the plate's axes are filtered to now (`tilt_filter.PlateFilter`) and their tilt is kept;
 2. the planar model (walls and openings included) predicts the ball from the last measured moment to the new one under
    the filtered tilt; a Kalman filter per axis of the plate frame corrects it (state: position and velocity; noise:
    white acceleration);
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import PlateFilter, shaken, unforced
+from mazeplan.control.estimation.tilt_filter import PlateFilter, shaken, unforced
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Array, Command, Observation, State
 from mazeplan.learning.modelfile import RigModel

@@ -17,7 +17,6 @@ import numpy as np
 from numba import njit
 
 from mazeplan.control.estimation.estimator import SPIN, Estimator, EstimatorOptions
-from mazeplan.control.estimation.plate import HISTORY_S, Piece
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
     CameraView,
@@ -27,6 +26,7 @@ from mazeplan.control.estimation.rigid_body_filter import (
     filter_core,
     predict_body,
 )
+from mazeplan.control.estimation.tilt_filter import HISTORY_S, Piece
 from mazeplan.core.maths.compiled import KERNEL
 from mazeplan.core.records import Array, Observation
 from mazeplan.learning.modelfile import RigModel

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mazeplan.control.estimation.plate import with_true_starts
 from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
 from mazeplan.control.estimation.rigid_body_fit import BodyFit, autocorrelation, bead_values, with_values
+from mazeplan.control.estimation.tilt_filter import with_true_starts
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import RingRecord, record_of

@@ -24,6 +24,7 @@ import numpy as np
 from mazeplan.behavior.context import RunContext
 from mazeplan.btree.tree import BehaviorTree
 from mazeplan.core.errors import RigError
+from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.faults.faulty import FaultyRig
@@ -60,6 +61,9 @@ class Campaign(NavigationRequest):
     runs: int = FIXED_STARTS
     own_process: bool = False
     fault: FaultTrial | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("time_limit", "runs"), most={"seed": math.inf, "runs": math.inf})
 
     def job_of(self, index: int) -> Job:
         """The job of run number `index`."""

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mazeplan.core.constants import TIME_LIMIT
 from mazeplan.core.errors import RigError
 from mazeplan.core.progress import Advance, Display, Words, no_advance, no_words, of_total
 from mazeplan.core.records import NavigationResult, spread
@@ -30,7 +31,7 @@ from mazeplan.run.campaign.one_run import Campaign, Ran, do_run
 from mazeplan.run.campaign.pairs import PairedRuns, paired
 from mazeplan.run.campaign.store import Store, campaign_files, open_stores, read_runs, result_of
 from mazeplan.run.loop import Run
-from mazeplan.run.specification import TIME_LIMIT, log_header
+from mazeplan.run.specification import log_header
 
 RUNS, FAULT_RUNS = 16, 10
 ROUNDED = 1e-4  # s; times of faults have four digits
