@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
-FLOOR = 2e-4  # rad; no tilt sensor of such a rig is known better: a clinometer shows 0.1 degree
+MIN_NOISE = 2e-4  # rad; no tilt sensor of such a rig is known better: a clinometer shows 0.1 degree
 POLES = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # rad/s, starts
 DAMPINGS, DEAD_TIMES = (0.2, 0.5, 1.0, 2.0), (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1, 0.15, 0.2, 0.3)  # -, s
 LOOKED_AT = 3000  # maximum number of samples for the choice among starts
@@ -97,7 +97,7 @@ class AxisRecord:
     @property
     def noise(self) -> float:
         """Least noise of the tilt sensor, rad."""
-        return max(self.step / math.sqrt(12.0), FLOOR)
+        return max(self.step / math.sqrt(12.0), MIN_NOISE)
 
     def few(self) -> np.ndarray:
         """The first rows of those that are fitted."""

@@ -25,9 +25,9 @@ from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivati
 
 FURTHEST = 0.4  # maximum distance of the centre, radii
 MIN_GAIN = 30.0  # minimum gain of -2 log L by a centre, after the penalty
-SAME = 0.02  # maximum rms difference of accelerations that one smoothing made, over their spread
+MAX_SPREAD = 0.02  # maximum rms difference of accelerations that one smoothing made, over their spread
 WINDOWS = (5, 7, 9, 11)  # samples, of a Savitzky-Golay smoothing of order 2
-FEWEST = 100  # minimum number of rows
+MIN_ROWS = 100  # minimum number of rows
 AGREED = 0.15  # radii; maximum difference of the centre by half of the rows from that by all rows
 BLOCK_S = 10.0  # s
 TAIL = 0.02  # share of residuals that is clipped at either end, for impacts
@@ -77,7 +77,7 @@ def smoothing_of(samples: RingSamples, rows: IntArray, tried: Smoothing) -> Smoo
     for smoothing in (tried, *(replace(Smoothing(), window=window) for window in WINDOWS)):
         own = derivatives(samples.measured, samples.dt, smoothing, segment=samples.segment).acceleration[rows]
         there = np.isfinite(own)
-        if there.sum() > FEWEST and np.sqrt(np.mean((own - target)[there] ** 2)) < SAME * np.std(target[there]):
+        if there.sum() > MIN_ROWS and np.sqrt(np.mean((own - target)[there] ** 2)) < MAX_SPREAD * np.std(target[there]):
             return smoothing
     return None
 
@@ -92,7 +92,7 @@ def find_centre(samples: RingSamples, rows: IntArray, smoothing: Smoothing) -> C
     own = derivatives(samples.measured, samples.dt, smoothing, segment=samples.segment).acceleration
     rows = rows[np.isfinite(own[rows])]
     half = (rows // max(1, round(BLOCK_S / samples.dt))) % 2 == 0
-    if min(half.sum(), (~half).sum()) < FEWEST:
+    if min(half.sum(), (~half).sum()) < MIN_ROWS:
         return None
     whole, gain = _fitted(samples, rows, smoothing)
     parts = (_fitted(samples, some, smoothing)[0] for some in (rows[half], rows[~half])) if gain > MIN_GAIN else ()

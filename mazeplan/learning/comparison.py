@@ -54,7 +54,7 @@ COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # re
 BLOCK_S = 5.0  # s; every fourth block is test, and smoothing and the delayed rate reach 7 samples across a border
 SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
 LONGEST_LAG = 5.0  # samples
-FEWEST = 50  # training rows; a ring with fewer is left out
+MIN_TRAINED = 50  # training rows; a ring with fewer is left out
 CLEAN = 0.1  # noise of a difference of angles over the spread of rates; below this, delayed rates are used
 
 
@@ -189,7 +189,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
                 rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
             except TableError:  # the ball only passed through
                 continue
-            if len(rows) > FEWEST:
+            if len(rows) > MIN_TRAINED:
                 k, target = part.at(rows), part.theta_ddot[rows]
                 error = paper_features(k) @ fit_linear(paper_features(k), target) - target
                 rest += float(np.sum((np.clip(error, *np.quantile(error, [0.02, 0.98])) * k.radius) ** 2))
@@ -225,8 +225,8 @@ def prepare(train: RingSamples, test: RingSamples | None, options: CompareOption
         split = Split(np.ones(len(train), bool), np.ones(len(test), bool), block)
     rows = np.flatnonzero(split.train & train.good)
     held = int(np.sum(split.test & other.good))
-    if len(rows) < FEWEST or not held:
-        raise TableError(f"got {len(rows)} rows to train and {held} to test on, expected at least {FEWEST} and 1")
+    if len(rows) < MIN_TRAINED or not held:
+        raise TableError(f"got {len(rows)} rows to train and {held} to test on, expected at least {MIN_TRAINED} and 1")
     data = RingData(train, other, rows, split.test, split.block)
     smoothing = smoothing_of(train, rows, options.smoothing)
     centre = None if smoothing is None else find_centre(train, rows, smoothing)

@@ -49,14 +49,14 @@ from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_ter
 from mazeplan.physics.effects.ball import rolling_inertia
 
 KINDS = ("rf", "p", "pi", "np", "sp")
-MOST = 5000  # maximum number of training rows of a Gaussian process
+MAX_ROWS = 5000  # maximum number of training rows of a Gaussian process
 TREES, LEAF = 100, 5  # number of trees; minimum samples in a leaf, because a forest with fewer learns the noise
-FEW = 1000  # maximum number of rows of the Gaussian process whose residuals are examined
+EXAMINED_ROWS = 1000  # maximum number of rows of the Gaussian process whose residuals are examined
 LAGS, SHORT = 30, 0.1  # maximum lag, rows; share of the power below which residuals count as uncorrelated
 FREEDOM = (1.0, 30.0)  # bounds of nu; measured rings have 2 to 3, simulated ones 5 to 7
 FOLDS, BLOCK = 4, 10  # number of folds; rows of a block, because smoothing spreads an impact over its neighbours
 ROUNDS = 200
-CLOSE = 1e-6  # relative change of the precisions that ends the rounds
+PRECISION_TOLERANCE = 1e-6  # relative change of the precisions that ends the rounds
 SMALLEST = 1e-100  # minimum of a divisor
 DIGITS = 1e-14  # share of the target's square; a smaller rest is rounding
 LARGEST = 1e12  # maximum precision, in units of the scaled feature; the weight is then practically zero
@@ -70,7 +70,7 @@ class FitOptions:
     training:  settings for the hyperparameters
     seed:      for forest and starts"""
 
-    most: int = MOST
+    most: int = MAX_ROWS
     training: TrainingOptions = field(default_factory=TrainingOptions)
     seed: int = 0
 
@@ -137,8 +137,8 @@ def inflate_noise(hyper: Hyperparameters, x: Array, phi: Array, target: Array) -
     """The hyperparameters with a larger noise, because neighbouring residuals are correlated.
 
     Smoothing spreads noise and impacts over neighbouring rows. If rows counted as independent, each disturbance would
-    count several times. The residuals are those of a Gaussian process on at most FEW of the rows."""
-    own = uniform_downsample(len(target), min(FEW, len(target) // 3))
+    count several times. The residuals are those of a Gaussian process on at most EXAMINED_ROWS of the rows."""
+    own = uniform_downsample(len(target), min(EXAMINED_ROWS, len(target) // 3))
     process = GaussianProcess.condition(hyper, x[own], phi[own], target[own])
     left = target - process.mean(x, phi)
     left[own] = np.nan
@@ -178,14 +178,14 @@ def row_noise(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
 
 
 def cross_residuals(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
-    """Residual (N,) of each row, in units of y, from a Gaussian process on at most FEW rows of the other folds."""
+    """Residual (N,) of each row, in units of y, from a Gaussian process on EXAMINED_ROWS rows of the other folds."""
     n = len(y)
     fold = np.arange(n) // max(1, min(BLOCK, n // FOLDS)) % FOLDS
     left = y.copy()
     for own in range(FOLDS):
         mine, others = np.flatnonzero(fold == own), np.flatnonzero(fold != own)
         if len(mine) and len(others):
-            some = others[uniform_downsample(len(others), FEW)]
+            some = others[uniform_downsample(len(others), EXAMINED_ROWS)]
             process = GaussianProcess.condition(hyper, x[some], phi[some], y[some])
             left[mine] -= process.mean(x[mine], phi[mine])
     return left
@@ -210,7 +210,7 @@ def fit_linear(features: Array, target: Array) -> Array:
         precision = np.minimum(np.maximum(known, 1e-12) / np.maximum(mean**2, SMALLEST), LARGEST)
         rest = max(power - 2.0 * float(mean @ moment) + float(mean @ gram @ mean), DIGITS * power)
         noise = max(rest / max(n - float(known.sum()), 1.0), SMALLEST)
-        if np.max(np.abs(np.log(precision / before))) < CLOSE:
+        if np.max(np.abs(np.log(precision / before))) < PRECISION_TOLERANCE:
             break
     return mean / scale
 

@@ -31,7 +31,7 @@ from mazeplan.learning.split import uniform_downsample
 NOISE_FLOOR = 0.15  # minimum noise over the target's spread: impacts leave more, and a rough kernel would interpolate
 LOOKS = 1.25  # maximum evaluations of the likelihood per iteration
 LOG_SCALE, LOG_WIDTH = 0.7, 1.5  # mean and deviation of the prior on log length scales, in deviations of the input
-STEP = 20.0  # bound on the logarithms, where nothing overflows
+MAX_LOG = 20.0  # bound on the logarithms, where nothing overflows
 TINY = 1e-150  # minimum divisor r of a slope
 
 
@@ -131,7 +131,9 @@ class Posterior:
     noise variance above its floor, and of the variances of the weights."""
 
     def __init__(self, data: tuple[Array, Array, Array], terms: KernelColumns, family: str) -> None:
-        self._data, self._terms, self._family = data, terms, family
+        self._data = data
+        self._terms = terms
+        self._family = family
         self._lengths = sum(len(columns) for columns, _ in terms)
 
     def start(self, rng: np.random.Generator, number: int) -> Array:
@@ -187,7 +189,7 @@ class Posterior:
         from scipy.optimize import minimize  # slow to import
 
         limits = {"maxiter": iterations, "maxcor": 20, "ftol": 1e-12, "gtol": 1e-7}
-        minimize(loss, q, jac=True, method="L-BFGS-B", bounds=[(-STEP, STEP)] * len(q), options=limits)
+        minimize(loss, q, jac=True, method="L-BFGS-B", bounds=[(-MAX_LOG, MAX_LOG)] * len(q), options=limits)
         advance(1, 1)
         return reached, best
 

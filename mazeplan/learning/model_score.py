@@ -40,7 +40,7 @@ from mazeplan.physics.ball_model import kinematic_terms
 
 MISFIT = 0.5  # misfit that the filter at the start of a roll-out expects of any model, as a share of theta_dd's spread
 BRIDGED = 3  # pictures in a row
-FEWEST = 50  # minimum number of samples of a ring
+MIN_SAMPLES = 50  # minimum number of samples of a ring
 GOOD, FAIR = 0.25, 0.5  # largest error for the verdicts good and fair, as a share of the error without a model
 NOISES = 3.0  # an error below this many times the noise is good: the noise hides any better model
 FEWEST_WINDOWS = 5  # minimum number of windows for a verdict
@@ -116,10 +116,10 @@ def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int
     """Samples of each ring that has enough of them. Raises InputError if no ring has enough."""
     options = SampleOptions(delay=model.camera_delay)
     together = joined_samples(map(_bridged, tables), maze, Smoothing(window=9), options)
-    enough = {ring: samples for ring, samples in sorted(together.items()) if int(samples.good.sum()) >= FEWEST}
+    enough = {ring: samples for ring, samples in sorted(together.items()) if int(samples.good.sum()) >= MIN_SAMPLES}
     if not enough:
         most = max((int(samples.good.sum()) for samples in together.values()), default=0)
-        problem = f"got at most {most} usable samples in a ring, expected {FEWEST}: record for longer"
+        problem = f"got at most {most} usable samples in a ring, expected {MIN_SAMPLES}: record for longer"
         raise InputError(f"the logs that the model is to be judged on: {problem}")
     return enough
 

@@ -142,7 +142,8 @@ class _Reader:
     """Turns the tree of a model.yaml into a RigModel. Its methods raise ModelError with line and key."""
 
     def __init__(self, tree: Tree, path: Path) -> None:
-        self._tree, self._path = tree, path
+        self._tree = tree
+        self._path = path
 
     def fail(self, problem: str, *key: str | int) -> ModelError:
         """The error at a key, or at the nearest one above it in the file."""

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 DEVICES = ("cpu", "cuda")
 BEYOND = 0.05  # share that counts of the part of a command beyond the limits
-WIDTH = 0.1  # of the limit; smaller errors count by their square
+HUBER_WIDTH = 0.1  # of the limit; smaller errors count by their square
 BATCH, RATE = 512, 3e-3
 HELD_OUT = 0.1
-FLOOR = 1e-3  # smallest scale of an input
+MIN_SCALE = 1e-3  # smallest scale of an input
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def fit_network(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(seed)
-    mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), FLOOR)
+    mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), MIN_SCALE)
     mean, scale = mean.astype(np.float32), scale.astype(np.float32)
     x, u, cs, shift = (
         torch.tensor(np.asarray(a), dtype=torch.float32, device=device)
@@ -103,7 +103,7 @@ def fit_network(
     for epoch in range(epochs):
         for batch in train[torch.randperm(len(train), generator=generator)].to(device).chunk(steps):
             optimiser.zero_grad()
-            torch.nn.functional.smooth_l1_loss(predicted(batch), u[batch], beta=WIDTH).backward()
+            torch.nn.functional.smooth_l1_loss(predicted(batch), u[batch], beta=HUBER_WIDTH).backward()
             optimiser.step()
             schedule.step()
         advance(epoch + 1, epochs)

@@ -45,7 +45,15 @@ PREFIX = {
     "target_scale": "std_coef_Y_f_acc_SP",
     "weights": "w_hat_SP",
 }
-WIDTH = {"inputs": 9, "alpha": 1, "lengths": 9, "kernel_scale": 1, "input_scales": 9, "target_scale": 1, "weights": 7}
+COLUMNS = {
+    "inputs": 9,
+    "alpha": 1,
+    "lengths": 9,
+    "kernel_scale": 1,
+    "input_scales": 9,
+    "target_scale": 1,
+    "weights": 7,
+}
 MAX_ROWS = 50_000  # the kernel takes rows^2 operations; the published models have at most 5820
 MIN_ROWS = 8  # fewer do not show how the recording was thinned
 MISFIT = 1e-3  # maximum relative difference from the weights that follow from alpha; matching files have 1e-12
@@ -99,12 +107,12 @@ def find_models(folder: str | Path) -> dict[int, str]:
 def read_model(folder: str | Path, ring: int, ending: str) -> DualForm:
     """The model whose files end in `ending`. Raises ModelError with the file."""
     paths = {name: Path(folder) / (prefix + ending) for name, prefix in PREFIX.items()}
-    read = {name: _numbers(path, WIDTH[name]) for name, path in paths.items()}
+    read = {name: _numbers(path, COLUMNS[name]) for name, path in paths.items()}
     rows = len(read["inputs"])
     for name, path in paths.items():
         expected, got = (rows if name == "alpha" else 1), len(read[name])
         if got != expected and name != "inputs":
-            raise ModelError(f"got {got} rows of {WIDTH[name]} numbers, expected {expected}", file=path)
+            raise ModelError(f"got {got} rows of {COLUMNS[name]} numbers, expected {expected}", file=path)
     if not MIN_ROWS <= rows <= MAX_ROWS:
         raise ModelError(f"got {rows} rows, expected {MIN_ROWS} to {MAX_ROWS}", file=paths["inputs"])
     for name in ("lengths", "kernel_scale", "input_scales", "target_scale"):

@@ -31,7 +31,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel, RingKinematics, acceleration, kinematic_terms
 
 MOST_FRICTION = 20.0  # 1/s and rad/s^2; upper bound of the effects
-FEWEST = 300  # samples; a ring with fewer gets no learned part
+MIN_SAMPLES = 300  # samples; a ring with fewer gets no learned part
 SMOOTHING = Smoothing("rts", model="snap")
 TRAINED = 0.8  # share of the training in the duration of a ring
 
@@ -58,13 +58,13 @@ def learn_processes(
     options = options or FitOptions()
     found = ring_samples(table, maze, SMOOTHING, SampleOptions(delay=model.camera_delay, recompute=True))
     balls, processes, errors = dict(model.balls), {}, {}
-    enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= FEWEST}
+    enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= MIN_SAMPLES}
     for i, (ring, samples) in enumerate(enough.items()):
         words, share = led_by(f"ring {ring}: ", progress), piece(advance, i, 1, len(enough))
         parts = _learn_ring(samples, model.ball(ring), kind, options, words, share)
         balls[ring], processes[ring], errors[ring] = parts
     if not processes:
-        problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
+        problem = f"in no ring are there {MIN_SAMPLES} samples, which kind {kind} needs; record more, or learn kind pi"
         raise TableError(problem, file=table.place)
     scores = {
         **model.scores,

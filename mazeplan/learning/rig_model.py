@@ -28,7 +28,7 @@ from mazeplan.physics.rig.stage import StageModel
 
 LATENCY_STDERR = 0.002  # s; standard error of a delay that was measured while the plate swung
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to a tilt of 0.4 deg
-ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
+SAME_RADIUS_M = 1e-3  # m; radii of the same rings in two maps differ by less
 FITS = 1.3  # times the noise up to which a description fits a record
 DEAD_TIME = 0.005  # s; a smaller dead time does not count as an effect
 ALWAYS = ("servo_gain", "servo_lag")  # effects of every model
@@ -196,7 +196,7 @@ def _write(model: RigModel, place: str, value: float, stderr: float) -> RigModel
 def same_rings(a: Maze, b: Maze) -> bool:
     """Whether two mazes have the same rings, so that a model of one is a model of the other."""
     return len(a.rings) == len(b.rings) and all(
-        abs(p.inner_radius - q.inner_radius) < ALIKE and abs(p.outer_radius - q.outer_radius) < ALIKE
+        abs(p.inner_radius - q.inner_radius) < SAME_RADIUS_M and abs(p.outer_radius - q.outer_radius) < SAME_RADIUS_M
         for p, q in zip(a.rings, b.rings, strict=True)
     )
 

@@ -20,7 +20,7 @@ from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter, Term
 from mazeplan.physics.registry import PACKAGED
 
-REACH = 0.1  # m; radius for the conversion of bounds in rad
+RADIUS_M = 0.1  # m; radius for the conversion of bounds in rad
 LEAST_INERTIA = 0.05  # minimum; a ball with less has no spin
 ALONG = {("rad/s^2", -1): "m/s^2", ("1/rad", 1): "1/m"}  # unit along the track, by unit and power of the radius
 SAME, SCALE, INERTIA = "same", "scale", "inertia"  # conversion from the registry: x, 1 / x, 1 / x - 1
@@ -59,7 +59,7 @@ def _named(part: str, field: str, effect: str, step: float, words: str = "", how
     """A parameter with a counterpart in the registry."""
     origin, power = Number(part, field, "", 0.0, 0.0, step, effect=effect).origin
     unit = ALONG.get((origin.unit, power), origin.unit)
-    ends = [to_body_unit(x, how, power, REACH) for x in (origin.low, origin.high)]
+    ends = [to_body_unit(x, how, power, RADIUS_M) for x in (origin.low, origin.high)]
     low, high = max(min(ends), LEAST_INERTIA) if how == INERTIA else min(ends), max(ends)
     return Number(part, field, unit, low, high, step, words or origin.words, False, effect, how)
 
@@ -110,7 +110,7 @@ ABSENT = {
     **dict.fromkeys(("rolling", "viscous", "quadratic", "wall", "wall_rolling", "restitution", "spin", "delay"), 0.0),
     "hold": 1.0,
 }
-NEAR = 1e-6  # share of its range by which a number is at its bound
+BOUND = 1e-6  # share of its range by which a number is at its bound
 
 
 def determined(name: str, value: float, stderr: float | None) -> bool:
@@ -118,8 +118,8 @@ def determined(name: str, value: float, stderr: float | None) -> bool:
     not as uncertain as its range. A noise is not at its lower bound, either."""
     number = PARAMETERS[name]
     wide = number.high - number.low
-    at_end = name in ABSENT and name != "delay" and min(abs(value - ABSENT[name]), number.high - value) < NEAR * wide
-    at_end |= number.log and not (1.0 + NEAR) * number.low < value < (1.0 - NEAR) * number.high
+    at_end = name in ABSENT and name != "delay" and min(abs(value - ABSENT[name]), number.high - value) < BOUND * wide
+    at_end |= number.log and not (1.0 + BOUND) * number.low < value < (1.0 - BOUND) * number.high
     return math.isfinite(value) and not at_end and not (stderr is not None and stderr > wide)
 
 

@@ -23,9 +23,9 @@ from mazeplan.physics.ball_model import RingKinematics
 
 STEPS = 40  # samples of a roll-out
 CHECKED = (20, 40)  # samples after which errors are reported
-MOST = 400  # maximum number of windows of a ring
-FEWEST = 10  # windows in front of openings; with fewer, evenly spread windows are used
-NEAR = np.radians(12.0)  # rad; maximum angle from the end of a window to the opening in front of the ball
+MAX_WINDOWS = 400  # maximum number of windows of a ring
+MIN_WINDOWS = 10  # windows in front of openings; with fewer, evenly spread windows are used
+MAX_OPENING_ANGLE = np.radians(12.0)  # rad; maximum angle from the end of a window to the opening in front of the ball
 FASTEST = 30.0  # rad/s; bounds a roll-out that diverges
 PAST = 45  # samples of the filter; 1.5 s at 30 Hz
 FIRST = 4  # the difference of two angles so many samples apart gives the first guess of the rate
@@ -76,19 +76,19 @@ def choose_windows(samples: RingSamples, allowed: np.ndarray, openings: Array | 
         end = first + STEPS
         theta, rate = samples.k.theta[end], samples.k.theta_dot[end]
         ahead = difference(np.asarray(openings)[None, :], theta[:, None]) * np.sign(rate)[:, None]
-        near = _thinned(first[((ahead > 0.0) & (ahead < NEAR)).any(axis=1)])
-        if len(near) >= FEWEST:
+        near = _thinned(first[((ahead > 0.0) & (ahead < MAX_OPENING_ANGLE)).any(axis=1)])
+        if len(near) >= MIN_WINDOWS:
             return Windows(near, "before openings")
     return Windows(_thinned(first), "evenly spaced")
 
 
 def _thinned(first: IntArray) -> IntArray:
-    """At most MOST of these rows, at least a quarter of a window from one to the next."""
+    """At most MAX_WINDOWS of these rows, at least a quarter of a window from one to the next."""
     kept: list[int] = []
     for row in first.tolist():
         if not kept or row - kept[-1] >= STEPS // 4:
             kept.append(row)
-    every = max(1, -(-len(kept) // MOST))
+    every = max(1, -(-len(kept) // MAX_WINDOWS))
     return np.array(kept[::every], dtype=np.int64)
 
 

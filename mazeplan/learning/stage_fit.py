@@ -9,7 +9,7 @@ beyond doubt, and if the record determines its numbers. The chosen kind is then 
 Both axes get fits of one order, each with the share of the other one's command that the axis follows, too: what a
 fitted axis leaves of the measured angle is regressed on how it follows its own command and the other one's.
 
-The noise is at least that of the sensor's resolution (Q / sqrt(12) for angles rounded to Q), and at least FLOOR.
+The noise is at least that of the sensor's resolution (Q / sqrt(12) for angles rounded to Q), and at least MIN_NOISE.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import numpy as np
 from mazeplan.core.logs.table import Table
 from mazeplan.core.records import Array
 from mazeplan.core.side_by_side import in_processes
-from mazeplan.learning.axis_record import CLEAR, FLOOR, AxisRecord, determined, free_numbers
+from mazeplan.learning.axis_record import CLEAR, MIN_NOISE, AxisRecord, determined, free_numbers
 from mazeplan.physics.effects.rig import axis_coupling
 from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 
-FEWEST = 60  # minimum number of samples
+MIN_SAMPLES = 60  # minimum number of samples
 LEAST_RANGE = 1e-3  # rad; minimum range of the commands
-SEEN = (0.0, 1.5, 1.2)  # fastest pole that samples usually show, times their rate, by order
+FASTEST_POLES = (0.0, 1.5, 1.2)  # fastest pole that samples usually show, times their rate, by order
 NO_DEAD_TIME = 1e-4  # s
 DOUBTFUL = 4.0  # of -2 log L, by a dead time that may be none
 BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
@@ -45,12 +45,12 @@ class StageFit:
 
     rms:      of measured minus simulated angle, rad; NaN if the tilt is not measured
     samples:  number of samples used
-    noise:    of the sensor: its white noise, at least its resolution / sqrt(12) and FLOOR, rad"""
+    noise:    of the sensor: its white noise, at least its resolution / sqrt(12) and MIN_NOISE, rad"""
 
     axis: StageAxis
     rms: float
     samples: int
-    noise: float = FLOOR
+    noise: float = MIN_NOISE
 
     @property
     def times_noise(self) -> float:
@@ -70,9 +70,9 @@ def fit_axis(
              a kind, a limited rate, backlash and a dead band are looked for beside it
     only:    names of the numbers to fit, with `near`; None: all of its kind
 
-    Raises ValueError for fewer than FEWEST samples or a constant command."""
-    if len(u) < FEWEST:
-        raise ValueError(f"got {len(u)} samples, expected at least {FEWEST}: record for longer")
+    Raises ValueError for fewer than MIN_SAMPLES samples or a constant command."""
+    if len(u) < MIN_SAMPLES:
+        raise ValueError(f"got {len(u)} samples, expected at least {MIN_SAMPLES}: record for longer")
     if np.ptp(u) < LEAST_RANGE:
         got = f"commands within {np.ptp(u):.2g} rad"
         raise ValueError(f"got {got}, expected at least {LEAST_RANGE:g} rad: tilt the plate, as `collect` does")
@@ -151,7 +151,7 @@ def _of_order(data: AxisRecord, orders: list[StageAxis]) -> StageAxis:
     machines are of second order, as far as one can see it."""
     best = orders[0]
     for axis in orders[1:]:
-        seen = max(abs(pole) for pole in axis.poles()) < SEEN[axis.order] / data.dt
+        seen = max(abs(pole) for pole in axis.poles()) < FASTEST_POLES[axis.order] / data.dt
         if data.determines(axis) and (data.beats(axis, best) or (seen and not data.beats(best, axis))):
             best = axis
     return best

@@ -27,8 +27,8 @@ FIRST, SECOND, DAMPINGS = (6.0, 9.0, 13.0, 19.0, 28.0, 42.0), (8.0, 11.0, 15.0, 
 RATE = 30.0  # Hz, of the rows that are compared; more would only take time
 RATIO = 1.45  # of neighbours in these grids of rad/s
 DELAYS = np.arange(0.0, 0.21, 1.0 / 60.0)  # s
-COARSE = slice(0, None, 3)  # of the delays: those between are tried near the best of them
-ALIKE = 1.01  # a simpler axis is taken if its loss is within this factor of the smallest one
+COARSE_DELAYS = slice(0, None, 3)  # of the delays: those between are tried near the best of them
+SIMPLER_LOSS = 1.01  # a simpler axis is taken if its loss is within this factor of the smallest one
 ROUNDS = 3  # of weighted least squares
 CAPPED = 3.0  # a residual counts at most as this many typical ones: impacts do not decide
 
@@ -59,7 +59,7 @@ def stage_by_ball(table: Table, maze: Maze) -> StageModel:
     tables = ((axis, with_tilt_by_commands(table, StageModel(axis, axis))) for axis in _axes())
     losses = [(axis, _loss(_each(tilted, every), windows)) for axis, tilted in tables]
     least = min(loss for _, loss in losses)
-    order = min(axis.order for axis, loss in losses if loss <= ALIKE * least)
+    order = min(axis.order for axis, loss in losses if loss <= SIMPLER_LOSS * least)
     best, _ = min((found for found in losses if found[0].order == order), key=lambda found: found[1])
     if best.order:
         best = replace(best, stderr={"natural_frequency": best.natural_frequency * (RATIO - 1.0) / 2.0})
@@ -94,9 +94,9 @@ def _axes() -> Iterator[StageAxis]:
 def _loss(table: Table, windows: Sequence[WeakWindows]) -> float:
     """Smallest robust residual of the weak form over the delays, (m/s^2)^2 in its units."""
     tilts = smooth_tilt(table)
-    coarse = [_at_delay(table, tilts, windows, float(delay)) for delay in DELAYS[COARSE]]
-    best = COARSE.step * int(np.argmin(coarse))
-    between = DELAYS[max(best - COARSE.step + 1, 0) : best + COARSE.step]
+    coarse = [_at_delay(table, tilts, windows, float(delay)) for delay in DELAYS[COARSE_DELAYS]]
+    best = COARSE_DELAYS.step * int(np.argmin(coarse))
+    between = DELAYS[max(best - COARSE_DELAYS.step + 1, 0) : best + COARSE_DELAYS.step]
     return min(*coarse, *(_at_delay(table, tilts, windows, float(d)) for d in between if d != DELAYS[best]))
 
 

@@ -29,7 +29,7 @@ STAGE, TILT_SENSOR, CAMERA, INPUT = "stage", "tilt sensor", "camera", "input"
 BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
 ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA, INPUT)
 NO_JUMPS = "a plan does not follow a jump of the speed"
-FINE = 0.01  # default step of numeric derivatives, as a share of `Parameter.smallest`
+DEFAULT_STEP = 0.01  # default step of numeric derivatives, as a share of `Parameter.smallest`
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Parameter:
     default:   the value without the effect
     low, high: bounds
     smallest:  smallest relevant size; 0 for a parameter that says where the effect is
-    step:      step of numeric derivatives; 0 stands for FINE times `smallest`, or 1e-3 if `smallest` is 0
+    step:      step of numeric derivatives; 0 stands for DEFAULT_STEP times `smallest`, or 1e-3 if `smallest` is 0
     prior:     standard deviation of prior knowledge
     words:     name in reports
     fixed:     True excludes the parameter from fits
@@ -58,7 +58,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if self.step == 0.0:
-            object.__setattr__(self, "step", FINE * self.smallest or 1e-3)
+            object.__setattr__(self, "step", DEFAULT_STEP * self.smallest or 1e-3)
 
     @property
     def valid(self) -> bool:

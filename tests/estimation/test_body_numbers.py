@@ -17,7 +17,7 @@ from mazeplan.control.estimation.rigid_body_fit import (
     with_values,
 )
 from mazeplan.learning.modelfile import load_model
-from mazeplan.learning.rigid_body_entries import PARAMETERS, REACH
+from mazeplan.learning.rigid_body_entries import PARAMETERS, RADIUS_M
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import dry_friction, quadratic_drag, rolling_inertia, surface_bump, viscous_friction
@@ -36,9 +36,17 @@ def test_bounds_and_units_are_the_registrys():
         assert power == 0
         assert known(name) == (origin.unit, origin.low, origin.high)
     dry = PACKAGED["dry_friction"].parameters["coefficient"]
-    assert known("rolling") == ("m/s^2", pytest.approx(dry.low * REACH), pytest.approx(dry.high * REACH))
+    assert known("rolling") == (
+        "m/s^2",
+        pytest.approx(dry.low * RADIUS_M),
+        pytest.approx(dry.high * RADIUS_M),
+    )
     drag = PACKAGED["quadratic_drag"].parameters["coefficient"]
-    assert known("quadratic") == ("1/m", pytest.approx(drag.low / REACH), pytest.approx(drag.high / REACH))
+    assert known("quadratic") == (
+        "1/m",
+        pytest.approx(drag.low / RADIUS_M),
+        pytest.approx(drag.high / RADIUS_M),
+    )
     gain = PACKAGED["tilt_gain"].parameters["beta"]
     assert known("gain_beta") == ("1", pytest.approx(1.0 / gain.high), pytest.approx(1.0 / gain.low))
     factor = PACKAGED["rolling_inertia"].parameters["factor"]

@@ -17,7 +17,7 @@ from mazeplan.learning.features import inputs
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.modelfile import RigModel
-from mazeplan.learning.rig_gp import FEWEST, _condition, learn_processes, planned
+from mazeplan.learning.rig_gp import MIN_SAMPLES, _condition, learn_processes, planned
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel, RingKinematics, kinematic_terms
 from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
@@ -96,7 +96,7 @@ OPTIONS = FitOptions(most=900, training=TrainingOptions(first=250, rows=400, sta
 @pytest.fixture(scope="module")
 def data():
     """Two minutes and a half in ring 1, and in ring 2 less than it takes."""
-    return table(record(1, 150.0, 0), record(2, 0.8 * FEWEST * DT, 1))
+    return table(record(1, 150.0, 0), record(2, 0.8 * MIN_SAMPLES * DT, 1))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from stage_kinds import DEGREE, DT, KINDS, jumps
 
-from mazeplan.learning.axis_record import FLOOR, LIMITS, STEADY_S
+from mazeplan.learning.axis_record import LIMITS, MIN_NOISE, STEADY_S
 from mazeplan.learning.stage_fit import fit_axis
 from mazeplan.physics.rig.stage import StageAxis, actuator_output, simulate_axis
 from mazeplan.run.collect import multisine
@@ -160,6 +160,6 @@ def test_the_kind_of_an_axis_is_found_with_its_numbers(name, noise):
         assert low < value < high, parameter
     assert fit.times_noise < 1.1
     # with more unknowns than gain and offset, they are less certain than these
-    floor = max(FLOOR, step / math.sqrt(12.0)) * math.sqrt(STEADY_S / DT / fit.samples)
+    floor = max(MIN_NOISE, step / math.sqrt(12.0)) * math.sqrt(STEADY_S / DT / fit.samples)
     assert axis.stderr["gain"] > 0.9 * floor / np.std(u)
     assert axis.stderr["offset"] > 0.99 * floor

@@ -20,7 +20,7 @@ from mazeplan.physics.dynamics.ring_parameters import (
 )
 from mazeplan.physics.effects.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
 from mazeplan.physics.registry import make_term
-from mazeplan.physics.rig.stage import PROMPT, WIDE, StageAxis, StageModel, second_order_transition
+from mazeplan.physics.rig.stage import PROMPT, TYPICAL_RAD, StageAxis, StageModel, second_order_transition
 
 PLAIN = RingParameters(0.0689)
 FULL = ring_of(
@@ -211,7 +211,7 @@ def test_a_stage_that_can_be_resolved_is_as_it_is():
     assert StageAxis(1.0, 300.0, 0.7).careful(FASTEST) == (FASTEST, 0.7)
     assert StageAxis.prompt().careful(FASTEST) == (PROMPT, 1.0)  # no faster than what the record shows
     slow = StageAxis(1.0, 100.0, 0.9, rate_limit=0.5).careful(FASTEST)
-    assert slow[0] * WIDE / math.e == pytest.approx(0.5)  # the largest rate of a critically damped axis
+    assert slow[0] * TYPICAL_RAD / math.e == pytest.approx(0.5)  # the largest rate of a critically damped axis
     assert slow[1] >= 1.0
 
 

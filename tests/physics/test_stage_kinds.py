@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from stage_kinds import DT, KINDS, jumps
 
 from mazeplan.control.estimation.tilt_filter import servo_step
-from mazeplan.physics.rig.stage import PROMPT, SUBSTEP, WIDE, StageAxis, fine_motion, simulate_axis
+from mazeplan.physics.rig.stage import PROMPT, SUBSTEP, TYPICAL_RAD, StageAxis, fine_motion, simulate_axis
 
 PER = 6  # moments of a sample
 FREE = {name: replace(axis, rate_limit=math.inf) for name, axis in KINDS.items()}
@@ -103,6 +103,6 @@ def test_a_plan_counts_on_no_more_than_a_record_shows():
     limited = replace(KINDS["limited"], rate_limit=0.4)
     w, zeta = limited.careful(120.0)
     t = np.linspace(0.0, 2.0, 2001)
-    rate = np.gradient(WIDE * (1.0 - np.exp(-w * t) * (1.0 + w * t)), t)  # critically damped, over a wide step
+    rate = np.gradient(TYPICAL_RAD * (1.0 - np.exp(-w * t) * (1.0 + w * t)), t)  # critically damped, over a wide step
     assert (zeta, rate.max()) == (1.0, pytest.approx(0.4, rel=1e-3))
     assert limited.lag > StageAxis.prompt().lag

@@ -12,7 +12,7 @@ from ring_record import DT, RADII, Ball, columns, ring_table
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.learning import comparison
-from mazeplan.learning.comparison import FEWEST, PREDICTED, ROLLED, SPLIT, CompareOptions, best_lag, compare
+from mazeplan.learning.comparison import MIN_TRAINED, PREDICTED, ROLLED, SPLIT, CompareOptions, best_lag, compare
 from mazeplan.learning.fitting import FitOptions
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.samples import SampleOptions, ring_samples
@@ -216,7 +216,7 @@ def test_a_ring_that_the_ball_only_passes_through_is_left_out(table):
 
 
 def test_too_little_is_said(table):
-    for rows in (9, 30, FEWEST):
+    for rows in (9, 30, MIN_TRAINED):
         few = first_rows(table, rows)
         with pytest.raises(InputError, match="no ring has samples both to train and to test on; ring 2"):
             compare([few], [], MAZE, ONE)

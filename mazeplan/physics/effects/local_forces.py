@@ -29,7 +29,7 @@ from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Parameter
 from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.formulas.symbols import cos, exp, sin, size, sqrt, tanh, wrap
 
-WIDTH = 0.015  # m, default width of a bump
+BUMP_WIDTH_M = 0.015  # m, default width of a bump
 STEEP = Parameter("1/m", 0.0, -1.0, 1.0, smallest=0.004, step=2e-3)
 PLACE = Parameter("m", 0.0, -0.2, 0.2, step=5e-4)
 DEPTH = Parameter("1", 0.0, -0.2, 0.2, smallest=0.002, step=1e-3)
@@ -37,7 +37,7 @@ SWING = Parameter("rad", 0.0, -0.1, 0.1, smallest=0.001, step=5e-4)
 FREQUENCY = Parameter("Hz", 0.0, 0.0, 15.0, step=1e-4)
 ANGLE = Parameter("rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, step=2e-2)
 RADIUS = Parameter("m", 0.0, 0.0, 1.0, step=1e-3, fixed=True)
-SOFT = 0.005  # rad, over which dirt begins and ends
+DIRT_EDGE_RAD = 0.005  # rad, over which dirt begins and ends
 KERB = 0.05  # rad, width of a kerb
 BORDER = 1e-3  # m along the radius, over which dirt and kerb begin and end
 
@@ -55,7 +55,7 @@ def _bump(s: Any, p: Any) -> dict[str, Any]:
 
 def _dirt(s: Any, p: Any) -> Any:
     away = size(wrap(s.theta - (p.start + p.end) / 2))
-    along = 1 + tanh(((p.end - p.start) / 2 - away) / (2 * SOFT))
+    along = 1 + tanh(((p.end - p.start) / 2 - away) / (2 * DIRT_EDGE_RAD))
     return p.coefficient / s.radius * along * _across(s, p) / 2
 
 
@@ -83,7 +83,7 @@ MOVED = Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3)
 floor_warp = Effect("floor_warp", {"a": STEEP, "b": STEEP, "c": STEEP}, GRAVITY, _warp, text="the floor is not flat")
 floor_bump = Effect(
     "floor_bump",
-    {"x": PLACE, "y": PLACE, "depth": DEPTH, "width": Parameter("m", WIDTH, 0.004, 0.06, step=5e-4)},
+    {"x": PLACE, "y": PLACE, "depth": DEPTH, "width": Parameter("m", BUMP_WIDTH_M, 0.004, 0.06, step=5e-4)},
     GRAVITY, _bump, places=("x", "y", "width"), text="one hill or hollow, or a magnet",
 )  # fmt: skip
 floor_dirt = Effect(

@@ -15,7 +15,7 @@ from mazeplan.physics.effect import FORCE, Effect, Parameter
 from mazeplan.physics.formulas.symbols import cos, sin, size, sqrt, tanh
 
 PAST = (0.15, 0.5, 1.5)  # s
-SLOW = 0.05  # rad/s, over which a direction changes
+TURNING = 0.05  # rad/s, over which a direction changes
 
 
 def _lean(s: Any) -> Any:
@@ -70,7 +70,7 @@ NAMELESS = (
     _term("speed and lean", lambda s, p: s.theta_dot * (p.p0 * sqrt(s.beta**2 + s.gamma**2) + p.p1 * _lean(s)
                                                         + p.p2 * size(_lean(s))),
           3, "theta_dot", "theta", "beta", "gamma"),
-    _term("direction and lean", lambda s, p: tanh(s.theta_dot / SLOW) * (p.p0 * _lean(s) + p.p1 * size(_lean(s))), 2,
+    _term("direction and lean", lambda s, p: tanh(s.theta_dot / TURNING) * (p.p0 * _lean(s) + p.p1 * size(_lean(s))), 2,
           "theta_dot", "theta", "beta", "gamma"),
     _term("speed and angle", _speed_angle, 4, "theta_dot", "theta"),
     _term("tilt rates", _rates, 4, "beta_dot", "gamma_dot", "theta"),

@@ -27,7 +27,7 @@ from mazeplan.physics.effect import OPENING, Effect, Parameter
 from mazeplan.physics.effects.ball import TURN, pressing, spread_angles
 from mazeplan.physics.formulas.symbols import clip, cos, exp, sin
 
-WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
+SIDE_WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
 SLOWEST = 1e-9  # rad^2/s^2
 BEHIND = 0.02  # rad, minimum distance of the far edge behind the middle of an opening
 STARTS = 8  # minimum number of start angles for `rotation`, within one period of the openings of a wall
@@ -84,7 +84,7 @@ def _wall(name: str, angles: Sequence[float], side: float) -> Effect:
             "rotation": Parameter("rad", 0.0, -TURN, TURN, step=0.03),
             "loss": Parameter("1", 0.0, 0.0, 1.8, smallest=0.03, step=1e-3, words="share of the speed lost"),
         },
-        OPENING, lambda s, p: {"angle": p.rotation, "loss": p.loss * against(s, side, WIDTH)},
+        OPENING, lambda s, p: {"angle": p.rotation, "loss": p.loss * against(s, side, SIDE_WIDTH)},
         starts=tuple((period * ((i + 0.5) / count - 0.5), 0.3) for i in range(count)), places=("rotation",),
         rivals=(name.replace("gates", "edges"),), why_not=EDGES, pattern=tuple(angles), side=side,
         text="all openings of a wall, turned by rotation against the map: a ball at the wall loses speed",
@@ -105,7 +105,7 @@ def closer_library(openings: Openings) -> list[Effect]:
     ball meets the far edge at `reach` behind the middle; its `loss` holds for a ball that sank in by its radius."""
     found = []
     for plain in wall_library(openings):
-        width = {"width": Parameter("m/s^2", WIDTH, 2e-3, 1.0, step=0.01)}
+        width = {"width": Parameter("m/s^2", SIDE_WIDTH, 2e-3, 1.0, step=0.01)}
         found.append(replace(
             plain, parameters={**plain.parameters, **width}, places=("rotation", "width"),
             formula=lambda s, p, side=plain.side: {"angle": p.rotation, "loss": p.loss * against(s, side, p.width)},

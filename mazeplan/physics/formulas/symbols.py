@@ -79,7 +79,8 @@ def _function(name: str, text: str) -> Callable[..., Any]:
 
         return getattr(_own() if hasattr(_own(), name) else sympy, name)(*args)
 
-    made.__name__, made.__doc__ = name, text
+    made.__name__ = name
+    made.__doc__ = text
     return made
 
 

@@ -47,7 +47,7 @@ class Camera:
 
     def true(self, x: float, y: float) -> tuple[float, float]:
         """True position, m, of a ball that is measured at (x, y)."""
-        if self == PLAIN:
+        if self == IDEAL_CAMERA:
             return x, y
         if self.distortion != 0.0:
             px, py = dx, dy = x - self.distortion_x, y - self.distortion_y
@@ -68,7 +68,7 @@ class Camera:
         return x + more * dx, y + more * dy
 
 
-PLAIN = Camera()  # measures places as they are
+IDEAL_CAMERA = Camera()  # measures places as they are
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from mazeplan.physics.rig.sensors import check_ranges
 
 PROMPT = 60.0  # rad/s; a servo that a record shows to follow at once is at least this fast
 FASTEST = 600.0  # rad/s; the fast pole of a simulation in small steps, where the axis has none
-WIDE = 0.13  # rad; a change of tilt that a plan often makes: three quarters of a reversal at 5 degrees
+TYPICAL_RAD = 0.13  # rad; a change of tilt that a plan often makes: three quarters of a reversal at 5 degrees
 REACHED_S = 0.01  # s; about the time between two rows of a plate's motion
 START = np.zeros(1, dtype=np.int64)  # one stretch, from the first sample on
 SUBSTEP = 1.0 / 480.0  # s, largest step with a limited rate
@@ -116,18 +116,18 @@ class StageAxis:
 
     def careful(self, fastest: float) -> tuple[float, float]:
         """As `second_order`, on the safe side for a plan: an axis that follows at once is no faster than PROMPT, and a
-        limited rate makes an axis slower: a critically damped one turns at most with w WIDE / e."""
+        limited rate makes an axis slower: a critically damped one turns at most with w TYPICAL_RAD / e."""
         w, z = self.second_order(min(fastest, PROMPT) if self.order == 0 else fastest)
-        most = math.e * self.rate_limit / WIDE
+        most = math.e * self.rate_limit / TYPICAL_RAD
         return (w, z) if w <= most else (most, max(z, 1.0))
 
     @property
     def lag(self) -> float:
         """Time by which the angle is behind a command that changes evenly, dead time not counted, s.
 
-        A limited rate adds half of the time that it needs for WIDE."""
+        A limited rate adds half of the time that it needs for TYPICAL_RAD."""
         w = self.natural_frequency
-        return (0.0, 1.0 / w, 2.0 * self.damping / w)[self.order] + 0.5 * WIDE / self.rate_limit
+        return (0.0, 1.0 / w, 2.0 * self.damping / w)[self.order] + 0.5 * TYPICAL_RAD / self.rate_limit
 
     def by_gain(self, k: float) -> StageAxis:
         """The axis with its angles divided by k."""
