@@ -45,7 +45,10 @@ class InputError(MazeplanError):
     def __init__(
         self, problem: str, *, file: str | Path | None = None, line: int | None = None, key: str | None = None
     ) -> None:
-        self.problem, self.file, self.line, self.key = problem, file, line, key
+        self.problem = problem
+        self.file = file
+        self.line = line
+        self.key = key
         where = "" if file is None else f"{file}:" if line is None else f"{file}:{line}:"
         super().__init__(" ".join(part for part in (where, f"{key}:" if key else "", problem) if part))
 

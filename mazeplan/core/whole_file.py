@@ -63,7 +63,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         with suppress(OSError):
             beside.unlink(missing_ok=True)
         if isinstance(problem, OSError) and str(problem.filename) == str(beside):
-            problem.filename, problem.filename2 = str(path), None
+            problem.filename = str(path)
+            problem.filename2 = None
         raise
 
 

@@ -129,7 +129,8 @@ class Balls:
 
     def __init__(self, setup: Setup, rate_hz: float) -> None:
         maze, options = setup.maze, setup.settings.estimator
-        self._setup, self._rate_hz = setup, rate_hz
+        self._setup = setup
+        self._rate_hz = rate_hz
         self._camera = setup.driving_model.camera
         self._all = self._estimators(setup.driving_model)
         self._recent: deque[Sequence[Observation] | tuple[Command, float]] = deque(
@@ -143,7 +144,8 @@ class Balls:
 
     def adopt(self, model: RigModel) -> None:
         """Go on with another model: new estimators take in the last RECENT_S of samples and commands."""
-        self._camera, self._all = model.camera, self._estimators(model)
+        self._camera = model.camera
+        self._all = self._estimators(model)
         for one in self._recent:
             if isinstance(one[0], Command):
                 for estimator in self._all:

@@ -32,7 +32,8 @@ class Goals:
         self._balls = self._maze.balls  # of the run, once it has begun
         self._lock = RLock()  # `over` calls `end`
         self._waiting: list[Request] = []
-        self._running, self._ended = False, False
+        self._running = False
+        self._ended = False
 
     def aim(self, ring: int | str, closed: Collection[str] = ()) -> bool:
         """Go to another ring from where the ball is. It takes effect within one tick, whatever the tree does now.
@@ -91,7 +92,8 @@ class Goals:
             self._balls = maze.balls
             for request in self._waiting:
                 self.check(request)
-            self._running, self._ended = True, False
+            self._running = True
+            self._ended = False
 
     def take(self, t: float) -> Sequence[Request]:
         """All requests that wait, at the rig time t, s. A `stop` among them closes the mailbox."""
@@ -113,7 +115,9 @@ class Goals:
     def end(self) -> None:
         """The run is over, however it ended."""
         with self._lock:
-            self._waiting, self._running, self._ended = [], False, True
+            self._waiting = []
+            self._running = False
+            self._ended = True
 
 
 class RecordedRequests:

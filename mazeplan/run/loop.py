@@ -83,7 +83,9 @@ class Run:
         requests: Requests | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
-        self._rig, self._setup, self._job = rig, setup, job
+        self._rig = rig
+        self._setup = setup
+        self._job = job
         self._model = model = setup.driving_model
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self.chain = CommandChain(rig.rate_hz, slew)
@@ -104,7 +106,8 @@ class Run:
         self._memory = OpeningMemory()
         self._seen_at = 0.0  # rig time when the ball was seen last, s
         self._misfits: list[Misfit] = []
-        self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
+        self._requests = requests
+        self._goals = [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
 
     def _prepare_control(self) -> None:

@@ -47,7 +47,9 @@ class RunRecorder:
     """Records one run. segment: number of the uninterrupted stretch, for the log; None leaves it out."""
 
     def __init__(self, log: RunMessages, display: Display, segment: int | None) -> None:
-        self._log, self._display, self._segment = log, display, segment
+        self._log = log
+        self._display = display
+        self._segment = segment
         self._tick_ms: list[float] = []
         self._histories: dict[int, _RingHistory] = {1: _RingHistory()}  # by the ball's number
         self._statuses = ""
@@ -89,7 +91,8 @@ class RunRecorder:
                 self.event(context.now, OtherEntered(ball, ring))
             else:
                 self._first_in(context, t, ring, None if way.ring is None else way.passages[-1])
-            way.ring, way.since = ring, t
+            way.ring = ring
+            way.since = t
             if elsewhere and ball == 1 and self._start is not None:
                 self.event(context.now, PlacedElsewhere(ring, self._start.ring))
 

@@ -126,7 +126,8 @@ class RunMessages:
     path: the name of the log for the result, None without a log."""
 
     def __init__(self, *sinks: Sink, path: str | None = None) -> None:
-        self.path, self._sinks = path, sinks
+        self.path = path
+        self._sinks = sinks
         self._t = 0.0  # rig time of the last tick, s
 
     def write(self, topic: str, t: float, document: dict[str, Any]) -> None:
@@ -190,7 +191,8 @@ class RunLogWriter(RunMessages):
 
     def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
         super().__init__(path=str(path))
-        self._closed, self._sequence = False, 0
+        self._closed = False
+        self._sequence = 0
         self._whole = True  # False while a chunk is being written, and for good after a write that failed
         self._pending: list[tuple[str, int, bytes, int]] = []  # topic, ns, content, sequence
         self._pending_ticks = 0

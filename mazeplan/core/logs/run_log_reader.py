@@ -177,7 +177,8 @@ class _McapFile:
     Every method raises LogError for a file that is missing, damaged, or not an MCAP file."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.complete = path, True
+        self.path = path
+        self.complete = True
         self._count = 0  # messages read so far
 
     def documents(self) -> Iterator[Document]:

@@ -217,7 +217,8 @@ class Dask:
     apart = True
 
     def __init__(self, client: Client, address: str) -> None:
-        self._client, self._address = client, address
+        self._client = client
+        self._address = address
 
     def each(self, work: Callable[..., Result], tasks: Sequence[Arguments]) -> Iterator[tuple[int, Result]]:
         """See `Executor`. Raises RigError also if the scheduler is lost."""

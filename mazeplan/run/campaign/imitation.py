@@ -76,7 +76,9 @@ class Teacher:
     """Stands between leaves and rig: keeps the commands of the leaves, and sends those of the policy in their place."""
 
     def __init__(self, policy: Policy | None) -> None:
-        self.policy, self.rows, self.commands = policy, list[Array](), list[Command]()
+        self.policy = policy
+        self.rows = list[Array]()
+        self.commands = list[Command]()
         self._leg: tuple[str, int] | None = None  # opening, and the ring from which the ball comes to it
         self._turn = 0.0
 
@@ -93,7 +95,8 @@ class Teacher:
             return command
         leg = (opening.name, here.ring)
         if self._leg != leg:
-            self._leg, self._turn = leg, run.turn_to(opening)
+            self._leg = leg
+            self._turn = run.turn_to(opening)
         self._turn = nearest(difference(opening.angle, here.theta), self._turn)
         inputs = policy_inputs(here, ring, opening, self._turn, leaf == "PassOpening", run.plate)
         if not np.isfinite(inputs).all():

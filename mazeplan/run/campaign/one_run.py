@@ -96,7 +96,9 @@ class Trial:
     """The faults of one run. They go between program and rig with `company`."""
 
     def __init__(self, trial: FaultTrial, maze: Maze, seed: int) -> None:
-        self._trial, self._maze, self._seed = trial, maze, seed
+        self._trial = trial
+        self._maze = maze
+        self._seed = seed
         self._goals = Goals(maze)
         self._faulty: FaultyRig | None = None
 

@@ -121,7 +121,8 @@ class Store:
     """
 
     def __init__(self, folder: Path, campaign: Campaign, setup: Mapping[str, Any]) -> None:
-        self.folder, self.name = folder, digest_of(setup)
+        self.folder = folder
+        self.name = digest_of(setup)
         self.path = folder / f"campaign-{self.name}.jsonl"
         given = campaign.model
         model = given.kind if isinstance(given, RigModel) else model_source(given, str(campaign.rig))

@@ -52,19 +52,21 @@ from mazeplan.run.commands.log_context import logged_map
 from mazeplan.run.judge import PARTS, Judgement, judge
 
 WITH_BODY = ("pi", "sp")  # kinds with effects that were fitted; the others leave physics out on purpose
-SHIFTS = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likeliest one
-AROUND, STEP = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
-LIMITED = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
-LIMITS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
-# axes that are tried on all pictures, and their -2 log L by half of the pictures beyond that of the best one
-MOST_AXES, FAR = 12, 200.0
-# s and rad between delays and tilts of beads and rigid ball, from which the beads are fitted again with those of the
-# ball: a short record has few stretches in which a bead moves freely
-MISSED_DELAY, MISSED_TILT, SURE_TILT = 0.03, 0.003, 5e-4
-# a bead rolls along walls, which hold it back: its factor is at most that of a ball without walls, and in records of
-# 600 s .85 to .97 of it. From MISSED_FACTOR times it on, few stretches have misled the fit
-MISSED_FACTOR, NEAR_WALLS, SURE_FACTOR = 1.05, 0.92, 0.04
-COARSE = 0.1  # standard error of a frequency on the finer grid, as a share of it
+DELAY_STEPS_S = (-0.008, -0.004, 0.0, 0.004, 0.008)  # s, of the delay around the likeliest one
+DELAY_RANGE_S, DELAY_STEP_S = 0.016, 0.008  # s, of the delay around those that keep the sum of lag and delay
+RATE_LIMIT_GAIN = 20.0  # of -2 log L by which a limited rate has to be likelier: the likelihood is that rough
+RATE_LIMIT_STEPS = (0.8, 0.87, 0.93, 1.07, 1.15, 1.25)  # times a limited rate, tried at last
+MAX_AXES = 12  # axes that are tried on all pictures ...
+MAX_AXIS_LOSS = 200.0  # ... if their -2 log L by half of the pictures is at most this far from that of the best one
+# The fit of the beads is misled by a short record, which has few stretches in which a bead moves freely. If it differs
+# from the fit of the rigid ball by one of these, the beads are fitted again with the rigid ball's values as a prior.
+MISSED_DELAY_S = 0.03
+MISSED_TILT_RAD = 0.003
+MISSED_FACTOR = 1.05  # of the rolling factor: walls only hold a bead back, so it is at most that of the free ball
+PRIOR_TILT_RAD = 5e-4  # standard error of that prior
+WALL_FACTOR = 0.92  # factor of a bead over that of the free ball: .85 to .97 in records of 600 s
+PRIOR_FACTOR = 0.04  # its spread
+COARSE_FREQUENCY = 0.1  # standard error of a frequency on the finer grid, as a share of it
 
 
 @dataclass(frozen=True)
@@ -94,14 +96,18 @@ def learn_model(
     """The model of a rig from its logs. Raises ValueError or TableError for logs that do not show enough.
 
     kind: one of `modelfile.KINDS`"""
-    table, sources, ball, stage = join(tables), tuple(one.source for one in tables), None, None
+    table = join(tables)
+    sources = tuple(one.source for one in tables)
+    ball = stage = None
     if not tilt_is_measured(table):
         progress("stage, by the ball")
         stage, ball = sharper_stage(table, maze, stage_by_ball(table, maze))
         table = with_tilt_by_commands(table, stage)
     fit = fit_rig(table, maze, sources, stage=stage, progress=progress)
-    why, short, reference, remaining = why_not_whole([table]), shortened(table), None, math.nan
+    why = why_not_whole([table])
+    short = shortened(table)
     later = later_part(short)
+    reference, remaining = None, math.nan
     if not why:
         progress("rigid ball")
         body = filter_on_stage(short, maze, fit.model.stage).part(~later)
@@ -109,8 +115,8 @@ def learn_model(
         remaining, seen = reference.remaining, reference.body
         if _far_off(fit.model, seen.model):
             known = BallPrior(
-                (NEAR_WALLS * rolling_factor(seen.model), SURE_FACTOR),
-                (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), SURE_TILT),
+                (WALL_FACTOR * rolling_factor(seen.model), PRIOR_FACTOR),
+                (np.array([value_of(seen.model, f"tilt_{axis}") for axis in ("beta", "gamma")]), PRIOR_TILT_RAD),
                 # as the fit of the beads: no picture before the plate moved
                 (max(seen.model.view.delay, -fit.model.stage.dead_time), seen.stderr.get("delay", math.nan)),
             )
@@ -140,7 +146,7 @@ def _far_off(beads: RigModel, ball: BodyModel) -> bool:
     ]
     factor = one.parameter("rolling_inertia", "factor", free)
     late = abs(ball.view.delay - beads.camera_delay)
-    return late > MISSED_DELAY or max(tilts) > MISSED_TILT or factor > MISSED_FACTOR * free
+    return late > MISSED_DELAY_S or max(tilts) > MISSED_TILT_RAD or factor > MISSED_FACTOR * free
 
 
 def rolling_factor(ball: BodyModel) -> float:
@@ -164,7 +170,7 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
         body = filter_on_stage(table, maze, StageModel(axis, axis), first)
         # small motions have less lag if the rate is limited, down to that of the axis without a limit
         late = axis.lag - replace(axis, rate_limit=math.inf).lag
-        shifts = np.arange(-AROUND, late + AROUND, STEP).tolist() if late else (0.0,)
+        shifts = np.arange(-DELAY_RANGE_S, late + DELAY_RANGE_S, DELAY_STEP_S).tolist() if late else (0.0,)
         tried += [(axis, body, delay) for delay in sorted({max(total - axis.lag + s, 0.0) for s in shifts})]
 
     def minus2(part: Callable[[BodyFilter], BodyFilter]) -> list[float]:
@@ -177,23 +183,23 @@ def sharper_stage(table: Table, maze: Maze, stage: StageModel) -> tuple[StageMod
     rough = sorted(zip(minus2(few), range(len(tried)), strict=True))
     likely: dict[int, tuple[StageAxis, BodyFilter, float]] = {}  # of each axis the best delay, the best axis first
     for one, i in rough:
-        if one <= rough[0][0] + FAR and len(likely) < MOST_AXES:
+        if one <= rough[0][0] + MAX_AXIS_LOSS and len(likely) < MAX_AXES:
             likely.setdefault(id(tried[i][1]), tried[i])
-    tried = [(axis, body, max(delay + shift, 0.0)) for axis, body, delay in likely.values() for shift in SHIFTS]
-    doubts = [LIMITED if math.isfinite(axis.rate_limit) else 0.0 for axis, *_ in tried]
+    tried = [(axis, body, max(delay + shift, 0.0)) for axis, body, delay in likely.values() for shift in DELAY_STEPS_S]
+    doubts = [RATE_LIMIT_GAIN if math.isfinite(axis.rate_limit) else 0.0 for axis, *_ in tried]
     losses = np.add(minus2(alternate), doubts)
     axis, body, delay = tried[int(np.argmin(losses))]
     if math.isfinite(axis.rate_limit):
         near = [(axis, body)]
-        for times in LIMITS:
+        for times in RATE_LIMIT_STEPS:
             other = replace(axis, rate_limit=times * axis.rate_limit)
             near.append((other, filter_on_stage(table, maze, StageModel(other, other), first)))
-        tried = [(*one, max(delay + shift, 0.0)) for one in near for shift in SHIFTS]
+        tried = [(*one, max(delay + shift, 0.0)) for one in near for shift in DELAY_STEPS_S]
         axis, _, delay = tried[int(np.argmin(minus2(alternate)))]
     ball = ball._replace(view=ball.view._replace(delay=delay))
     name = "natural_frequency" if axis.order else "rate_limit"
     if math.isfinite(getattr(axis, name)):
-        axis = replace(axis, stderr={name: COARSE * getattr(axis, name)})
+        axis = replace(axis, stderr={name: COARSE_FREQUENCY * getattr(axis, name)})
     return StageModel(axis, axis), ball
 
 
