@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from mazeplan.core.maths.angles import difference
 
 CLEARANCE = 2e-4  # m between a placed ball and a radial wall
-ROOMY = 2.2  # smallest radius of a centre for two balls, radii of a ball: they fit into 2 without any play
+MIN_DISC_RADII = 2.2  # smallest radius of a centre for two balls, radii of a ball: they fit into 2 without any play
 _TURN = 2.0 * math.pi
 
 

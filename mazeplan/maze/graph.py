@@ -121,7 +121,8 @@ class RouteGraph:
     def __init__(self, maze: Maze, memory: OpeningMemory | None = None) -> None:
         self.maze = maze
         self._closed = {opening.name for opening in maze.openings if opening.closed}
-        self.memory, self.now = OpeningMemory() if memory is None else memory, 0.0
+        self.memory = OpeningMemory() if memory is None else memory
+        self.now = 0.0
         self._acceleration = ROLLING_FACTOR * GRAVITY * math.sin(maze.tilt_limit)
         self._states = self._line_graph()
 

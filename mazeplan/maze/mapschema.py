@@ -13,7 +13,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from mazeplan.maze.geometry import ROOMY, Maze, leading_to
+from mazeplan.maze.geometry import MIN_DISC_RADII, Maze, leading_to
 from mazeplan.maze.sections import Section
 from mazeplan.maze.yamltree import Key
 
@@ -228,9 +228,9 @@ def cut_off(maze: Maze) -> Iterator[Problem]:
 
 def crowded(balls: int, ball_mm: float, centre_mm: float) -> str | None:
     """A sentence if so many balls do not fit into the centre, else None. Radii in mm."""
-    if balls == 1 or centre_mm >= ROOMY * ball_mm - 1e-6:  # 2.2 times 5 is more than 11 in binary numbers
+    if balls == 1 or centre_mm >= MIN_DISC_RADII * ball_mm - 1e-6:  # 2.2 times 5 is more than 11 in binary numbers
         return None
-    least = f"at least {ROOMY * ball_mm:.4g} mm, {ROOMY:g} times the ball's"
+    least = f"at least {MIN_DISC_RADII * ball_mm:.4g} mm, {MIN_DISC_RADII:g} times the ball's"
     return f"{balls} balls need a centre with a radius of {least}, not {centre_mm:.4g} mm"
 
 

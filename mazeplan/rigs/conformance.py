@@ -52,7 +52,9 @@ class RigTrial:
     """One rig under test."""
 
     def __init__(self, rig: Rig, maze: Maze, seed: int) -> None:
-        self.rig, self.maze, self.seed = rig, maze, seed
+        self.rig = rig
+        self.maze = maze
+        self.seed = seed
         self.dt = 1.0 / rig.rate_hz
         self.leap: tuple[float, float] | None = None  # times before and after the clock's first jump, s
 

@@ -22,7 +22,8 @@ class FileSettings(dict[str, Any]):
 
     def __init__(self, data: Mapping[str, Any], file: Path, tree: Tree) -> None:
         super().__init__(data)
-        self.file, self.tree = file, tree
+        self.file = file
+        self.tree = tree
 
 
 def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:

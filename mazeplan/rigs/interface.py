@@ -78,7 +78,8 @@ class RigWrapper:
     """A rig around another rig, `inside`. Passes every call and attribute on to it; subclasses replace some."""
 
     def __init__(self, rig: Rig) -> None:
-        self.inside, self.rate_hz = rig, rig.rate_hz
+        self.inside = rig
+        self.rate_hz = rig.rate_hz
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name == "inside":  # a copy has no attributes yet

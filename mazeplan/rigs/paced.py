@@ -29,7 +29,8 @@ class PacedRig(RigWrapper):
 
     def __init__(self, rig: Rig, now: Callable[[], float] = monotonic, wait: Wait = threading.Event.wait) -> None:
         super().__init__(rig)
-        self._now, self._wait = now, wait
+        self._now = now
+        self._wait = wait
         self._due: float | None = None  # wall time of the next sample
         self._woken = threading.Event()  # another thread wants the loop to act now
         self._levelled = False
@@ -38,7 +39,8 @@ class PacedRig(RigWrapper):
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Reset the rig inside; forget the order to level, and waiting orders."""
         super().reset(ring=ring, theta=theta, rng=rng)
-        self._due, self._levelled = None, False
+        self._due = None
+        self._levelled = False
         self._woken.clear()
         self._orders.clear()
 

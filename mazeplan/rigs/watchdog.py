@@ -55,8 +55,12 @@ class _Call:
     """One call of a method of the rig, to run in another thread."""
 
     def __init__(self, rig: Rig, name: str, *args: Any, **more: Any) -> None:
-        self.name, self._rig, self._args, self._more = name, rig, args, more
-        self.begun, self.done = threading.Event(), threading.Event()
+        self.name = name
+        self._rig = rig
+        self._args = args
+        self._more = more
+        self.begun = threading.Event()
+        self.done = threading.Event()
         self.result: Any = None
         self.error: BaseException | None = None
 
@@ -108,7 +112,8 @@ class WatchedRig(RigWrapper):
 
     def __init__(self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False) -> None:
         super().__init__(rig)
-        self.timeout_s, self._own_process = timeout_s, own_process
+        self.timeout_s = timeout_s
+        self._own_process = own_process
         self.reason: str | None = None
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None

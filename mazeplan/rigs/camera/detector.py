@@ -28,7 +28,7 @@ from mazeplan.rigs.camera.pinhole import CameraModel, Markers, TiltFinder
 
 HALF = 2  # the search for discs uses a picture this many times smaller
 LIGHT = 100.0  # a floor with a median above this, 0 to 255, is brighter than the ball
-SLOW = 8  # the light is compared in a picture this many times smaller
+LIGHT_SCALE = 8  # the light is compared in a picture this many times smaller
 BLACK = 12.0  # median of a picture without light, 0 to 255
 CONTRAST = 14.0  # minimum difference between ball and floor, grey levels
 DARKEST = 0.2  # minimum light, as a share of the background's light
@@ -102,7 +102,10 @@ class BallDetector:
     """Finds the ball in pictures of one calibrated camera."""
 
     def __init__(self, maze: Maze, camera: CameraModel, background: Background, markers: Markers | None) -> None:
-        self.maze, self.camera, self.background, self.floor = maze, camera, background, Floor(maze)
+        self.maze = maze
+        self.camera = camera
+        self.background = background
+        self.floor = Floor(maze)
         self._tilt = None if markers is None else TiltFinder(camera, markers)
         floor = np.median(background.picture[background.known > 0], axis=0)
         self._light = float(floor.sum())
@@ -222,7 +225,7 @@ def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np
     gain = np.median((now + 1.0) / (then + 1.0), axis=0)
     table = np.clip(np.arange(256)[:, None] * gain[None, :], 0, 255).astype(np.uint8)[None]
     empty = cv2.LUT(picture, table)
-    small = (picture.shape[1] // SLOW, picture.shape[0] // SLOW)
+    small = (picture.shape[1] // LIGHT_SCALE, picture.shape[0] // LIGHT_SCALE)
     share = cv2.resize(clear, small, interpolation=cv2.INTER_AREA)
     grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (seen, empty)]
     off = cv2.subtract(*(cv2.resize(one, small, interpolation=cv2.INTER_AREA) for one in grey), dtype=cv2.CV_16S)

@@ -25,12 +25,12 @@ from mazeplan.rigs.camera.pinhole import CameraModel, sampled
 
 PX = 2000.0  # pixels of the floor's picture per m
 CELL = 8  # px between projected points; between these points the map is nearly linear
-FINE = 4  # the walls are first drawn this many times finer
+SUPERSAMPLING = 4  # the walls are first drawn this many times finer
 HEIGHTS = (1.0, 0.66, 0.33, 0.0)  # shares of the walls' height; at these heights the walls hide the floor
 CLEAR = 25  # of 255, share of a pixel that a wall may hide
 RAYS = 72
-STEP = 0.00025  # m between points on a ray
-REACH = 11  # points on either side of the circle
+RAY_STEP_M = 0.00025  # m between points on a ray
+RAY_POINTS = 11  # points on either side of the circle
 WINDOWS = (0.0014, 0.0008, 0.0005, 0.0005)  # m, standard deviation of the search for the edge, round by round
 TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m; an edge farther from the circle does not count, round by round
 INLIER = 0.0005  # m, largest distance from the circle at which an edge agrees with it
@@ -60,11 +60,11 @@ class Floor:
         self._nodes = np.column_stack([flat, np.zeros(len(flat))])
 
     def _solid(self) -> np.ndarray:
-        size = self.side * FINE
+        size = self.side * SUPERSAMPLING
         picture = np.full((size, size), 255, np.uint8)
 
         def fixed(points: Array) -> np.ndarray:
-            at = np.column_stack([points[:, 0] + self.half, self.half - points[:, 1]]) * PX * FINE - 0.5
+            at = np.column_stack([points[:, 0] + self.half, self.half - points[:, 1]]) * PX * SUPERSAMPLING - 0.5
             return np.round(at).astype(np.int32)
 
         angle = np.linspace(0.0, math.tau, 720, endpoint=False)
@@ -133,10 +133,12 @@ class Outline:
     darker: the ball is darker than the floor, so that bright spots are no edges."""
 
     def __init__(self, radius: float, floor: Floor, darker: bool) -> None:
-        self.radius, self.floor, self.darker = radius, floor, darker
+        self.radius = radius
+        self.floor = floor
+        self.darker = darker
         angle = np.arange(RAYS) * math.tau / RAYS
         self._turn = np.column_stack([np.cos(angle), np.sin(angle)])
-        self._offset = np.arange(-REACH, REACH + 1) * STEP
+        self._offset = np.arange(-RAY_POINTS, RAY_POINTS + 1) * RAY_STEP_M
 
     def fit(
         self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array
@@ -198,9 +200,9 @@ class Outline:
         best = np.clip(len(at) - 1 - peak[:, ::-1].argmax(axis=1), 1, len(at) - 2)
         before, there, after = (np.take_along_axis(change, best[:, None] + i, axis=1)[:, 0] for i in (-1, 0, 1))
         bend = np.minimum(before + after - 2.0 * there, -1e-6)
-        edge = at[best] + STEP * np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-        ok = sure[:, REACH - 4 : REACH + 5].all(axis=1)
-        ok &= ~(now[:, REACH - 4 : REACH].min(axis=2) > WHITE).any(axis=1)
+        edge = at[best] + RAY_STEP_M * np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
+        ok = sure[:, RAY_POINTS - 4 : RAY_POINTS + 5].all(axis=1)
+        ok &= ~(now[:, RAY_POINTS - 4 : RAY_POINTS].min(axis=2) > WHITE).any(axis=1)
         return edge, there, ok, rays[:, :2]
 
 

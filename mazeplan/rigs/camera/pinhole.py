@@ -25,7 +25,7 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
 DICTIONARY = cv2.aruco.DICT_4X4_50
-SIZE = 0.024  # m, side of a packaged marker without its white margin
+MARKER_SIZE_M = 0.024  # m, side of a packaged marker without its white margin
 MARGIN = 0.003  # m, white margin around a marker
 ROOM = 14  # px, search area around a marker of the level plate: at the tilt limit the marker moves so far
 STEPS, SMALL = 6, 1e-6  # end of the fit of a tilt: number of iterations at most; smaller change, rad
@@ -88,7 +88,7 @@ class Markers:
     """Markers on the plate. The upper edge of each marker is towards +y."""
 
     places: dict[int, tuple[float, float, float]]  # {id: middle (x, y, z) in the plate frame, m}
-    size: float = SIZE  # side of a marker, m
+    size: float = MARKER_SIZE_M  # side of a marker, m
 
     def corners(self, number: int) -> Array:
         """Corners (4, 3) of a marker in the detector's order: clockwise from the upper left."""
@@ -99,7 +99,7 @@ class Markers:
 def corner_markers(maze: Maze) -> Markers:
     """Markers 0 to 3 in the corners of a square plate, counter-clockwise from upper right, close to the maze."""
     rim = maze.walls[0].outer_radius
-    near = (rim + 0.001) / math.sqrt(2.0) + MARGIN + 0.5 * SIZE
+    near = (rim + 0.001) / math.sqrt(2.0) + MARGIN + 0.5 * MARKER_SIZE_M
     return Markers({i: (near * sx, near * sy, 0.0) for i, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)])})
 
 
@@ -125,7 +125,8 @@ class TiltFinder:
     """The plate's tilt by its markers. Searches only around the places of the markers."""
 
     def __init__(self, camera: CameraModel, markers: Markers) -> None:
-        self.camera, self.markers = camera, markers
+        self.camera = camera
+        self.markers = markers
         self._finder = detector()
         self._windows = {number: self._window(markers.corners(number)) for number in markers.places}
 

@@ -46,7 +46,8 @@ class VideoSource:
     Raises InputError for a file that is no video, RigError for a camera that cannot be opened or stops sending."""
 
     def __init__(self, source: int | str, size: tuple[int, int] | None = None) -> None:
-        self.source, self._closed = source, False
+        self.source = source
+        self._closed = False
         self._reading = threading.Lock()
         self._file = isinstance(source, str) and "://" not in source and not source.startswith("/dev/")
         if self._file and not Path(str(source)).is_file():
@@ -90,7 +91,8 @@ class NewestPicture:
     The thread is needed because a camera keeps unread pictures, and would give old pictures later."""
 
     def __init__(self, make: Callable[[], FrameSource], name: str) -> None:
-        self._make, self._name = make, name
+        self._make = make
+        self._name = name
         self._news = threading.Condition()
         self._frame: CameraFrame | None = None
         self._problem: str | None = None

@@ -42,7 +42,9 @@ class FaultyRig(RigWrapper):
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], shut: Callable[[str], object]) -> None:
         super().__init__(rig)
-        self._maze, self._faults, self._shut = maze, tuple(faults), shut
+        self._maze = maze
+        self._faults = tuple(faults)
+        self._shut = shut
         self.aimed_at: Callable[[], str | None] = lambda: None
         self._inject = traits(rig).inject
         for fault in faults:

@@ -24,7 +24,7 @@ from mazeplan.maze.sections import Section, as_tuples, read_section
 from mazeplan.maze.yamltree import Tree, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
 
-MOST = 1e3  # s, maximum of any time in a schedule
+MAX_TIME_S = 1e3  # s, maximum of any time in a schedule
 
 
 def _pair(value: Any) -> Any:
@@ -38,7 +38,7 @@ def _ordered(pair: Range) -> Range:
     return pair
 
 
-Time = Annotated[float, Field(ge=0.0, le=MOST)]
+Time = Annotated[float, Field(ge=0.0, le=MAX_TIME_S)]
 Times = Annotated[tuple[Time, Time], BeforeValidator(_pair), AfterValidator(_ordered)]
 Sizes = Annotated[Range, BeforeValidator(_pair), AfterValidator(_ordered)]  # `FaultKind.allowed` has their limits
 

@@ -35,7 +35,8 @@ class HardwareCheck:
     """One check of a rig. `steps` yields a result for each step. ask: asks a person."""
 
     def __init__(self, rig: HardwareRig, ask: Ask) -> None:
-        self.rig, self.ask = rig, ask
+        self.rig = rig
+        self.ask = ask
         self._pictures = round(LOOK_S * rig.rate_hz)
 
     def steps(self) -> Iterator[CheckResult]:

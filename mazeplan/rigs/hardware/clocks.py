@@ -52,7 +52,8 @@ class TiltTrack:
     """The tilt of the last second, rad, by the host's clock."""
 
     def __init__(self, sensor: TiltSensor) -> None:
-        self._sensor, self._clock = sensor, HostClock()
+        self._sensor = sensor
+        self._clock = HostClock()
         self._track: deque[tuple[float, float, float]] = deque()
         self._last: float | None = None
 
@@ -93,11 +94,13 @@ class FrameClock:
 
     def __init__(self, rate_hz: float) -> None:
         self._nominal = self._period = 1.0 / rate_hz
-        self._number, self._due = -1, 0.0
+        self._number = -1
+        self._due = 0.0
 
     def start(self, arrived: float) -> None:
         """Give number 0 to the picture that arrived at this time of the host's clock."""
-        self._number, self._due = 0, arrived
+        self._number = 0
+        self._due = arrived
 
     def due(self, number: int) -> float:
         """When a picture is due, host's clock, s."""
@@ -107,7 +110,8 @@ class FrameClock:
         """The number of a picture that arrived at this time of the host's clock."""
         number = self._number + round((arrived - self._due) / self._period)
         error = arrived - self.due(number)
-        self._due, self._number = self.due(number) + PHASE * error, number
+        self._due = self.due(number) + PHASE * error
+        self._number = number
         self._period += PERIOD * error
         most = 0.02 * self._nominal
         self._period = min(max(self._period, self._nominal - most), self._nominal + most)

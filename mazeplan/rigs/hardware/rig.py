@@ -32,7 +32,7 @@ from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.interface import check_command
 from mazeplan.rigs.link.board import Board, open_board
 
-LATE = 0.5  # periods; a picture that is later counts as missing
+MAX_PICTURE_AGE = 0.5  # periods; a picture that is later counts as missing
 BLIND_S = 2.0  # s without any picture, after which the camera counts as failed
 START_S = 10.0  # s, longest wait for the first picture
 LEVEL_DEG = 0.7  # largest tilt of a plate that counts as level
@@ -122,7 +122,8 @@ class HardwareRig:
             board = self.board  # stays open if the camera fails
             pictures = NewestPicture(self._open_camera, self._camera_name)
             self._parts = Parts(board, pictures, detector, TiltTrack(self.settings.tilt))
-            self._numbered, self._arrived = False, -math.inf
+            self._numbered = False
+            self._arrived = -math.inf
         return self._parts
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
@@ -205,7 +206,8 @@ class HardwareRig:
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
             raise RigError(f"{parts.board.port}: no report of the tilt for {SILENT_S:g} s; is its cable in?")
         x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
-        self.sighting, self.due = sighting, due
+        self.sighting = sighting
+        self.due = due
         return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
 
     def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:
@@ -216,11 +218,13 @@ class HardwareRig:
             if frame is None:
                 raise RigError(f"camera {self._camera_name}: no picture within {START_S:g} s")
             clock.start(frame.t)
-            self._numbered, self._arrived, self._next = True, frame.t, 1
+            self._numbered = True
+            self._arrived = frame.t
+            self._next = 1
             return 0, frame.image
         number = self._next
         while True:
-            frame = parts.pictures.wait(self._arrived, clock.due(number) + LATE / self.rate_hz)
+            frame = parts.pictures.wait(self._arrived, clock.due(number) + MAX_PICTURE_AGE / self.rate_hz)
             if frame is None:
                 if monotonic() - self._arrived > BLIND_S:
                     raise RigError(f"camera {self._camera_name}: no picture for {BLIND_S:g} s; is its cable in?")

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from mazeplan.rigs.camera.pinhole import CameraModel, Markers
 
 CLASS = "mazeplan.rigs.hardware:HardwareRig"
-WIDTH = 120  # characters of a line that is written
+LINE_WIDTH = 120  # characters of a line that is written
 CALIBRATED = ("focal_px", "centre_px", "turn_rad", "shift_mm")  # keys that a calibrated camera has
 SLOWEST = 100.0  # us/s, smallest slew rate
 POWERS = {  # of a and b in each term of the tilt sensor's polynomials
     "one": (0, 0), "a": (1, 0), "b": (0, 1), "ab": (1, 1), "aa": (2, 0), "bb": (0, 2),
     "aaa": (3, 0), "aab": (2, 1), "abb": (1, 2), "bbb": (0, 3),
 }  # fmt: skip
-REACH = 1.3  # times the calibrated half range: farther out the polynomial is not valid
+VALID_RANGE = 1.3  # times the calibrated half range: farther out the polynomial is not valid
 Term = Literal["one", "a", "b", "ab", "aa", "bb", "aaa", "aab", "abb", "bbb"]
 Terms = Annotated[dict[Term, float], Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -65,9 +65,9 @@ class TiltSensor(Section):
     date: str = ""
 
     def tilt(self, v0: float, v1: float) -> tuple[float, float]:
-        """beta, gamma, rad, at these voltages. Voltages beyond REACH are clamped."""
+        """beta, gamma, rad, at these voltages. Voltages beyond VALID_RANGE are clamped."""
         pairs = zip((v0, v1), self.centre_v, self.scale_v, strict=True)
-        a, b = (min(max((v - c) / s, -REACH), REACH) for v, c, s in pairs)
+        a, b = (min(max((v - c) / s, -VALID_RANGE), VALID_RANGE) for v, c, s in pairs)
 
         def value(terms: dict[Term, float]) -> float:
             return math.radians(sum(k * a ** POWERS[name][0] * b ** POWERS[name][1] for name, k in terms.items()))
@@ -75,9 +75,9 @@ class TiltSensor(Section):
         return value(self.beta_deg), value(self.gamma_deg)
 
     def reaches(self, v0: float, v1: float) -> bool:
-        """Whether the voltages are within REACH. If not, the laser's spot has left the diode."""
+        """Whether the voltages are within VALID_RANGE. If not, the laser's spot has left the diode."""
         pairs = zip((v0, v1), self.centre_v, self.scale_v, strict=True)
-        return all(abs(v - c) <= REACH * s for v, c, s in pairs)
+        return all(abs(v - c) <= VALID_RANGE * s for v, c, s in pairs)
 
 
 class ServoAxis(Section):
@@ -284,7 +284,8 @@ def merged(text: str, key: str, value: Any, *, file: str | Path) -> str:
     if not isinstance(parse_yaml(text, file=file, error=SettingsError).data, dict):
         raise SettingsError(f"cannot be written: {key} needs a file with `key: value` lines", file=file)
     editor, out = YAML(), StringIO()
-    editor.preserve_quotes, editor.width = True, WIDTH
+    editor.preserve_quotes = True
+    editor.width = LINE_WIDTH
     data = editor.load(text)
     _put(data, key, value)
     editor.dump(data, out)

@@ -47,7 +47,7 @@ VOLTS, DEGREES, PULSE = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees"), (*HARD_US, "
 ALLOWED = dict[str, tuple[float, float, str]](
     zip((*COLUMNS, *PULSES), (VOLTS, VOLTS, DEGREES, DEGREES, PULSE, PULSE), strict=True)
 )
-LEAST = 8  # minimum number of readings
+MIN_READINGS = 8  # minimum number of readings
 LEAST_RANGE = 1.0  # deg, minimum range of the readings of an axis
 LEAST_RANGE_V = 0.02  # V, minimum range of each channel
 ENDS_V = (0.02, 4.98)  # V; beyond these, a channel is at an end of the board's converter
@@ -167,7 +167,8 @@ class PulseHolder:
 
     def __init__(self, board: Board, pulses: Pair) -> None:
         self.pulses = pulses
-        self._board, self._ended = board, threading.Event()
+        self._board = board
+        self._ended = threading.Event()
         self._problem: RigError | None = None
         self._thread = threading.Thread(target=self._work, name="mazeplan hold", daemon=True)
 
@@ -227,8 +228,8 @@ def take_readings(board: Board, pulses: list[Pair], ask: Ask, keep: Keep | None 
 
 def fit_tilt(readings: Sequence[Reading]) -> TiltFit:
     """Fit sensor and servos. Raises InputError for too few readings, or readings along one line."""
-    if len(readings) < LEAST:
-        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}")
+    if len(readings) < MIN_READINGS:
+        raise InputError(f"got {len(readings)} readings, expected at least {MIN_READINGS}")
     v = np.array([r.v for r in readings])
     low, high = v.min(axis=0), v.max(axis=0)
     _check_spread(v, low, high)
@@ -287,7 +288,7 @@ def _fit_axis(v: Array, y: Array, centre: Array, scale: Array) -> tuple[AxisFit,
         said = x @ k
         worst = int(np.argmax(np.abs(studentised)))
         out = abs(studentised[worst]) > FINE and abs(y[worst] - said[worst]) > VISIBLE
-        if not out or good.sum() - 1 < max(LEAST, len(terms) + 3) or good.sum() - 1 < 0.6 * len(y):
+        if not out or good.sum() - 1 < max(MIN_READINGS, len(terms) + 3) or good.sum() - 1 < 0.6 * len(y):
             break
         good[worst] = False
     good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # take back readings that were excluded wrongly
@@ -319,7 +320,7 @@ def _fit_servos(readings: Sequence[Reading], slips: set[tuple[int, str]]) -> dic
     for i, axis in enumerate(("beta", "gamma")):
         used = [r for r in readings if r.pulses is not None and (r.line, axis) not in slips]
         angles = np.array([getattr(r, f"{axis}_deg") for r in used])
-        if len(used) < LEAST or np.ptp(angles) < LEAST_RANGE:
+        if len(used) < MIN_READINGS or np.ptp(angles) < LEAST_RANGE:
             return {}
         slope, level = np.polyfit(angles, np.array([r.pulses[i] for r in used if r.pulses is not None]), 1)
         found[axis] = {"level_us": float(level), "us_per_deg": float(slope)}

@@ -57,7 +57,9 @@ class Board:
 
     def __init__(self, port: str, limits: ServoLimits, timeouts: Timeouts | None = None) -> None:
         """Keeps the arguments, and opens nothing yet."""
-        self.port, self.limits, self.timeouts = port, limits, timeouts or Timeouts()
+        self.port = port
+        self.limits = limits
+        self.timeouts = timeouts or Timeouts()
         self.identity: Identity | None = None
         self._serial: serial.Serial | None = None
         self._news = threading.Condition()

@@ -30,7 +30,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.settings import SimulatedSettings
 
 PULL = math.sqrt(7.0) * (8.0 / 7.0) ** 4  # the constant c: with it the strongest pull along the plate is 1
-SLOW = 2e-3  # m/s; below this speed, the ball's direction and its spin of rolling are uncertain
+MIN_SPEED = 2e-3  # m/s; below this speed, the ball's direction and its spin of rolling are uncertain
 
 
 @dataclass(frozen=True)
@@ -74,21 +74,25 @@ class Forces:
         for key, ring in (("sticky_ring", s.sticky_ring), ("kerb_ring", s.kerb_ring)):
             if ring > len(maze.rings):
                 raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)
-        self._maze, self._mass, self._radius = maze, maze.ball.mass, maze.ball.radius
+        self._maze = maze
+        self._mass = maze.ball.mass
+        self._radius = maze.ball.radius
         self.on_plate = s.magnet_m_s2 > 0.0 or s.warp_mm > 0.0
         pushes = (s.ring_push_m_s2, s.imbalance_m_s2, s.ripple_m_s2, *s.draught_m_s2, *s.rocking_deg)
         self.on_ball = any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
         self.on_floor = s.sticky_m_s2 > 0.0 or s.nap_m_s2 != 0.0
         self.has_kerb = s.kerb_loss > 0.0
         self.any = self.on_plate or self.on_ball or self.on_floor or self.has_kerb
-        self._spot, self._depth = 1e-3 * np.array(s.magnet_mm), 1e-3 * s.magnet_depth_mm
+        self._spot = 1e-3 * np.array(s.magnet_mm)
+        self._depth = 1e-3 * s.magnet_depth_mm
         self._edge = maze.rings[0].outer_radius
         self._cos, self._sin = (f(2.0 * math.radians(s.warp_deg)) for f in (math.cos, math.sin))
         self._inertia = s.ball_inertia * self._mass * self._radius**2
         # m of rolling friction for each m/s^2 by which a ball on the floor slows down
         self._metres = self._radius * (1.0 + s.ball_inertia) / GRAVITY
         start, end = (math.radians(angle) for angle in s.sticky_deg)
-        self._start, self._span = start, (end - start) % math.tau
+        self._start = start
+        self._span = (end - start) % math.tau
 
     def of_plate(self, position: Array) -> Array:
         """Force (3,), N, of magnet and saddle in the plate's frame, at a position (3,), m."""
@@ -131,7 +135,7 @@ class Forces:
 
         The floor turns the ball about the ring's radius, a wall turns it about the vertical."""
         speed, most = float(motion.velocity @ along), 1.0 / self._radius
-        upright = float(motion.spin[2]) * speed / (speed * speed + SLOW * SLOW)
+        upright = float(motion.spin[2]) * speed / (speed * speed + MIN_SPEED * MIN_SPEED)
         return np.array([-along[1] * most, along[0] * most, min(max(upright, -most), most)])
 
     def _leaning(self, t: float) -> Array:
@@ -154,7 +158,7 @@ class Forces:
         if s.nap_m_s2 != 0.0:
             along = motion.along
             speed = float(motion.velocity @ along)
-            if abs(speed) < SLOW:  # at rest, gravity decides whether the ball pushes against the nap
+            if abs(speed) < MIN_SPEED:  # at rest, gravity decides whether the ball pushes against the nap
                 speed = float(gravity @ along)
             slows += abs(s.nap_m_s2) if speed * s.nap_m_s2 > 0.0 else 0.0
         return slows * self._metres

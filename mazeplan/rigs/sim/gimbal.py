@@ -28,7 +28,7 @@ from mazeplan.rigs.sim.mjcf import PLUG_OFF, PLUG_ON, mjcf, plug_name
 from mazeplan.rigs.sim.settings import SimulatedSettings
 
 CELL = 0.004  # m, side of a cell
-FREE = 0.003  # m, minimum distance that the ball may go before the boxes are chosen anew
+BOX_MARGIN_M = 0.003  # m, minimum distance that the ball may go before the boxes are chosen anew
 FASTEST = 2.0  # m/s, largest speed of a ball; gravity alone gives 0.6
 TILT = 1.5  # the plate swings to at most this many times the tilt limit
 ARENA = 1 << 21  # bytes of MuJoCo's memory for contacts; the default of MuJoCo would be 14 MB a ball
@@ -44,7 +44,9 @@ class Gimbal:
     ball: number of the ball's body, and addresses of its free joint in qpos and in qvel."""
 
     def __init__(self, model: mujoco.MjModel, steps: int, ball: tuple[int, int, int] | None = None) -> None:
-        self.model, self.data, self.steps = model, mujoco.MjData(model), steps
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.steps = steps
         self._body, self._q, self._v = ball or (model.body("ball").id, 2, 2)
 
     def reset(self, *positions: Array) -> None:
@@ -159,7 +161,7 @@ class NearWalls:
         self._boxes = self._boxes[self._boxes != floor]
         self._plugs = {opening.name: self._whole.geom(plug_name(opening.name)).id for opening in maze.openings}
         self.timestep = float(self._whole.opt.timestep)
-        self.free = max(FREE, FASTEST * self.timestep)
+        self.free = max(BOX_MARGIN_M, FASTEST * self.timestep)
         reach = maze.ball.radius + self.free + _slack(maze) + math.sqrt(0.5) * CELL
         places, sizes = self._whole.geom_pos[self._boxes], self._whole.geom_size[self._boxes]
         self._half = float(np.max(np.hypot(places[:, 0], places[:, 1]) + np.hypot(sizes[:, 0], sizes[:, 1]))) + reach
@@ -254,7 +256,9 @@ class MazeGimbal(Gimbal):
 
     def __init__(self, walls: NearWalls, steps: int, balls: int) -> None:
         super().__init__(walls.model(), steps)
-        self._walls, self._fields, self._balls = walls, walls.fields(self.model), range(balls)
+        self._walls = walls
+        self._fields = walls.fields(self.model)
+        self._balls = range(balls)
         self._blocked: frozenset[str] = frozenset()
         self._filled: tuple[tuple[int, ...], frozenset[str]] | None = None  # cells and plugs of the boxes in the model
 

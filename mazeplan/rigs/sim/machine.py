@@ -22,7 +22,7 @@ from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal, near_walls
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 
-APART = 1.2  # radii of a ball: distance from the middle of the disc to each of two balls in the disc
+DISC_OFFSET_RADII = 1.2  # radii of a ball: distance from the middle of the disc to each of two balls in the disc
 CHUNKS = 5  # chunks per sample; a chunk is 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
 ASIDE = 0.1  # m beside and above the plate's rim: place of a ball that is taken out
@@ -38,7 +38,9 @@ class Machine:
 
     def __init__(self, maze: Maze, settings: SimulatedSettings, build: Build | None = None) -> None:
         # _build is no bound method: with a cycle of references the machine would stay in memory after its run
-        self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
+        self.maze = maze
+        self.settings = settings
+        self._build = build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
         self.forces = Forces(settings, maze)
         self._gimbal: Gimbal | None = None
@@ -51,7 +53,7 @@ class Machine:
             self._gimbal = self._build()
         radius, apart = self.maze.track_radius(ring), math.tau / self.maze.balls
         if self.maze.balls > 1:  # in the disc, place the balls beside its middle, so that both have room
-            radius = max(radius, APART * self.maze.ball.radius)
+            radius = max(radius, DISC_OFFSET_RADII * self.maze.ball.radius)
         angles = [self.maze.clear_angle(ring, theta + k * apart) for k in range(self.maze.balls)]
         height = self.maze.ball.radius
         places = [np.array([radius * math.cos(angle), radius * math.sin(angle), height]) for angle in angles]
@@ -203,7 +205,9 @@ class FaultBox:
     """Applies the faults of one run to a MuJoCo model. `check_fault` must have accepted the faults."""
 
     def __init__(self, faults: Sequence[Fault], gimbal: Gimbal, maze: Maze) -> None:
-        self._faults, self._gimbal, self._maze = list(faults), gimbal, maze
+        self._faults = list(faults)
+        self._gimbal = gimbal
+        self._maze = maze
         self._done: set[int] = set()
         self._held = dict[int, Array]()  # {index of a held ball: its place (3,) in the plate's frame}
         self._taken_from = dict[int, Array]()
@@ -232,7 +236,8 @@ class FaultBox:
         for kind, held in (("dead_axis", last), ("brown_out", np.zeros(2))):
             for fault in self.active(kind, t):
                 out[_axes(fault)] = held[_axes(fault)]
-        self._reached, self._at = out.copy(), t
+        self._reached = out.copy()
+        self._at = t
         for fault in self.active("offset_axis", t):
             out[_axes(fault)] += math.radians(fault.offset_deg)
         return out

@@ -28,7 +28,7 @@ CHEEK = 1.5e-4  # m, half thickness of a cheek; a thick cheek would stand out of
 SHOULDER = 2e-4  # m, arc of each box beside an opening; the cheek covers the gap between these boxes and the opening
 # collision bits of a plug; the ball has bit 1. A plug without any bit would not be in MuJoCo's search tree
 PLUG_ON, PLUG_OFF = 1, 2
-FLOOR = 0.005  # m, half thickness of the floor
+FLOOR_HALF = 0.005  # m, half thickness of the floor
 TORSIONAL = 2e-5  # m, friction against a spin of the ball about the normal of a contact
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
 TIME_CONSTANT = 0.004  # s, time constant of contacts
@@ -57,7 +57,10 @@ def mjcf(maze: Maze, settings: SimulatedSettings, *, walls: bool = True) -> str:
     timestep = 1.0 / (settings.rate_hz * SUBSTEPS)
     half = maze.walls[0].outer_radius + 0.01
     floor = f'friction="{settings.floor_friction} {TORSIONAL} {settings.rolling_friction_m}"'
-    geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
+    geoms = [
+        f'<geom name="floor" type="box" size="{half} {half} {FLOOR_HALF}" pos="0 0 {-FLOOR_HALF}" {floor}/>',
+        *boxes,
+    ]
     radius, mass = maze.ball.radius, maze.ball.mass
     inertia = ""  # MuJoCo then computes the inertia of a solid sphere
     if settings.ball_inertia != SOLID:

@@ -41,7 +41,8 @@ class SimulatedRig:
         self.maze = maze
         given = isinstance(settings, SimulatedSettings)
         self.settings = settings if given else validated(SimulatedSettings, settings or {})
-        self.rate_hz, self.balls = self.settings.rate_hz, maze.balls
+        self.rate_hz = self.settings.rate_hz
+        self.balls = maze.balls
         self.machine = Machine(maze, self.settings, build)
         if maze.balls > 1 and (build is not None or self.machine.forces.any):
             one = "a model of its own" if build is not None else "forces along the way of the ball"
@@ -52,7 +53,8 @@ class SimulatedRig:
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Place the ball at rest in the middle of a ring, level the plate, and set time to 0."""
         self.machine.reset(ring=ring, theta=theta)
-        self._rng, self._samples = rng, 0
+        self._rng = rng
+        self._samples = 0
         late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
         self._late = late - math.floor(late)  # fraction of a chunk
         frames = self.settings.camera_delay_frames + 1

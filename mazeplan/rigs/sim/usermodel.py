@@ -36,7 +36,7 @@ from mazeplan.rigs.sim.simulated import SimulatedRig
 
 PROBE_ANGLE = 1e-3  # rad; a turn of a joint by this angle shows what the joint does to the plate
 MAX_PROBE_ERROR = 0.02  # share of a nudge; a larger error is no rounding error
-ALIKE = 0.02  # relative difference allowed between the ball's radius in the model and in the map
+RADIUS_TOLERANCE = 0.02  # relative difference allowed between the ball's radius in the model and in the map
 WHOLE = 1e-6  # relative difference allowed between a number of steps and a whole number
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -231,7 +231,7 @@ def _ball(model: mujoco.MjModel, name: str, maze: Maze) -> tuple[int, int, int]:
     if not spheres:
         raise SettingsError(f"body {shown(name)} has no geom of type sphere", key="ball")
     radius, wanted = float(model.geom_size[spheres[0]][0]), maze.ball.radius
-    if abs(radius - wanted) > ALIKE * wanted:
+    if abs(radius - wanted) > RADIUS_TOLERANCE * wanted:
         what = f"its radius is {1e3 * radius:.3f} mm, expected {1e3 * wanted:.3f} mm as in map {maze.name!r}"
         raise SettingsError(what, key="ball")
     return body, int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
