@@ -9,8 +9,8 @@ import pytest
 from ring_record import DT, RADII, Ball, Tilt, motion
 
 from mazeplan.learning.rollout import (
-    FEWEST,
-    NEAR,
+    MAX_OPENING_ANGLE,
+    MIN_WINDOWS,
     STEPS,
     choose_windows,
     roll_out,
@@ -175,11 +175,11 @@ def test_windows_end_in_front_of_openings_and_move_towards_them(rate):
     openings = np.radians([45.0, 135.0, 225.0, 315.0])
     windows = choose_windows(samples, samples.good, openings)
     assert windows.chosen == "before openings"
-    assert len(windows) >= FEWEST
+    assert len(windows) >= MIN_WINDOWS
     ends = samples.k.theta[windows.start + STEPS]
     to_go = np.sign(rate) * (openings[None, :] - ends[:, None])
     to_go = np.mod(to_go, 2.0 * np.pi).min(axis=1)
     assert (to_go > 0.0).all()
-    assert (to_go < NEAR).all()
+    assert (to_go < MAX_OPENING_ANGLE).all()
     # each passage is met: 100 rad are 63 openings, each with 12 degrees before it
     assert len(windows) >= 60

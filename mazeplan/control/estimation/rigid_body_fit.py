@@ -35,7 +35,7 @@ from mazeplan.learning.rigid_body_entries import (
     ABSENT,
     KEPT,
     PARAMETERS,
-    REACH,
+    RADIUS_M,
     Body,
     Number,
     determined,
@@ -114,7 +114,7 @@ def bead_values(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
         return ()
     power = where.origin[1]
     if PACKAGED[effect].acts not in BALL:
-        return (to_body_unit(part_values(rig, PACKAGED[effect])[key], where.how, power, REACH),)
+        return (to_body_unit(part_values(rig, PACKAGED[effect])[key], where.how, power, RADIUS_M),)
     found = []
     for ring in sorted(rig.balls):
         ball, radius = rig.balls[ring], maze.track_radius(ring)
@@ -137,7 +137,7 @@ def bead_stderr(rig: RigModel, maze: Maze) -> dict[str, float]:
             errors = [part_stderr(rig, PACKAGED[effect]).get(key, math.nan)]
         else:
             known = ((b.stderr.get(effect, {}).get(key, math.nan), maze.track_radius(r)) for r, b in rig.balls.items())
-            errors = [error / (radius or REACH) ** number.origin[1] for error, radius in known]
+            errors = [error / (radius or RADIUS_M) ** number.origin[1] for error, radius in known]
         if errors := [error for error in errors if math.isfinite(error)]:
             out[name] = max(errors)
     return out

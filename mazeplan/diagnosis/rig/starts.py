@@ -169,7 +169,7 @@ def _bump_place(place: Array, implied: Array, maze: Maze) -> tuple[float, float,
     """(x, y, width), m, of the pull towards one place that explains most."""
     reach = maze.ring(1).outer_radius
     ticks = np.arange(-reach, reach + GRID, GRID)
-    coarse = ((float(x), float(y), forces.WIDTH) for x in ticks for y in ticks if math.hypot(x, y) < reach)
+    coarse = ((float(x), float(y), forces.BUMP_WIDTH_M) for x in ticks for y in ticks if math.hypot(x, y) < reach)
     x, y, _ = max(coarse, key=lambda at: _pulled(place, implied, at))
     ticks = np.arange(-GRID, GRID + FINE, FINE)
     fine = ((x + float(dx), y + float(dy), width) for dx in ticks for dy in ticks for width in WIDTHS)
