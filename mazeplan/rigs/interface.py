@@ -1,4 +1,4 @@
-"""The interface of every rig. A rig owns the clock: no other part of the program reads wall time."""
+"""The interface of every rig. A rig owns the clock: decisions depend on its time alone."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ sample
    queued commands. This state is returned: it has no lag.
 
 The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree,
-the filter restarts at their position. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of
-the last sample. Without samples the prediction goes on; after LOST_AFTER s the state is `lost`. The ring changes with
-hysteresis, when the predicted ball is past the middle of the wall by a margin.
+the filter restarts at their position. `tilt_filter.TiltCheck` does the same for tilts. `doubts` names what was left out
+of the last sample. Without samples the prediction goes on; after LOST_AFTER s the state is `lost`. The ring changes
+with hysteresis, when the predicted ball is past the middle of the wall by a margin.
 """
 
 from __future__ import annotations
